@@ -1,0 +1,1 @@
+"""What should be done: goals become sessions, evidence becomes verdicts, verdicts become repairs."""

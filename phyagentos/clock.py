@@ -1,0 +1,62 @@
+"""Time as an argument: every part that waits or stamps takes a `Clock`."""
+
+import datetime
+import threading
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """A source of time."""
+
+    def now_s(self) -> float:
+        """Monotonic seconds; only differences mean anything."""
+        ...
+
+    def wall_iso(self) -> str:
+        """UTC wall time, `2026-11-21T14:31:07.123456Z`, for people and records."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Wait `seconds` [s] of this clock."""
+        ...
+
+
+class SystemClock:
+    """The machine's own clock."""
+
+    def now_s(self) -> float:
+        """Monotonic seconds since an arbitrary start."""
+        return time.perf_counter()
+
+    def wall_iso(self) -> str:
+        """UTC wall time with microseconds."""
+        return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")  # noqa: TID251 - the one place
+
+    def sleep(self, seconds: float) -> None:
+        """Block this thread."""
+        threading.Event().wait(seconds)
+
+
+class ManualClock:
+    """A clock that moves only when told: for tests and for replays."""
+
+    def __init__(self, start_s: float = 0.0) -> None:
+        self._now_s = start_s
+
+    def now_s(self) -> float:
+        """Seconds as last set."""
+        return self._now_s
+
+    def wall_iso(self) -> str:
+        """A wall time that starts at the epoch and moves with this clock."""
+        moment = datetime.datetime.fromtimestamp(self._now_s, datetime.UTC)
+        return moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+    def sleep(self, seconds: float) -> None:
+        """Advance by `seconds` at once."""
+        self.advance(seconds)
+
+    def advance(self, seconds: float) -> None:
+        """Move time forward by `seconds` [s]."""
+        self._now_s += seconds

@@ -1,0 +1,79 @@
+"""The two families of errors, and the problem report that both carry.
+
+`DefinitionError` means that somebody must edit a file; `ExecutionError` means that the world said no. Expected outcomes
+(no path found, a session refused) are values, not exceptions.
+"""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """One finding about one place of one authored file or contract.
+
+    Attributes:
+        code: Stable name of the kind of problem, upper case (`UNKNOWN_KEY`, `JOINT_LIMIT`).
+        address: Where: `file:line:column`, or the dotted path inside a contract.
+        found: The offending value, as a person wrote it.
+        expected: What would have been possible.
+        hint: What to do next; often the nearest valid name.
+    """
+
+    code: str
+    address: str
+    found: str = ""
+    expected: str = ""
+    hint: str = ""
+
+    def __str__(self) -> str:
+        """One line: where, which, found, possible, next."""
+        parts = [f"{self.address}: {self.code}"]
+        if self.found:
+            parts.append(f"found {self.found}")
+        if self.expected:
+            parts.append(f"expected {self.expected}")
+        line = ": ".join((parts[0], "; ".join(parts[1:]))) if len(parts) > 1 else parts[0]
+        return f"{line}. {self.hint}" if self.hint else line
+
+
+class PhyAgentOSError(Exception):
+    """Root of every error this project raises on purpose."""
+
+
+class DefinitionError(PhyAgentOSError):
+    """Somebody must edit a file. Carries every problem that was found, not only the first."""
+
+    def __init__(self, problems: Problem | Sequence[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class ExecutionError(PhyAgentOSError):
+    """The world said no: a process, a target, a file system or a motor did not do what was asked.
+
+    Attributes:
+        code: Stable name of the failure, upper case (`TARGET_LOST`, `PLANNER_LOST`).
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        self.code = code
+        super().__init__(f"{code}: {message}")
+
+
+def find_nearest(name: str, possible: Iterable[str]) -> str | None:
+    """The known name most like `name`, or None when none is close."""
+    matches = difflib.get_close_matches(name, list(possible), n=1, cutoff=0.6)
+    return matches[0] if matches else None
+
+
+def format_hint(name: str, possible: Iterable[str]) -> str:
+    """`Did you mean 'x'?` when a close name exists, else an empty string."""
+    nearest = find_nearest(name, possible)
+    return f"Did you mean {nearest!r}?" if nearest else ""
+
+
+def format_names(names: Iterable[str]) -> str:
+    """Sorted, comma-separated names for the `expected` part of a problem."""
+    return ", ".join(sorted(names)) or "(none)"

@@ -1,0 +1,1 @@
+"""The boundary: values and documents that both planes share. Imports no plane and no simulator."""

@@ -1,0 +1,125 @@
+"""The evidence bundle of one session: `evidence/<session id>/`. Written by the recorder, read by the verifier.
+
+The bundle is complete without this package: the scene loads in MuJoCo alone, arrays in numpy alone, everything else
+is JSON or YAML. Paper section 4.2.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.sessions import Execution, Session
+from phyagentos.protocol.verdicts import Criterion
+
+CONTRACT = "contract.yaml"  # the session as submitted, adapter plan and hashes of the settings files
+SCENE_MODEL = "scene.mjb"  # compiled model, loadable by MuJoCo alone
+SCENE_XML = "scene.xml"  # the same, readable
+INITIAL = "initial.npz"  # state (mjSTATE_INTEGRATION), time, qpos, qvel, act
+TERMINAL = "terminal.npz"
+BEFORE = "environment_before.json"  # Environment
+AFTER = "environment_after.json"
+TRACE = "trace.jsonl"  # one TraceEvent per change of a node of the tree
+TRAJECTORY = "trajectory.npz"  # time_s, q_commanded, q_measured, qd_measured, gripper_commanded_m, gripper_measured_m
+EVENTS = "events.jsonl"  # safety interventions, signals, planner answers
+HOLDS = "holds.json"  # list of Criterion: worst value of each hold condition and constraint
+FAULTS = "faults.json"  # what the simulated world did; never read by the agent
+FINGERPRINT = "fingerprint.json"  # versions, seed, CPU
+EXECUTION = "execution.json"  # Execution
+PICTURE_BEFORE = "before.png"
+PICTURE_AFTER = "after.png"
+
+
+class TraceEvent(msgspec.Struct, frozen=True, kw_only=True):
+    """One node of the tree changed its status.
+
+    Attributes:
+        tick: Number of the tree tick that carried a command (thinking ticks do not count).
+        time_s: Simulated time.
+        path: Slash-separated names from the root (`pick_and_place/pick/plan_grasp`).
+        leaf: Type of the node (`plan_grasp`, `sequence`).
+        status: `RUNNING`, `SUCCESS`, `FAILURE`, `INVALID`.
+        code: Coded reason of a failure.
+        message: One sentence for people.
+        numbers: What it measured or decided.
+    """
+
+    tick: int
+    time_s: float
+    path: str
+    leaf: str
+    status: str
+    code: str = ""
+    message: str = ""
+    numbers: dict[str, Any] = {}
+
+
+class Event(msgspec.Struct, frozen=True, kw_only=True):
+    """Something that happened beside the tree: an intervention of the guard, a signal, an answer of the planner."""
+
+    time_s: float
+    kind: str
+    code: str = ""
+    details: dict[str, Any] = {}
+
+
+class Bundle(msgspec.Struct, frozen=True, kw_only=True):
+    """What the verifier reads of a bundle.
+
+    Attributes:
+        before: World before the session, None when it could not be observed.
+        after: World after it.
+        holds: Worst sample of each hold condition and constraint.
+    """
+
+    folder: Path
+    session: Session
+    execution: Execution
+    before: Environment | None
+    after: Environment | None
+    holds: tuple[Criterion, ...]
+    trace: tuple[TraceEvent, ...]
+    events: tuple[Event, ...]
+
+
+def read_bundle(folder: Path, session: Session, execution: Execution) -> Bundle:
+    """Read what a runner left.
+
+    Raises:
+        ExecutionError: `EVIDENCE_UNREADABLE` when a file is damaged; a missing one reads as None or empty.
+    """
+    try:
+        return Bundle(
+            folder=folder,
+            session=session,
+            execution=execution,
+            before=_read_json(folder / BEFORE, Environment),
+            after=_read_json(folder / AFTER, Environment),
+            holds=_read_json(folder / HOLDS, tuple[Criterion, ...]) or (),
+            trace=_read_lines(folder / TRACE, TraceEvent),
+            events=_read_lines(folder / EVENTS, Event),
+        )
+    except (msgspec.MsgspecError, OSError) as error:
+        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write indented JSON."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")
+
+
+def write_lines(path: Path, values: list[Any]) -> None:
+    """Write one JSON value a line."""
+    path.write_bytes(b"".join(msgspec.json.encode(value) + b"\n" for value in values))
+
+
+def _read_json(path: Path, kind: Any) -> Any:
+    return msgspec.json.decode(path.read_bytes(), type=kind) if path.exists() else None
+
+
+def _read_lines(path: Path, kind: Any) -> Any:
+    if not path.exists():
+        return ()
+    return tuple(msgspec.json.decode(line, type=kind) for line in path.read_bytes().splitlines())

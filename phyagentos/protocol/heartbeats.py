@@ -1,0 +1,49 @@
+"""Signs of life: one small file per target, replaced as a whole, never part of the journal.
+
+A heartbeat carries progress, so that a runner which beats without advancing is told apart from one that works.
+"""
+
+from pathlib import Path
+
+import msgspec
+
+
+class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
+    """What a worker is doing at this moment.
+
+    Attributes:
+        target: Whose worker.
+        pid: Its process.
+        session: What it runs, empty when idle.
+        epoch: Of the claim.
+        sequence: Grows with each beat.
+        tick: Control periods commanded so far.
+        sim_time_s: The world's time.
+        leaf: Path of the active leaf.
+        phase: `idle`, `loading`, `executing`, `thinking`, `halting`, `observing`.
+    """
+
+    target: str
+    pid: int
+    session: str = ""
+    epoch: int = 0
+    sequence: int = 0
+    tick: int = 0
+    sim_time_s: float = 0.0
+    leaf: str = ""
+    phase: str = "idle"
+
+
+def write_heartbeat(folder: Path, beat: Heartbeat) -> None:
+    """Replace `<target>.json`; readers see the old beat or the new one, never half."""
+    temporary = folder / f".{beat.target}.tmp"
+    temporary.write_bytes(msgspec.json.encode(beat))
+    temporary.replace(folder / f"{beat.target}.json")
+
+
+def find_heartbeat(folder: Path, target: str) -> Heartbeat | None:
+    """The latest beat of a target's worker, or None."""
+    try:
+        return msgspec.json.decode((folder / f"{target}.json").read_bytes(), type=Heartbeat)
+    except (OSError, msgspec.MsgspecError):
+        return None

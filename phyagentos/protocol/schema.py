@@ -1,0 +1,188 @@
+"""YAML in, frozen models out: every problem at once, each with file, line and column.
+
+This is the only place where untyped data (`Any`) enters the project. Models are pydantic classes derived from
+`Authored`, so unknown keys are refused and the JSON Schema for editors comes from the same source.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pydantic
+import yaml
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+
+Loader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+Address = tuple[str | int, ...]
+ModelT = TypeVar("ModelT", bound="Authored")
+
+
+class Authored(pydantic.BaseModel):
+    """Base of every model that a person writes: frozen, no unknown keys."""
+
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """A YAML value and where each part of it stands.
+
+    Attributes:
+        data: Plain dicts, lists and scalars.
+        source: File name for messages.
+        marks: Path inside the data -> (line, column), both counted from 1; of the key for mapping values.
+    """
+
+    data: Any
+    source: str
+    marks: Mapping[Address, tuple[int, int]] = field(default_factory=dict)
+
+    def address_of(self, path: Address) -> str:
+        """`file:line:column` of the nearest enclosing value that is in the file."""
+        for length in range(len(path), -1, -1):
+            mark = self.marks.get(path[:length])
+            if mark:
+                return f"{self.source}:{mark[0]}:{mark[1]}"
+        return self.source
+
+    def problem(self, code: str, path: Address, found: str = "", expected: str = "", hint: str = "") -> Problem:
+        """A `Problem` at this place."""
+        return Problem(code=code, address=self.address_of(path), found=found, expected=expected, hint=hint)
+
+
+def read_yaml(path: Path) -> Located:
+    """Read one YAML file; see `parse_yaml`."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DefinitionError(
+            Problem(
+                code="UNREADABLE_FILE", address=str(path), found=str(error), hint="Check the path and its encoding."
+            )
+        ) from error
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
+    """Parse YAML text and remember the position of each value.
+
+    Args:
+        text: One YAML document.
+        source: File name for messages.
+        first_line: Line of the file on which `text` begins (for YAML embedded in Markdown).
+
+    Raises:
+        DefinitionError: On a syntax error or a key written twice.
+    """
+    offset = first_line - 1
+    try:
+        node = yaml.compose(text, Loader=Loader)
+        data = yaml.load(text, Loader=Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"{source}:{mark.line + 1 + offset}:{mark.column + 1}" if mark else source
+        detail = getattr(error, "problem", None) or str(error)
+        raise DefinitionError(Problem(code="YAML_SYNTAX", address=place, found=str(detail))) from error
+    marks: dict[Address, tuple[int, int]] = {}
+    problems: list[Problem] = []
+    if node is not None:
+        _collect_marks(node, (), source, offset, marks, problems)
+    if problems:
+        raise DefinitionError(problems)
+    return Located(data=data, source=source, marks=marks)
+
+
+def _collect_marks(
+    node: yaml.Node,
+    path: Address,
+    source: str,
+    offset: int,
+    marks: dict[Address, tuple[int, int]],
+    problems: list[Problem],
+) -> None:
+    marks.setdefault(path, (node.start_mark.line + 1 + offset, node.start_mark.column + 1))
+    if isinstance(node, yaml.SequenceNode):
+        for index, child in enumerate(node.value):
+            _collect_marks(child, (*path, index), source, offset, marks, problems)
+    elif isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, child in node.value:
+            line, column = key.start_mark.line + 1 + offset, key.start_mark.column + 1
+            if key.value in seen:
+                problems.append(
+                    Problem(code="DUPLICATE_KEY", address=f"{source}:{line}:{column}", found=repr(key.value))
+                )
+            seen.add(key.value)
+            marks[(*path, key.value)] = (line, column)
+            _collect_marks(child, (*path, key.value), source, offset, marks, problems)
+
+
+def validate(model: type[ModelT], located: Located, path: Address = ()) -> ModelT:
+    """Turn located YAML data into a frozen model.
+
+    Args:
+        model: The class to build.
+        located: The file's data.
+        path: Where inside the data the model begins.
+
+    Raises:
+        DefinitionError: With one problem per violation, each at file:line:column.
+    """
+    data = located.data
+    for step in path:
+        data = data[step]
+    if not isinstance(data, dict):
+        raise DefinitionError(located.problem("WRONG_TYPE", path, type(data).__name__, f"a mapping ({model.__name__})"))
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as error:
+        raise DefinitionError([_to_problem(model, located, path, item) for item in error.errors()]) from error
+
+
+def _to_problem(model: type[Authored], located: Located, base: Address, item: Any) -> Problem:
+    path = (*base, *item["loc"])
+    kind = item["type"]
+    key = str(item["loc"][-1]) if item["loc"] else ""
+    if kind == "extra_forbidden":
+        names = find_fields(model, item["loc"][:-1])
+        return located.problem("UNKNOWN_KEY", path, repr(key), format_names(names), format_hint(key, names))
+    if kind == "missing":
+        return located.problem("MISSING_KEY", path[:-1], "nothing", f"key {key!r}", f"Add {key!r}.")
+    found = item.get("input")
+    shown = repr(found) if isinstance(found, str | int | float | bool) or found is None else type(found).__name__
+    expected = item.get("ctx", {}).get("expected") or item["msg"]
+    hint = (
+        format_hint(found, str(expected).replace("'", "").replace(" or ", ", ").split(", "))
+        if isinstance(found, str)
+        else ""
+    )
+    return located.problem("INVALID_VALUE", path, shown, str(expected), hint)
+
+
+def find_fields(model: type[Authored], loc: tuple[Any, ...]) -> list[str]:
+    """Names that are possible inside `model` at the place `loc`; empty when the place is free-form."""
+    current: Any = model
+    for step in loc:
+        if not (isinstance(current, type) and issubclass(current, pydantic.BaseModel)):
+            current = _find_model(current, step)
+            continue
+        info = next((f for n, f in current.model_fields.items() if step in (n, f.alias)), None)
+        current = info.annotation if info is not None else None
+    if not (isinstance(current, type) and issubclass(current, pydantic.BaseModel)):
+        current = _find_model(current, "")
+    if current is None:
+        return []
+    return [info.alias or name for name, info in current.model_fields.items()]
+
+
+def _find_model(annotation: Any, step: Any) -> Any:
+    """The model class inside an annotation such as `dict[str, Node] | None` (or the one a union tag names)."""
+    if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
+        return annotation
+    candidates = [found for arg in getattr(annotation, "__args__", ()) if (found := _find_model(arg, step)) is not None]
+    for candidate in candidates:
+        if candidate.__name__ == step:
+            return candidate
+    return candidates[0] if candidates else None

@@ -1,0 +1,158 @@
+"""A session: the unit of scheduling, preflight, execution, evidence and acceptance. Its document is SESSIONS.md.
+
+Upstream: the agent's compiler. Downstream: the watchdog. The contract is written once, with the `submit` record, and
+never changes; what happens to it is told by later records (see `lifecycle`). Paper sections 3.1 and 3.5.
+"""
+
+from enum import StrEnum
+from typing import Any, NewType
+
+import msgspec
+
+from phyagentos.protocol.verdicts import Attempt
+
+SessionId = NewType("SessionId", str)
+GoalId = NewType("GoalId", str)
+
+
+class Ended(StrEnum):
+    """How the execution of a session ended; says nothing about whether the objective was met."""
+
+    COMPLETED = "completed"
+    """The skill ran to its end and reported success."""
+    SKILL_FAILED = "skill_failed"
+    """The skill ran to its end and reported failure."""
+    TIMED_OUT = "timed_out"
+    """The contract's time limit was reached."""
+    STALLED = "stalled"
+    """The target or the skill made no progress."""
+    RUNNER_LOST = "runner_lost"
+    """The worker process died."""
+    TARGET_LOST = "target_lost"
+    """The target no longer answered."""
+    SAFETY_STOP = "safety_stop"
+    """A safety layer or a violated constraint stopped the execution."""
+    CANCELLED = "cancelled"
+    """Somebody asked for an end."""
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True):
+    """Bounds that the watchdog enforces.
+
+    Attributes:
+        timeout_s: Longest execution in the target's own time [s].
+        wall_timeout_s: Longest execution by the wall clock, thinking included [s].
+        queue_s: Longest wait for a free target, by the wall clock [s].
+        heartbeat_s: Longest silence of the runner, by the wall clock [s].
+    """
+
+    timeout_s: float = 60.0
+    wall_timeout_s: float = 120.0
+    queue_s: float = 3600.0
+    heartbeat_s: float = 10.0
+
+
+class Scene(msgspec.Struct, frozen=True, kw_only=True):
+    """Which world a session acts in.
+
+    Attributes:
+        name: Scene file, without suffix (`tabletop/cubes_and_trays`).
+        seed: Seed of the scene's randomisation.
+        episode: Sessions of one episode share one world; a new episode begins with a fresh one.
+    """
+
+    name: str
+    seed: int
+    episode: str
+
+
+class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The contract of one session, immutable after `submit`.
+
+    Attributes:
+        id: Unique: `<goal>.<node>` plus `.r<k>` for the k-th child.
+        goal: The goal it serves.
+        node: The node of the goal graph.
+        parent: The session that this one revises, else None.
+        attempt: 0 for the first session of a node, then 1, 2, ...
+        objective: What a person would say.
+        skill: Name in SKILLRUNTIME.md.
+        target: Name in TARGETS.md.
+        parameters: The skill's arguments, fully substituted.
+        requires: Predicates that must hold before it starts.
+        hold: Predicates that must hold all through.
+        accept: Predicates that decide acceptance.
+        scene: The world it acts in.
+        seed: Root of every random choice of this session.
+        limits: Bounds.
+        strategy: What the replanner asks to do differently (`avoid_grasps`, `avoid_sites`, `speed`), empty at first.
+        priority: Larger runs first.
+    """
+
+    id: SessionId
+    goal: GoalId
+    node: str
+    objective: str
+    skill: str
+    target: str
+    parameters: dict[str, Any]
+    accept: tuple[str, ...]
+    scene: Scene
+    seed: int
+    parent: SessionId | None = None
+    attempt: int = 0
+    requires: tuple[str, ...] = ()
+    hold: tuple[str, ...] = ()
+    limits: Limits = Limits()
+    strategy: dict[str, Any] = {}
+    priority: int = 0
+
+
+class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the runtime reports when a session leaves `running`; the body of the `finish` record.
+
+    Attributes:
+        ended: How the execution ended.
+        evidence: Folder of the bundle, relative to the workspace.
+        outputs: Values that later nodes may use (`place_site`).
+        leaf: Path of the leaf that decided the end, empty when all succeeded.
+        code: Coded reason, empty when completed.
+        message: One sentence for people.
+        sim_time_s: Simulated time spent [s].
+        interventions: Number of safety interventions.
+        ticks: Control periods commanded.
+    """
+
+    ended: Ended
+    evidence: str
+    outputs: dict[str, Any] = {}
+    leaf: str = ""
+    code: str = ""
+    message: str = ""
+    sim_time_s: float = 0.0
+    interventions: int = 0
+    ticks: int = 0
+
+
+class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A session as it stands: the fold of its records.
+
+    Attributes:
+        contract: As submitted.
+        state: A state of the lifecycle table.
+        epoch: Fencing token of the latest claim.
+        claimed_by: Who holds it.
+        execution: Present once it has left `running`.
+        attempts: Judgements so far.
+        reason: Why it was rejected, cancelled or lost.
+        updated_at: Wall time of the latest record, UTC.
+    """
+
+    contract: Session
+    state: str
+    epoch: int = 0
+    claimed_by: str = ""
+    execution: Execution | None = None
+    attempts: tuple[Attempt, ...] = ()
+    reason: str = ""
+    updated_at: str = ""

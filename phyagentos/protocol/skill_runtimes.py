@@ -1,0 +1,94 @@
+"""Skills as the planes see them: SKILL.md front matter in, SKILLRUNTIME.md out. Paper sections 3.4 and 3.6.
+
+A skill declares what it needs, what it promises and which tree carries it out; it holds no code and no limits.
+"""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import pydantic
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.document import split_front_matter
+from phyagentos.protocol.schema import Authored, Located, parse_yaml, validate
+
+ParameterType = Literal["entity", "place", "point", "number", "integer", "string", "boolean"]
+
+
+class Parameter(Authored):
+    """One argument of a skill.
+
+    `entity` is the name of a thing, `place` of a thing with an interior or of a region, `point` three metres in the
+    world frame.
+    """
+
+    type: ParameterType
+    description: str = ""
+    unit: str = ""
+    default: Any = None
+    optional: bool = False
+    choices: tuple[str, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+
+
+class Output(Authored):
+    """A value a skill leaves behind, for data edges of the goal graph."""
+
+    type: ParameterType
+    description: str = ""
+
+
+class Needs(Authored):
+    """What a target must offer."""
+
+    observations: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    capabilities: tuple[str, ...] = ()
+
+
+class SkillRuntime(Authored):
+    """The front matter of one SKILL.md.
+
+    Predicates may refer to parameters as `${name}`.
+    """
+
+    skill: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
+    description: str
+    kind: Literal["builtin", "policy"] = "builtin"
+    tree: str
+    parameters: dict[str, Parameter] = {}
+    outputs: dict[str, Output] = {}
+    requires: tuple[str, ...] = ()
+    hold: tuple[str, ...] = ()
+    guarantees: tuple[str, ...] = ()
+    needs: Needs = Needs()
+
+
+def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
+    """Read `skills/<name>/SKILL.md`.
+
+    Raises:
+        DefinitionError: With every problem of the front matter.
+    """
+    front, first_line = split_front_matter(path.read_text(encoding="utf-8"), str(path))
+    located = parse_yaml(front, str(path), first_line)
+    skill = validate(SkillRuntime, located)
+    if skill.skill != path.parent.name:
+        raise DefinitionError(
+            located.problem("NAME_MISMATCH", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
+        )
+    return skill, located
+
+
+def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:
+    """The problem of a name that no SKILL.md carries."""
+    from phyagentos.errors import format_hint, format_names
+
+    return Problem(
+        code="UNKNOWN_SKILL",
+        address=address,
+        found=repr(name),
+        expected=format_names(known),
+        hint=format_hint(name, known),
+    )

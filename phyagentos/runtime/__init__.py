@@ -1,0 +1,1 @@
+"""How it is carried out: each stage narrows the one above (watchdog, preflight, runner, execution, handle, target)."""

@@ -1,0 +1,1 @@
+"""Skill runtimes: what turns a session into commands."""

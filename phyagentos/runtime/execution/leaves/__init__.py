@@ -1,0 +1,1 @@
+"""The leaves that ship, one behaviour a file."""

@@ -1,0 +1,208 @@
+"""What a worker asks of its planner process, and what it gets. All poses in the frame `world`, all angles in radians.
+
+Budgets are iterations, never seconds: the same request with the same seed gives the same answer, bit for bit.
+"""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Entity, Pose, Region
+
+Array = NDArray[np.float64]
+
+
+class World(msgspec.Struct, frozen=True):
+    """What the planner must know of the world: believed entities (obstacles included) and named regions."""
+
+    entities: tuple[Entity, ...]
+    regions: tuple[Region, ...] = ()
+
+
+class Payload(msgspec.Struct, frozen=True):
+    """A held thing.
+
+    Attributes:
+        entity: Its name.
+        tcp_T_entity: Where it sits in the hand.
+    """
+
+    entity: str
+    tcp_T_entity: Pose
+
+
+class Approach(msgspec.Struct, frozen=True):
+    """A straight way of the tool to a place, checked for reach and collision.
+
+    Attributes:
+        label: Stable name of this way (`yaw+090`, `site2.yaw+045`), for `avoid` of a later attempt.
+        tcp_end: `world_T_tcp` at the end of the line.
+        line_rad: (k, n_joints) joint positions from the hover pose (row 0) to the end (row k-1).
+        site: Where the entity will stand after a place, else None.
+    """
+
+    label: str
+    tcp_end: Pose
+    line_rad: Array
+    site: Pose | None = None
+
+
+class Trajectory(msgspec.Struct, frozen=True):
+    """A timed motion, sampled at the physics step.
+
+    Attributes:
+        q_rad: (n, n_joints) positions; row 0 is one step after the start.
+        qd_rad_s: (n, n_joints) velocities; the last row is zero.
+        step_s: Sampling period [s].
+    """
+
+    q_rad: Array
+    qd_rad_s: Array
+    step_s: float
+
+
+class FindGrasps(msgspec.Struct, frozen=True, tag=True):
+    """Ways to take hold of an object from above. Answer: `Approaches`.
+
+    Attributes:
+        q_rad: (n_joints,) where the arm is now.
+        avoid: Labels of approaches that are not wanted.
+        hover_m: Length of the straight approach [m].
+        count: How many to return at most, nearest first.
+    """
+
+    world: World
+    object: str
+    q_rad: Array
+    seed: int
+    avoid: tuple[str, ...] = ()
+    hover_m: float = 0.10
+    count: int = 4
+
+
+class FindPlacements(msgspec.Struct, frozen=True, tag=True):
+    """Ways to put the payload into or onto something. Answer: `Approaches`.
+
+    Attributes:
+        destination: An entity with an interior, an entity to stand on (`relation` "on"), or a region.
+        relation: `inside` or `on`.
+        near: (3,) point that the site should be close to, else None.
+        near_radius_m: How close.
+    """
+
+    world: World
+    payload: Payload
+    destination: str
+    q_rad: Array
+    seed: int
+    relation: str = "inside"
+    near: tuple[float, float, float] | None = None
+    near_radius_m: float = 0.12
+    avoid: tuple[str, ...] = ()
+    hover_m: float = 0.09
+    count: int = 4
+
+
+class FindLine(msgspec.Struct, frozen=True, tag=True):
+    """A straight tool motion from here through tool poses. Answer: `Approaches` with one approach, or `NoPlan`."""
+
+    world: World
+    q_rad: Array
+    waypoints: tuple[Pose, ...]
+    seed: int
+    payload: Payload | None = None
+    ignore: tuple[str, ...] = ()
+
+
+class PlanMove(msgspec.Struct, frozen=True, tag=True):
+    """A collision-free timed motion to any of several postures. Answer: `Motion`.
+
+    Attributes:
+        goals_rad: (m, n_joints) acceptable end postures.
+        ignore: Entities that do not count as obstacles.
+        speed: Fraction of the velocity limits; acceleration scales with its square.
+    """
+
+    world: World
+    q_rad: Array
+    goals_rad: Array
+    seed: int
+    payload: Payload | None = None
+    ignore: tuple[str, ...] = ()
+    speed: float = 1.0
+
+
+class TimeLine(msgspec.Struct, frozen=True, tag=True):
+    """Timing of given joint waypoints (an approach line). Answer: `Motion`.
+
+    Attributes:
+        waypoints_rad: (k, n_joints).
+    """
+
+    waypoints_rad: Array
+    speed: float = 0.25
+
+
+class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
+    """Timing of joint waypoints so that an open vessel does not spill. Answer: `Motion`.
+
+    Attributes:
+        tilt_max_rad: Largest angle between the vessel's axis and the apparent gravity [rad].
+        method: `casadi` (shaped) or `toppra` (joint limits only), to compare.
+    """
+
+    waypoints_rad: Array
+    tilt_max_rad: float = 0.08
+    method: str = "casadi"
+
+
+class Cancel(msgspec.Struct, frozen=True, tag=True):
+    """Stop what is running; the answer of that request becomes `NoPlan` with code CANCELLED."""
+
+
+class Timing(msgspec.Struct, frozen=True):
+    """Where the time of one answer went, wall [ms] by stage (`ik`, `path`, `timing`, `check`, `model`)."""
+
+    ms: dict[str, float]
+
+
+class Approaches(msgspec.Struct, frozen=True, tag=True):
+    """At least one approach, the nearest first."""
+
+    approaches: tuple[Approach, ...]
+    timing: Timing
+
+
+class Motion(msgspec.Struct, frozen=True, tag=True):
+    """One timed motion.
+
+    Attributes:
+        goal: Index into `goals_rad` that it reaches.
+        details: Planner, iterations, exact checks, fallbacks; for the trace.
+    """
+
+    trajectory: Trajectory
+    goal: int
+    timing: Timing
+    details: dict[str, Any] = {}
+
+
+class NoPlan(msgspec.Struct, frozen=True, tag=True):
+    """There is none, or it was not found within the budget.
+
+    Attributes:
+        code: `NO_IK`, `IN_COLLISION`, `NO_PATH_FOUND`, `NO_FREE_SITE`, `UNKNOWN_ENTITY`, `TOO_WIDE`, `CANCELLED`, ...
+        message: One sentence for people.
+        rejected: Why candidates died, counted by reason (`ik`, `line`, `link5|wall`).
+    """
+
+    code: str
+    message: str
+    timing: Timing
+    rejected: dict[str, int] = {}
+
+
+MotionRequest = FindGrasps | FindPlacements | FindLine | PlanMove | TimeLine | ShapeTransport
+MotionAnswer = Approaches | Motion | NoPlan

@@ -1,0 +1,1 @@
+"""Bodies: the port every target fulfils, and the processes that simulate them."""

@@ -1,0 +1,258 @@
+"""What travels between a worker and a world process: typed messages in msgpack, one at a time, in order.
+
+A request is answered by exactly one reply. Arrays travel as float64, C order, with their shape.
+"""
+
+from multiprocessing.connection import Connection
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.environment import Entity, Region, TargetState
+
+Array = NDArray[np.float64]
+
+
+class Describe(msgspec.Struct, frozen=True, tag=True):
+    """Ask what the target is. Reply: `Description`."""
+
+
+class LoadScene(msgspec.Struct, frozen=True, tag=True):
+    """Begin an episode: build the scene, place the target at home, let things settle. Reply: `Loaded`.
+
+    The only moment at which simulator state is written. Refused for an episode that is already loaded with another
+    scene or seed; a no-op for the one that is.
+
+    Attributes:
+        state: mjSTATE_INTEGRATION vector to start from instead (rerun of a recorded session); empty for a fresh start.
+        sim_time_of_faults_s: Session time by which the fault schedule is advanced on such a rerun.
+    """
+
+    scene: str
+    seed: int
+    episode: str
+    state: Array | None = None
+
+
+class Begin(msgspec.Struct, frozen=True, tag=True):
+    """Give one session authority over the target. Reply: `Ack`.
+
+    Attributes:
+        epoch: Fencing token; a smaller one than any seen before is refused.
+    """
+
+    session: str
+    epoch: int
+
+
+class Command(msgspec.Struct, frozen=True, tag=True):
+    """One control period of set-points. Reply: `Step`.
+
+    Attributes:
+        q_rad: (n_steps, n_joints) joint position set-points, one row per physics step.
+        qd_rad_s: (n_steps, n_joints) joint velocity set-points.
+        gripper_width_m: (n_steps,) opening set-points.
+        sequence: Grows by one per command of a session.
+        expires_at_s: Simulated time after which the command must not be carried out.
+    """
+
+    session: str
+    epoch: int
+    sequence: int
+    expires_at_s: float
+    q_rad: Array
+    qd_rad_s: Array
+    gripper_width_m: Array
+
+
+class Halt(msgspec.Struct, frozen=True, tag=True):
+    """Bring the target to rest within its limits, by its own means, and hold. Reply: `Step`."""
+
+    session: str
+    epoch: int
+
+
+class Settle(msgspec.Struct, frozen=True, tag=True):
+    """Hold still for some simulated time. Reply: `Step`."""
+
+    session: str
+    epoch: int
+    duration_s: float
+
+
+class End(msgspec.Struct, frozen=True, tag=True):
+    """Take authority back: no later command of this session is accepted. Reply: `Ended`."""
+
+    session: str
+    epoch: int
+
+
+class Observe(msgspec.Struct, frozen=True, tag=True):
+    """Ask for a full observation without moving time. Reply: `Observation`."""
+
+
+class Render(msgspec.Struct, frozen=True, tag=True):
+    """Ask for a picture without moving time. Reply: `Picture`."""
+
+    camera: str
+    width: int = 640
+    height: int = 480
+
+
+class SaveModel(msgspec.Struct, frozen=True, tag=True):
+    """Write the compiled model as `scene.mjb` and `scene.xml` into a folder. Reply: `Ack`."""
+
+    folder: str
+
+
+class Shutdown(msgspec.Struct, frozen=True, tag=True):
+    """End the process. Reply: `Ack`."""
+
+
+class Ack(msgspec.Struct, frozen=True, tag=True):
+    """Done."""
+
+
+class Refused(msgspec.Struct, frozen=True, tag=True):
+    """Not done; nothing moved.
+
+    Attributes:
+        code: `STALE_TOKEN`, `NO_AUTHORITY`, `OUT_OF_SEQUENCE`, `EXPIRED`, `MALFORMED`, `TARGET_LIMIT`, ...
+    """
+
+    code: str
+    message: str
+
+
+class Description(msgspec.Struct, frozen=True, tag=True):
+    """What the target is, read from the live model rather than from its profile."""
+
+    target: str
+    n_joints: int
+    steps_per_command: int
+    physics_step_s: float
+    q_min_rad: tuple[float, ...]
+    q_max_rad: tuple[float, ...]
+    observations: tuple[str, ...]
+    actions: tuple[str, ...]
+    cameras: tuple[str, ...]
+    mode: str
+
+
+class Loaded(msgspec.Struct, frozen=True, tag=True):
+    """The episode's world stands.
+
+    Attributes:
+        model_sha256: Hash of the compiled model, to compare with a recorded one.
+    """
+
+    episode: str
+    model_sha256: str
+
+
+class Step(msgspec.Struct, frozen=True, tag=True):
+    """The world after one command: what a tick of a tree needs.
+
+    Attributes:
+        time_s: Simulated time.
+        target: The target's own state.
+        tracking_error_rad: Largest |q - q_d| at the end of the period.
+        touching: Names of the entities that touch at least one finger pad.
+    """
+
+    time_s: float
+    target: TargetState
+    tracking_error_rad: float
+    touching: tuple[str, ...] = ()
+
+
+class Observation(msgspec.Struct, frozen=True, tag=True):
+    """Everything that is sensed at one moment, before perception.
+
+    Attributes:
+        state: mjSTATE_INTEGRATION vector, float64.
+        entities: Ground truth; only the `truth` pipeline of perception may read it.
+    """
+
+    time_s: float
+    target: TargetState
+    state: Array
+    qpos: Array
+    qvel: Array
+    act: Array
+    entities: tuple[Entity, ...]
+    regions: tuple[Region, ...]
+
+
+class FaultStruck(msgspec.Struct, frozen=True):
+    """One fault as it happened, for the evidence; the agent does not read it."""
+
+    kind: str
+    time_s: float
+    details: dict[str, Any]
+
+
+class Ended(msgspec.Struct, frozen=True, tag=True):
+    """Authority is back with the target.
+
+    Attributes:
+        faults: What struck during the session.
+    """
+
+    time_s: float
+    faults: tuple[FaultStruck, ...]
+
+
+class Picture(msgspec.Struct, frozen=True, tag=True):
+    """A PNG; empty when this machine cannot render, with the reason."""
+
+    png: bytes
+    reason: str = ""
+
+
+Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Render | SaveModel | Shutdown
+Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | Picture
+
+
+def _encode_array(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return {"shape": list(value.shape), "f8": np.ascontiguousarray(value, dtype="<f8").tobytes()}
+    raise NotImplementedError(f"cannot send {type(value).__name__}")
+
+
+def _decode_array(kind: type, value: Any) -> Any:
+    if isinstance(value, dict) and value.keys() == {"shape", "f8"}:
+        return np.frombuffer(value["f8"], dtype="<f8").reshape(value["shape"]).copy()
+    raise NotImplementedError(f"cannot receive {kind}")
+
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=_encode_array)
+_REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=_decode_array)
+_REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=_decode_array)
+
+
+def send(connection: "Connection[Any, Any]", message: Request | Reply) -> None:
+    """Send one message."""
+    connection.send_bytes(_ENCODER.encode(message))
+
+
+def receive_request(connection: "Connection[Any, Any]") -> Request:
+    """Wait for the next request; raises EOFError when the other side is gone."""
+    return _REQUESTS.decode(connection.recv_bytes())
+
+
+def receive_reply(connection: "Connection[Any, Any]", timeout_s: float) -> Reply:
+    """Wait for the reply.
+
+    Raises:
+        ExecutionError: `TARGET_LOST` when the world is gone or silent for `timeout_s` [s].
+    """
+    try:
+        if not connection.poll(timeout_s):
+            raise ExecutionError("TARGET_LOST", f"no reply within {timeout_s} s")
+        return _REPLIES.decode(connection.recv_bytes())
+    except (EOFError, OSError) as error:
+        raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
