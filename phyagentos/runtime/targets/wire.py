@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.environment import Entity, Region, TargetState
+from phyagentos.protocol.spaces import decode_array, encode_array
 
 Array = NDArray[np.float64]
 
@@ -217,21 +218,9 @@ Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe
 Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | Picture
 
 
-def _encode_array(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return {"shape": list(value.shape), "f8": np.ascontiguousarray(value, dtype="<f8").tobytes()}
-    raise NotImplementedError(f"cannot send {type(value).__name__}")
-
-
-def _decode_array(kind: type, value: Any) -> Any:
-    if isinstance(value, dict) and value.keys() == {"shape", "f8"}:
-        return np.frombuffer(value["f8"], dtype="<f8").reshape(value["shape"]).copy()
-    raise NotImplementedError(f"cannot receive {kind}")
-
-
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=_encode_array)
-_REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=_decode_array)
-_REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=_decode_array)
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
+_REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=decode_array)
+_REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
 
 
 def send(connection: "Connection[Any, Any]", message: Request | Reply) -> None:

@@ -1,0 +1,69 @@
+# What a newcomer needs: `make demo` and `make test`. Every target can be repeated; none asks questions.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+PIP    := PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore $(BIN)/python -m pip --quiet
+
+DEMO_SEED   ?= 7
+DEMO_FAULTS ?= faults/slip.yaml
+DEMO_SPACE  := workspaces/demo
+
+FAST := fast
+
+.DEFAULT_GOAL := help
+.PHONY: help setup pictures demo test check static format schemas wheel clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+
+setup: $(STAMP) pictures  ## create .venv and install the project in it
+
+$(STAMP): pyproject.toml
+	@test -x $(BIN)/python || { echo "setup: creating $(VENV) with $(PYTHON)"; $(PYTHON) -m venv $(VENV); }
+	@echo "setup: installing phyagentos and its development tools into $(VENV) (a few minutes the first time)"
+	@$(PIP) install --editable '.[dev]' hatchling
+	@touch $@
+
+pictures: $(STAMP)
+	@tools/ensure_pictures $(BIN)/python
+
+demo: setup  ## tidy a table while a cube slips out of the fingers: verify, replan, verify again
+	@rm -rf $(DEMO_SPACE)
+	@echo "demo: paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE)"
+	@$(BIN)/paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE)
+	@echo "demo: documents in $(DEMO_SPACE) (begin with TASK.md and SESSIONS.md), evidence and pictures in $(DEMO_SPACE)/evidence"
+
+test: setup  ## every test, the fast ones first
+	@echo "test: fast"
+	@$(BIN)/pytest -q -m "$(FAST)"
+	@echo "test: motion and simulation"
+	@$(BIN)/pytest -q -m "(sim or motion) and not journey"
+	@echo "test: journeys"
+	@$(BIN)/pytest -q -m journey
+
+check: static  ## formatting, lint, types, import contracts, fast tests
+	@$(BIN)/pytest -q -m "$(FAST)"
+
+static: $(STAMP)
+	@echo "check: ruff, mypy, import contracts"
+	@$(BIN)/ruff format --check --quiet .
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/mypy --no-error-summary
+	@$(BIN)/lint-imports > $(VENV)/contracts.log 2>&1 || { cat $(VENV)/contracts.log; exit 1; }
+
+format: $(STAMP)  ## let ruff rewrite what it can
+	@$(BIN)/ruff format --quiet .
+	@$(BIN)/ruff check --fix --quiet .
+
+schemas: $(STAMP)  ## write protocol/schemas/*.schema.json again
+	@$(BIN)/paos schema --write protocol/schemas
+
+wheel: $(STAMP)  ## build dist/*.whl
+	@$(BIN)/python -m build --wheel --no-isolation --outdir dist . > /dev/null
+	@ls dist/*.whl
+
+clean:  ## remove everything that these targets create
+	rm -rf $(VENV) workspaces dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

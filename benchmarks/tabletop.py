@@ -1,0 +1,211 @@
+"""Physical reliability and speed of `tidy_table`, without and with faults, judged by an eye of its own.
+
+    python benchmarks/tabletop.py --seeds 100
+
+Each seed is one goal of three cubes, through agent, journal, watchdog, worker, planner and world, as `paos run` does it.
+First attempts are counted without faults, goals with one random recoverable fault each. A cube counts only when
+`judge.is_in_tray` says so from the recorded simulator state.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+from judge import is_in_tray
+from rich.console import Console
+from rich.table import Table
+
+from phyagentos.assembly import open_project
+from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.suite import Episode, run_suite
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.journal import Journal
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.workspace import Workspace
+
+ROOT = Path(__file__).resolve().parents[1]
+GRAPH = ROOT / "goal_graphs" / "tidy_table.yaml"
+FAULTS = ROOT / "faults" / "one_random.yaml"
+CUBES = {"red": ("red_cube", "red_tray"), "green": ("green_cube", "green_tray"), "blue": ("blue_cube", "blue_tray")}
+ASKED = {
+    "first_attempt_cubes": Ask(0.99, at_least=True),
+    "goals_with_fault": Ask(0.97, at_least=True),
+    "goal_runtime_s_median": Ask(2.5, at_least=False),
+    "planning_per_pick_and_place_s_median": Ask(0.25, at_least=False),
+}
+
+
+@dataclass(slots=True)
+class Tally:
+    """What one pass over the seeds came to."""
+
+    name: str
+    first_attempts: list[bool] = field(default_factory=list)
+    goals: list[bool] = field(default_factory=list)
+    false_success: int = 0
+    reasons: list[str] = field(default_factory=list)
+    stages_ms: dict[str, list[float]] = field(default_factory=dict)
+    planning_s: list[float] = field(default_factory=list)
+    goal_runtime_s: list[float] = field(default_factory=list)
+    replans: int = 0
+
+
+@contextmanager
+def watching(workspace: Workspace, faults: Path | None) -> Iterator[None]:
+    """A runtime plane over the workspace."""
+    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
+    command += ["--faults", str(faults)] if faults else []
+    with (workspace.logs / "watch.log").open("wb") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log)
+        try:
+            yield
+        finally:
+            process.terminate()
+            process.wait(20)
+
+
+def run_lane(root: Path, seeds: Sequence[int], faults: Path | None, tally: Tally, console: Console) -> None:
+    """One warm runtime plane and its share of the seeds."""
+    workspace = open_project(root, ROOT)
+    with watching(workspace, faults):
+        for episode in run_suite(workspace, GRAPH, seeds, SystemClock()):
+            count_episode(episode, tally)
+            done = len(tally.goals)
+            console.print(f"{tally.name}: {done} goals, seed {episode.seed}: {episode.report.verdict}", style="dim")
+    count_runtime(workspace, tally)
+
+
+def count_episode(episode: Episode, tally: Tally) -> None:
+    """Add one goal, judged from the recorded world."""
+    report = episode.report
+    folders = {s.id: episode.workspace.evidence_of(s.id) for s in report.sessions}
+    last = [folders[s.id] for s in report.sessions if (folders[s.id] / "terminal.npz").exists()]
+    in_tray = {node: bool(last) and is_in_tray(last[-1], *names) for node, names in CUBES.items()}
+    for node, names in CUBES.items():
+        first = next((s for s in report.sessions if s.node == node and s.attempt == 0), None)
+        ok = first is not None and (folders[first.id] / "terminal.npz").exists()
+        ok = ok and is_in_tray(folders[first.id], *names)
+        tally.first_attempts.append(ok)
+        if not ok:
+            why = f"{first.cause or first.state}: {first.reason}" if first else "never submitted"
+            tally.reasons.append(f"seed {episode.seed}, {node}: {why}")
+    met = report.verdict == "success"
+    tally.goals.append(met and all(in_tray.values()))
+    tally.false_success += met and not all(in_tray.values())
+    tally.replans += report.replans
+    if not tally.goals[-1]:
+        tally.reasons.append(f"seed {episode.seed}, goal {report.verdict}: {report.reason}")
+    for session in report.sessions:
+        count_stages(folders[session.id], tally)
+
+
+def count_stages(folder: Path, tally: Tally) -> None:
+    """Where the time of one session went, from its events."""
+    if not (folder / "events.jsonl").exists():
+        return
+    planning_ms = 0.0
+    for line in (folder / "events.jsonl").read_text().splitlines():
+        event = json.loads(line)
+        details = event.get("details", {})
+        if event["kind"] == "planner":
+            planning_ms += sum(details["ms"].values())
+            for stage, ms in details["ms"].items():
+                tally.stages_ms.setdefault(f"plan: {stage}", []).append(ms)
+        elif event["kind"] == "timing":
+            for stage, ms in details.items():
+                tally.stages_ms.setdefault(f"session: {stage}", []).append(ms)
+    tally.planning_s.append(planning_ms / 1e3)
+
+
+def count_runtime(workspace: Workspace, tally: Tally) -> None:
+    """Seconds between claim and finish, summed over the sessions of a goal, from the journal."""
+    journal = Journal(workspace.root, side=Side.OPERATOR, by="bench", clock=SystemClock())
+    claimed: dict[str, datetime] = {}
+    spent: dict[str, float] = {}
+    for record in journal.read_new():
+        at = datetime.fromisoformat(record.at)
+        if record.ev == "claim":
+            claimed[record.id] = at
+        elif record.ev == "finish":
+            goal = record.id.split(".")[0]
+            spent[goal] = spent.get(goal, 0.0) + (at - claimed[record.id]).total_seconds()
+    journal.close()
+    tally.goal_runtime_s += list(spent.values())[1:]  # the first goal warms the plane up
+
+
+def show(console: Console, clean: Tally, faulty: Tally) -> None:
+    """The table."""
+    table = Table(title="tidy_table")
+    for column in ("", "no fault", "one random fault a goal"):
+        table.add_column(column)
+    rate = lambda values: str(Rate(sum(values), len(values)))  # noqa: E731 - one use, one line
+    table.add_row("cubes in their tray, first attempt", rate(clean.first_attempts), rate(faulty.first_attempts))
+    table.add_row("goals met, from the recorded world", rate(clean.goals), rate(faulty.goals))
+    table.add_row("verdict success, world says no", str(clean.false_success), str(faulty.false_success))
+    table.add_row("children compiled", str(clean.replans), str(faulty.replans))
+    for name in ("goal_runtime_s", "planning_s"):
+        spreads = [Spread.of(getattr(tally, name)) for tally in (clean, faulty)]
+        table.add_row(name, *(f"median {s.median:.3f}, p95 {s.p95:.3f} (n={s.count})" for s in spreads))
+    console.print(table)
+    stages = Table(title="where the time goes, no fault [ms]")
+    for column in ("stage", "count", "median", "p95", "sum"):
+        stages.add_column(column, justify="right" if column != "stage" else "left")
+    for stage, values in sorted(clean.stages_ms.items()):
+        spread = Spread.of(values)
+        stages.add_row(stage, str(spread.count), f"{spread.median:.2f}", f"{spread.p95:.2f}", f"{sum(values):.0f}")
+    console.print(stages)
+    for tally in (clean, faulty):
+        for reason, count in Counter(tally.reasons).items():
+            console.print(f"{tally.name}: {reason}" + (f" (x{count})" if count > 1 else ""))
+
+
+def main() -> int:
+    """Run, show, and exit with whether every asked figure holds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--lanes", type=int, default=2, help="warm runtime planes side by side")
+    parser.add_argument("--keep", type=Path, help="folder for the workspaces, kept afterwards")
+    parser.add_argument("--only", choices=("clean", "faulty"))
+    given = parser.parse_args()
+    console = Console(stderr=True)
+    clean, faulty = Tally("no fault"), Tally("one fault")
+    with tempfile.TemporaryDirectory(prefix="tabletop-") as scratch:
+        base = given.keep or Path(scratch)
+        for tally, faults in ((clean, None), (faulty, FAULTS)):
+            if given.only and given.only != ("clean" if tally is clean else "faulty"):
+                continue
+            shares = [range(lane, given.seeds, given.lanes) for lane in range(given.lanes)]
+            name = tally.name.replace(" ", "_")
+            with ThreadPoolExecutor(given.lanes) as pool:
+                lanes = [
+                    pool.submit(run_lane, base / f"{name}-{lane}", share, faults, tally, console)
+                    for lane, share in enumerate(shares)
+                ]
+                for lane in lanes:
+                    lane.result()
+    show(Console(), clean, faulty)
+    figures = {
+        "first_attempt_cubes": Rate(sum(clean.first_attempts), len(clean.first_attempts)).value,
+        "goals_without_fault": Rate(sum(clean.goals), len(clean.goals)).value,
+        "goals_with_fault": Rate(sum(faulty.goals), len(faulty.goals)).value,
+        "false_successes": float(clean.false_success + faulty.false_success),
+        "goal_runtime_s_median": Spread.of(clean.goal_runtime_s).median,
+        "planning_per_pick_and_place_s_median": Spread.of(clean.planning_s).median,
+        "seeds": float(given.seeds),
+    }
+    line, holds = format_outcome(figures, ASKED)
+    print(line)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Take what is nearest first: one leaf, one tree, one skill."""

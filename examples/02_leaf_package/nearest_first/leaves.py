@@ -1,0 +1,36 @@
+"""The leaf `choose_nearest`."""
+
+import math
+from pathlib import Path
+
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.registry import LeafRegistry
+
+
+class ChooseNearest(Leaf):
+    """Names the visible thing of a kind that is nearest to the tool."""
+
+    INPUT_PORTS = {"kind": PortInformation(str, description="Class of thing, such as cube.")}
+    OUTPUT_PORTS = {"object": PortInformation(str, description="Its name.")}
+
+    def on_start(self) -> Status:
+        environment = self.context.environment()
+        tool = environment.targets[self.context.session.target].tcp.position_m
+        found = [
+            (math.dist(tool, thing.pose.position_m), thing.name)
+            for thing in environment.entities.values()
+            if thing.kind == self.read("kind") and thing.visible
+        ]
+        if not found:
+            return self.fail("NOTHING_TO_CHOOSE", f"no visible {self.read('kind')}")
+        distance_m, name = min(found)
+        self.write("object", name)
+        return self.succeed(distance_m=distance_m)
+
+
+def register(registry: LeafRegistry) -> None:
+    registry.register("choose_nearest", ChooseNearest)
+
+
+def find_library() -> Path:
+    return Path(__file__).parent / "library"

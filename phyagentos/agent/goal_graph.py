@@ -1,0 +1,173 @@
+"""The goal graph: a checked DAG of nodes, each bound to a skill and a target. Its document is TASK.md.
+
+Upstream: `goal_graphs/*.yaml`. Downstream: `compiler` and `mission`. Nodes belong to the agent; only a ready node
+becomes a session. Paper sections 3.3 and 4.1.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+import yaml
+
+from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.goal_checks import check_bindings, check_spec
+from phyagentos.agent.goal_expansion import Node, expand_nodes
+from phyagentos.agent.goal_spec import GoalSpec
+from phyagentos.agent.selector import Choice
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.schema import Located, read_yaml, validate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalGraph:
+    """One goal as a DAG.
+
+    Attributes:
+        spec: As authored, overrides applied.
+        source: The file.
+        nodes: By name, in authored order.
+        choices: Skill, target and bound parameters of each node.
+        dag: Edges lead from a node to those that wait for it; attribute `data` names the outputs that flow.
+    """
+
+    spec: GoalSpec
+    source: str
+    nodes: Mapping[str, Node]
+    choices: Mapping[str, Choice]
+    dag: "nx.DiGraph[str]"
+
+    @property
+    def name(self) -> str:
+        """Name of the goal."""
+        return self.spec.goal
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Node names in an order that respects every edge; authored order decides where edges do not."""
+        rank = {name: index for index, name in enumerate(self.nodes)}
+        return tuple(nx.lexicographical_topological_sort(self.dag, key=rank.__getitem__))
+
+    def find_successors(self, node: str) -> frozenset[str]:
+        """Every node that waits for this one, directly or not."""
+        return frozenset(nx.descendants(self.dag, node))
+
+    def max_replans(self, node: str) -> int:
+        """Children that a node may have."""
+        own = self.nodes[node].spec.max_replans
+        return self.spec.defaults.max_replans if own is None else own
+
+
+def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, str] | None = None) -> GoalGraph:
+    """Read and check a goal graph.
+
+    Args:
+        path: The YAML file.
+        catalogue: What it can be built from.
+        overrides: Dotted path -> YAML value that replaces what the file says (`targets.arm` -> `panda`).
+
+    Raises:
+        DefinitionError: With every problem of the file.
+    """
+    graph, problems = _load(path, catalogue, overrides or {})
+    if graph is None or problems:
+        raise DefinitionError(problems)
+    return graph
+
+
+def check_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, str] | None = None) -> list[Problem]:
+    """Every problem of a goal graph; empty when it can run."""
+    return _load(path, catalogue, overrides or {})[1]
+
+
+def render_mermaid(graph: GoalGraph, states: Mapping[str, str] | None = None) -> str:
+    """The DAG as a Mermaid flowchart; data edges carry the names of their outputs.
+
+    Args:
+        graph: What to draw.
+        states: Node -> state, shown and coloured when given.
+    """
+    ids = {name: f"n{index}" for index, name in enumerate(graph.nodes)}
+    lines = ["flowchart LR"]
+    for name, choice in graph.choices.items():
+        state = (states or {}).get(name, "")
+        label = f"<b>{name}</b><br/>{choice.skill} on {choice.target}" + (f"<br/>{state}" if state else "")
+        lines.append(f'    {ids[name]}["{label}"]' + (f":::{state}" if state else ""))
+    for before, after, facts in graph.dag.edges(data=True):
+        outputs = facts["data"]
+        arrow = f'-- "{", ".join(outputs)}" -->' if outputs else "-->"
+        lines.append(f"    {ids[before]} {arrow} {ids[after]}")
+    colors = {
+        "done": "#cde8c9",
+        "active": "#fde9b3",
+        "ready": "#d6e4f7",
+        "blocked": "#f3c6c2",
+        "invalidated": "#e6d5ee",
+    }
+    used = set((states or {}).values())
+    lines += [f"    classDef {state} fill:{color}" for state, color in colors.items() if state in used]
+    return "\n".join(lines) + "\n"
+
+
+def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tuple[GoalGraph | None, list[Problem]]:
+    try:
+        located = override_yaml(read_yaml(path), overrides)
+        spec = validate(GoalSpec, located)
+    except DefinitionError as error:
+        return None, list(error.problems)
+    problems = [*catalogue.problems]
+    nodes = expand_nodes(spec, located, problems)
+    dag = _build_dag(nodes)
+    cycle = _find_cycle(dag)
+    if cycle:
+        start = nodes[cycle[0]]
+        problems.append(
+            located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
+        )
+    problems += check_spec(spec, nodes, located, catalogue)
+    choices, more = check_bindings(spec, nodes, dag, located, catalogue) if not cycle else ({}, [])
+    unique = list(dict.fromkeys([*problems, *more]))
+    if len(choices) < len(nodes):
+        return None, unique
+    return GoalGraph(spec=spec, source=located.source, nodes=nodes, choices=choices, dag=dag), unique
+
+
+def _build_dag(nodes: Mapping[str, Node]) -> "nx.DiGraph[str]":
+    dag: nx.DiGraph[str] = nx.DiGraph()
+    dag.add_nodes_from(nodes)
+    for node in nodes.values():
+        for before in node.after:
+            outputs = tuple(dict.fromkeys(edge.output for edge in node.data if edge.node == before))
+            dag.add_edge(before, node.name, data=outputs)
+    return dag
+
+
+def _find_cycle(dag: "nx.DiGraph[str]") -> list[str]:
+    """Names along one cycle, the first repeated at the end; empty when there is none."""
+    try:
+        edges = nx.find_cycle(dag)
+    except nx.NetworkXNoCycle:
+        return []
+    return [*(edge[0] for edge in edges), edges[0][0]]
+
+
+def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
+    """The same data with single values replaced; `targets.arm` names a place by its keys."""
+    if not overrides or not isinstance(located.data, dict):
+        return located
+    data = dict(located.data)
+    for dotted, text in overrides.items():
+        *parents, key = dotted.split(".")
+        place: dict[str, Any] = data
+        for parent in parents:
+            inner = place.get(parent)
+            if inner is not None and not isinstance(inner, dict):
+                raise DefinitionError(
+                    Problem(code="INVALID_OVERRIDE", address=dotted, found=f"{parent!r} is no mapping")
+                )
+            place[parent] = dict(inner or {})
+            place = place[parent]
+        place[key] = yaml.safe_load(text)
+    return Located(data=data, source=located.source, marks=located.marks)

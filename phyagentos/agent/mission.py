@@ -1,0 +1,229 @@
+"""The mission: the only loop of the agent plane. It submits what is ready, waits, judges, until the goal is judged.
+
+Upstream: a goal graph and a seed. Downstream: the journal, where the runtime finds its sessions. The loop holds no
+state of its own: what to do next is decided by `progress` from the records, so a mission may be killed and run again.
+"""
+
+import shutil
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import yaml
+
+from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.compiler import SessionCompiler
+from phyagentos.agent.goal_graph import override_yaml, read_goal_graph
+from phyagentos.agent.goal_judgement import Evidence
+from phyagentos.agent.mission_report import MissionReport, build_report
+from phyagentos.agent.progress import GoalRun
+from phyagentos.agent.verifier import SessionVerifier
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
+from phyagentos.protocol.admission import Entry, Fenced, GoalEvent, IllegalEvent
+from phyagentos.protocol.journal import Journal
+from phyagentos.protocol.ledger import GoalStatus, Ledger
+from phyagentos.protocol.lifecycle import IllegalTransition, SessionState
+from phyagentos.protocol.schema import read_yaml
+from phyagentos.protocol.sessions import GoalId
+from phyagentos.protocol.tasks import render_tasks
+from phyagentos.protocol.views import publish
+from phyagentos.protocol.watch import Watch
+from phyagentos.protocol.workspace import Workspace
+
+WAIT_S = 0.2  # longest time before a request to cancel is noticed
+PUBLISH_PERIOD_S = 0.2  # a person reads no faster
+PUBLISH_SHARE = 0.05  # of the time at most: with many goals TASK.md is long
+TRIES = 20  # at a batch that another writer made out of date
+
+_CANCEL_AT_ONCE = {SessionState.PENDING, SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING}
+_CANCEL_BY_RUNTIME = {SessionState.CLAIMED, SessionState.PREFLIGHT, SessionState.RUNNING, SessionState.HALTING}
+
+
+class MissionObserver(Protocol):
+    """Somebody who looks on: a terminal, a recorder of benchmarks."""
+
+    def on_change(self, goal: GoalStatus, ledger: Ledger) -> None:
+        """New records were taken in; called in the loop's thread, must return soon and change nothing."""
+        ...
+
+
+class Mission:
+    """Pursues goals in one workspace, one after the other.
+
+    Args:
+        workspace: Where the planes meet.
+        journal: Opened for the side `agent`.
+        clock: For waiting and for wall times of the report.
+        verifier: Judges the sessions.
+        observers: Told of every change.
+        is_runtime_alive: Asked while waiting; False ends the mission instead of waiting for ever.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        journal: Journal,
+        *,
+        clock: Clock,
+        verifier: SessionVerifier | None = None,
+        observers: Sequence[MissionObserver] = (),
+        is_runtime_alive: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self._workspace, self._journal, self._clock = workspace, journal, clock
+        self._verifier = verifier or SessionVerifier()
+        self._observers = observers
+        self._is_runtime_alive = is_runtime_alive
+        self._cancelled = threading.Event()
+        self._next_publish_s = 0.0
+        self._published_seq = -1
+        self.ledger = Ledger()
+
+    def run(
+        self, graph_file: Path, *, seed: int, overrides: Mapping[str, str] | None = None, goal: GoalId | None = None
+    ) -> MissionReport:
+        """Pursue a goal graph to its verdict; continues it when the workspace already knows the goal.
+
+        Args:
+            graph_file: The authored file; a copy stays in the workspace.
+            seed: Root of every random choice.
+            overrides: Dotted path -> YAML value, as of `--set`.
+            goal: Its id; `<graph>-<seed>` by default, with a further number when that one has its verdict.
+
+        Raises:
+            DefinitionError: With every problem of the graph; nothing was recorded.
+            ExecutionError: `RUNTIME_LOST`, or an error of the journal.
+        """
+        catalogue = Catalogue.of_workspace(self._workspace)
+        graph = read_goal_graph(graph_file, catalogue, overrides)
+        self._read()
+        id = goal or self._choose_id(f"{graph.name}-{seed}")
+        file = self._workspace.goal_file_of(id)
+        if id in self.ledger.goals:
+            return self.resume(id)
+        if overrides:
+            data = override_yaml(read_yaml(graph_file), overrides).data
+            file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
+        elif file.resolve() != graph_file.resolve():
+            shutil.copyfile(graph_file, file)
+        run = self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
+        self._commit(run, run.open)
+        return self._pursue(run)
+
+    def resume(self, goal: GoalId) -> MissionReport:
+        """Go on with a goal that the workspace knows; one that has its verdict is only reported.
+
+        Raises:
+            DefinitionError: `UNKNOWN_GOAL`, or problems of the graph as it was submitted.
+        """
+        self._read()
+        if goal not in self.ledger.goals:
+            raise DefinitionError(
+                Problem(
+                    code="UNKNOWN_GOAL",
+                    address=str(self._workspace.goals),
+                    found=repr(goal),
+                    expected=format_names(self.ledger.goals),
+                )
+            )
+        catalogue = Catalogue.of_workspace(self._workspace)
+        graph = read_goal_graph(self._workspace.goal_file_of(goal), catalogue)
+        seed = self.ledger.goals[goal].seed
+        return self._pursue(self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed)))
+
+    def cancel(self) -> None:
+        """Ask for an end: live sessions are cancelled, the target is brought to rest. Any thread may call this."""
+        self._cancelled.set()
+
+    def _make_run(self, compiler: SessionCompiler) -> GoalRun:
+        return GoalRun(
+            compiler=compiler, ledger=self.ledger, evidence=Evidence(self._workspace.root), verifier=self._verifier
+        )
+
+    def _choose_id(self, name: str) -> GoalId:
+        """The first free id, or that of a goal without a verdict."""
+        id, number = GoalId(name), 2
+        while id in self.ledger.goals and (self.ledger.goals[id].verdict or self.ledger.goals[id].is_cancelled):
+            id, number = GoalId(f"{name}-{number}"), number + 1
+        return id
+
+    def _pursue(self, run: GoalRun) -> MissionReport:
+        begin_s = self._clock.now_s()
+        with Watch([self._journal.folder], clock=self._clock) as watch:
+            while not self._is_over(run):
+                watch.drain()
+                if self._read(run) + self._commit(run, lambda: self._decide(run)):
+                    continue
+                self._publish()
+                if not watch.wait(WAIT_S) and not self._is_runtime_alive():
+                    self._give_up(run)
+        self._publish(at_once=True)
+        return build_report(run.status, self.ledger, self._clock.now_s() - begin_s)
+
+    def _decide(self, run: GoalRun) -> list[Entry]:
+        if self._cancelled.is_set() or run.status.is_cancelled:
+            return self._cancel(run)
+        return run.decide()
+
+    def _is_over(self, run: GoalRun) -> bool:
+        return bool(run.status.verdict) or (run.status.is_cancelled and not any(True for _ in run.iter_live()))
+
+    def _cancel(self, run: GoalRun) -> list[Entry]:
+        entries: list[Entry] = []
+        body = {"reason": "somebody asked for an end"}
+        for status in run.iter_live():
+            if status.state in _CANCEL_AT_ONCE:
+                entries.append(Entry(status.contract.id, "cancel", body))
+            elif status.state in _CANCEL_BY_RUNTIME:
+                entries.append(Entry(status.contract.id, "request_cancel", body))
+        if not run.status.is_cancelled:
+            entries.append(Entry(f"goal:{run.goal}", GoalEvent.GOAL_CANCELLED, body))
+        return entries
+
+    def _give_up(self, run: GoalRun) -> None:
+        self._read(run)
+        waiting = [status.contract.id for status in run.iter_live()]
+        if waiting:
+            raise ExecutionError(
+                "RUNTIME_LOST",
+                f"goal {run.goal}: nobody runs {', '.join(waiting)} any more. Start 'paos watch' and run it again; "
+                "it continues from its records.",
+            )
+
+    def _read(self, run: GoalRun | None = None) -> int:
+        """Take in new records; how many there were."""
+        records = self._journal.read_new()
+        for record in records:
+            self.ledger.apply(record)
+        if records and run is not None and run.goal in self.ledger.goals:
+            for observer in self._observers:
+                observer.on_change(run.status, self.ledger)
+        return len(records)
+
+    def _commit(self, run: GoalRun, decide: Callable[[], list[Entry]]) -> int:
+        """Record what `decide` wants; decides anew when another writer was faster. How many entries there were."""
+        for _ in range(TRIES):
+            entries = decide()
+            if not entries:
+                return 0
+            try:
+                self._journal.commit(entries)
+            except (IllegalTransition, Fenced, IllegalEvent) as error:
+                refused = error
+                if not self._read(run):
+                    raise
+                continue
+            self._read(run)
+            return len(entries)
+        raise refused
+
+    def _publish(self, *, at_once: bool = False) -> None:
+        """TASK.md, when something changed and it is time."""
+        now_s = self._clock.now_s()
+        if self.ledger.seq == self._published_seq or (now_s < self._next_publish_s and not at_once):
+            return
+        publish(self._workspace.task, render_tasks(self.ledger))
+        self._published_seq = self.ledger.seq
+        cost_s = self._clock.now_s() - now_s
+        self._next_publish_s = now_s + max(PUBLISH_PERIOD_S, cost_s / PUBLISH_SHARE)

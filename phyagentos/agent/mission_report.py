@@ -1,0 +1,126 @@
+"""The report of one goal: what `paos run --json` prints, and what benchmarks count.
+
+Upstream: the fold of the journal at the end of a mission. Everything in it can be computed again from the records.
+"""
+
+import msgspec
+
+from phyagentos.protocol.ledger import GoalStatus, Ledger
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.sessions import GoalId, SessionId, SessionStatus
+from phyagentos.protocol.verdicts import Criterion, Verdict
+
+CANCELLED = "cancelled"
+
+
+class SessionReport(msgspec.Struct, frozen=True, kw_only=True):
+    """One session, as it ended.
+
+    Attributes:
+        state: Final state of the lifecycle.
+        ended: How the execution ended, empty when nothing was executed.
+        verdict: Empty when it was never judged.
+        cause: Coded cause when the objective was not met.
+        reason: Why the verdict fell, or why it was rejected or cancelled.
+        leaf: The leaf that decided the end of the execution.
+    """
+
+    id: SessionId
+    node: str
+    attempt: int
+    skill: str
+    target: str
+    objective: str
+    state: str
+    ended: str = ""
+    verdict: str = ""
+    cause: str = ""
+    reason: str = ""
+    leaf: str = ""
+    code: str = ""
+    sim_time_s: float = 0.0
+    ticks: int = 0
+    criteria: tuple[Criterion, ...] = ()
+
+
+class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
+    """One goal, as it ended.
+
+    Attributes:
+        verdict: `success`, `failure` or `cancelled`.
+        criteria: The goal's own acceptance.
+        nodes: Node -> state.
+        sessions: In the order of submission.
+        first_attempt_success: Node -> whether its first session succeeded.
+        replans: Budget spent.
+        was_rejected: Whether preflight refused the first session of a node.
+        wall_s: Wall time of the mission [s].
+    """
+
+    goal: GoalId
+    graph: str
+    seed: int
+    verdict: str
+    reason: str
+    criteria: tuple[Criterion, ...]
+    nodes: dict[str, str]
+    sessions: tuple[SessionReport, ...]
+    first_attempt_success: dict[str, bool]
+    replans: int
+    was_rejected: bool
+    wall_s: float
+
+    @property
+    def exit_code(self) -> int:
+        """0 goal met, 1 not met, 3 rejected by preflight, 130 cancelled."""
+        if self.verdict == CANCELLED:
+            return 130
+        if self.verdict == Verdict.SUCCESS:
+            return 0
+        return 3 if self.was_rejected else 1
+
+
+def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionReport:
+    """The report of a goal that has ended."""
+    sessions = [status for status in ledger.sessions.values() if status.contract.goal == goal.id]
+    firsts = {status.contract.node: status for status in sessions if status.contract.attempt == 0}
+    return MissionReport(
+        goal=goal.id,
+        graph=goal.graph,
+        seed=goal.seed,
+        verdict=goal.verdict or (CANCELLED if goal.is_cancelled else ""),
+        reason=goal.reason,
+        criteria=goal.criteria,
+        nodes={name: node.state.value for name, node in goal.nodes.items()},
+        sessions=tuple(report_session(status) for status in sessions),
+        first_attempt_success={
+            name: name in firsts and firsts[name].state == SessionState.SUCCEEDED for name in goal.nodes
+        },
+        replans=goal.replans,
+        was_rejected=any(status.state == SessionState.REJECTED for status in firsts.values()),
+        wall_s=wall_s,
+    )
+
+
+def report_session(status: SessionStatus) -> SessionReport:
+    """One session as it stands."""
+    contract, execution = status.contract, status.execution
+    attempt = status.attempts[-1] if status.attempts else None
+    return SessionReport(
+        id=contract.id,
+        node=contract.node,
+        attempt=contract.attempt,
+        skill=contract.skill,
+        target=contract.target,
+        objective=contract.objective,
+        state=status.state,
+        ended=execution.ended.value if execution else "",
+        verdict=attempt.verdict.value if attempt else "",
+        cause=attempt.cause if attempt else "",
+        reason=attempt.reason if attempt else status.reason,
+        leaf=execution.leaf if execution else "",
+        code=execution.code if execution else "",
+        sim_time_s=execution.sim_time_s if execution else 0.0,
+        ticks=execution.ticks if execution else 0,
+        criteria=attempt.criteria if attempt else (),
+    )

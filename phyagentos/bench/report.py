@@ -1,0 +1,80 @@
+"""Figures of many runs: rates with intervals, medians, and the one JSON line a benchmark ends with."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """Successes among trials, with the 95 % Wilson score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953)."""
+
+    successes: int
+    trials: int
+
+    @property
+    def value(self) -> float:
+        """Share of successes; NaN without trials."""
+        return self.successes / self.trials if self.trials else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper bound of the 95 % interval."""
+        if not self.trials:
+            return 0.0, 1.0
+        from scipy.stats import binomtest
+
+        bounds = binomtest(self.successes, self.trials).proportion_ci(0.95, method="wilson")
+        return float(bounds.low), float(bounds.high)
+
+    def __str__(self) -> str:
+        """`148/150 = 98.7 % [95.3, 99.6]`."""
+        low, high = self.interval
+        return f"{self.successes}/{self.trials} = {100 * self.value:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Median and 95th percentile of a sample."""
+
+    median: float
+    p95: float
+    count: int
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Spread":
+        """From raw values; NaN when empty."""
+        if not values:
+            return cls(float("nan"), float("nan"), 0)
+        return cls(float(np.median(values)), float(np.quantile(values, 0.95)), len(values))
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """One figure that a benchmark promises: at least, or at most, a value."""
+
+    value: float
+    at_least: bool
+
+    def holds(self, figure: float) -> bool:
+        """Whether the figure keeps the promise; NaN never does."""
+        return figure >= self.value if self.at_least else figure <= self.value
+
+    def __str__(self) -> str:
+        """`>= 0.99`."""
+        return f"{'>=' if self.at_least else '<='} {self.value:g}"
+
+
+def format_outcome(figures: Mapping[str, float], asked: Mapping[str, Ask]) -> tuple[str, bool]:
+    """The closing JSON line of a benchmark, and whether every asked figure holds."""
+    holds = all(ask.holds(figures[name]) for name, ask in asked.items())
+    line = json.dumps(
+        {
+            "figures": {name: round(value, 6) for name, value in figures.items()},
+            "asked": {name: str(ask) for name, ask in asked.items()},
+            "holds": holds,
+        }
+    )
+    return line, holds

@@ -1,0 +1,89 @@
+"""Commands for people who write goals and skills: `lint` and `compile`."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from phyagentos.cli.outcome import ExitCode, print_note, print_problems, print_result
+from phyagentos.cli.running import Overrides, parse_overrides
+
+if TYPE_CHECKING:
+    from phyagentos.agent.goal_graph import GoalGraph
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    app.command("lint")(lint)
+    app.command("compile")(compile_graph)
+
+
+def lint(paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")]) -> int:
+    """Check authored files and report every problem with file, line and column."""
+    from phyagentos.cli.lint import lint_paths
+
+    checked, problems = lint_paths(paths)
+    count = print_problems(problems)
+    if not checked:
+        print_note("no authored file found")
+        return int(ExitCode.INVALID_INPUT)
+    files = f"{len(checked)} file{'s' if len(checked) != 1 else ''}"
+    if count:
+        print_note(f"{files} checked, {count} problem{'s' if count != 1 else ''}")
+        return int(ExitCode.INVALID_INPUT)
+    print_result(f"{files} checked, no problem")
+    return int(ExitCode.GOAL_MET)
+
+
+def compile_graph(
+    graph: Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")],
+    set_: Overrides = None,
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="The DAG as a Mermaid flowchart.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
+) -> None:
+    """Show the DAG and the sessions that a goal graph would make; start nothing."""
+    from phyagentos.agent.catalogue import Catalogue
+    from phyagentos.agent.goal_graph import read_goal_graph, render_mermaid
+    from phyagentos.cli.projects import get_file, open_library
+
+    path = get_file(graph, "goal_graphs")
+    compiled = read_goal_graph(path, Catalogue.read(open_library(path)), parse_overrides(set_))
+    if mermaid:
+        print_result(render_mermaid(compiled))
+    elif as_json:
+        print_result(json.dumps({"goal": compiled.name, "sessions": _describe_nodes(compiled)}, indent=2))
+    else:
+        _print_graph(compiled)
+
+
+def _describe_nodes(graph: "GoalGraph") -> list[dict[str, Any]]:
+    return [
+        {
+            "node": name,
+            "skill": graph.choices[name].skill,
+            "target": graph.choices[name].target,
+            "parameters": dict(graph.choices[name].parameters),
+            "after": list(graph.nodes[name].after),
+            "accept": list(graph.nodes[name].spec.accept),
+            "because": list(graph.choices[name].reasons),
+            "rejected": dict(graph.choices[name].rejected),
+        }
+        for name in graph.order
+    ]
+
+
+def _print_graph(graph: "GoalGraph") -> None:
+    print_result(f"{graph.name}: {graph.spec.objective}")
+    for node in _describe_nodes(graph):
+        arguments = ", ".join(f"{key}={value}" for key, value in node["parameters"].items())
+        after = f"  after {', '.join(node['after'])}" if node["after"] else ""
+        print_result(f"  {node['node']}: {node['skill']}({arguments}) on {node['target']}{after}")
+        for text in node["accept"]:
+            print_result(f"      accept {text}")
+        for reason in node["because"]:
+            print_result(f"      because {reason}")
+        for candidate, reason in node["rejected"].items():
+            print_result(f"      not {candidate}: {reason}")
+    for text in graph.spec.accept:
+        print_result(f"  goal accepts {text}")

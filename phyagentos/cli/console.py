@@ -1,0 +1,125 @@
+"""The live view of a run: the DAG with each session's state, the active leaf, verdicts with their criteria.
+
+On a terminal a table that redraws itself, above it what has been decided; elsewhere plain lines, one per change.
+"""
+
+import sys
+from types import TracebackType
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from phyagentos.cli.progress import Row, RunFold
+from phyagentos.protocol.verdicts import Criterion, Truth
+
+STYLES = {
+    "succeeded": "green",
+    "done": "green",
+    "success": "green",
+    "failed": "red",
+    "failure": "red",
+    "rejected": "red",
+    "blocked": "red",
+    "replanned": "yellow",
+    "replan": "yellow",
+    "cancelled": "magenta",
+    "running": "bold cyan",
+    "waiting": "dim",
+}
+MARKS = {Truth.TRUE: ("✓", "green"), Truth.FALSE: ("✗", "red"), Truth.UNKNOWN: ("?", "yellow")}
+
+
+class RunConsole:
+    """Shows a run while it goes on; a context manager.
+
+    Args:
+        title: What is run.
+        quiet: Show nothing.
+    """
+
+    def __init__(self, title: str, *, quiet: bool = False) -> None:
+        self._console = Console(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=not sys.stderr.isatty())
+        self._live = Live(console=self._console, auto_refresh=False, transient=True) if self.is_live else None
+        self._title = title
+        self._told: dict[str, str] = {}
+
+    @property
+    def is_live(self) -> bool:
+        """Whether there is a terminal that can redraw."""
+        return self._console.is_terminal and not self._console.quiet
+
+    def __enter__(self) -> "RunConsole":
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def show(self, fold: RunFold) -> None:
+        """Bring the view up to date."""
+        rows = fold.rows()
+        for row in rows:
+            self._tell(row)
+        if self._live is not None:
+            self._live.update(build_progress_table(self._title, rows), refresh=True)
+
+    def tell(self, text: str, style: str = "") -> None:
+        """One line above the table."""
+        self._console.print(Text(text, style=style))
+
+    def _tell(self, row: Row) -> None:
+        """Say what changed about a row since the last call."""
+        if row.session is None or self._told.get(row.name) == row.state:
+            return
+        self._told[row.name] = row.state
+        if not row.is_final:
+            if self._live is None:
+                self.tell(f"{row.name}: {row.state}")
+            return
+        self._console.print(
+            Text.assemble(f"{row.name}: ", (row.state, STYLES.get(row.state, "")), f"  {describe(row)}")
+        )
+        for criterion in row.session.attempts[-1].criteria if row.session.attempts else ():
+            self._console.print(build_criterion_line(criterion))
+
+
+def build_progress_table(title: str, rows: list[Row]) -> Table:
+    """The DAG as an indented table."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="dim")
+    for column in ("session", "state", "doing", "time"):
+        table.add_column(column, justify="right" if column == "time" else "left", no_wrap=True, overflow="ellipsis")
+    for row in rows:
+        indent = "  " * (row.depth + (1 if row.session is not None and row.session.contract.attempt else 0))
+        beat = row.beat
+        doing = f"{beat.phase} {beat.leaf}" if beat is not None else describe(row)
+        time = f"{beat.sim_time_s:.1f} s" if beat is not None else (f"{row.sim_time_s:.1f} s" if row.sim_time_s else "")
+        table.add_row(f"{indent}{row.name}", Text(row.state, STYLES.get(row.state, "")), doing, time)
+    return table
+
+
+def describe(row: Row) -> str:
+    """Why a row stands where it does, in a few words."""
+    if row.session is None:
+        return ""
+    if row.session.attempts:
+        attempt = row.session.attempts[-1]
+        return " ".join(part for part in (attempt.cause, attempt.reason) if part)
+    execution = row.session.execution
+    return row.session.reason or (f"{execution.ended.value} {execution.code}".strip() if execution is not None else "")
+
+
+def build_criterion_line(criterion: Criterion) -> Text:
+    """One judged criterion with the numbers that decided it."""
+    mark, style = MARKS[criterion.truth]
+    numbers = ", ".join(
+        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in criterion.measured.items()
+    )
+    because = criterion.because or numbers
+    return Text.assemble("    ", (mark, style), f" {criterion.text}", (f"  {because}" if because else "", "dim"))

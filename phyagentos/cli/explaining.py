@@ -1,0 +1,67 @@
+"""Commands about sessions that ran: `why`, `rerun`, `cancel`."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.cli.outcome import Exit, ExitCode, print_result
+from phyagentos.errors import format_hint, format_names
+from phyagentos.protocol.sessions import SessionId
+
+Id = Annotated[str, typer.Argument(metavar="SESSION", help="A session id; the part after the goal is enough.")]
+Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    app.command("why")(why)
+    app.command("rerun")(rerun)
+    app.command("cancel")(cancel)
+
+
+def why(session: Id, workspace: Space) -> None:
+    """Explain a verdict: the layer, the leaf and the number that decided it."""
+    from phyagentos.cli.past import read_ledger
+    from phyagentos.cli.why import explain_session
+    from phyagentos.protocol.workspace import Workspace
+
+    ledger = read_ledger(workspace)
+    print_result(explain_session(Workspace.open(workspace), ledger, get_session(session, ledger.sessions)))
+
+
+def rerun(session: Id, workspace: Space) -> int:
+    """Run a session once more from its own documents and compare the bits of the terminal state."""
+    from phyagentos.assembly import rerun_session
+    from phyagentos.cli.past import read_ledger
+
+    id = get_session(session, read_ledger(workspace).sessions)
+    is_same, text = rerun_session(workspace, id)
+    print_result(text)
+    return int(ExitCode.GOAL_MET if is_same else ExitCode.GOAL_NOT_MET)
+
+
+def cancel(session: Annotated[str, typer.Argument(metavar="SESSION|all")], workspace: Space) -> None:
+    """Ask for an end: the robot is halted, then the session is cancelled."""
+    from phyagentos.cli.past import read_ledger
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.mailbox import EVERY_SESSION, Signal, drop_signal
+    from phyagentos.protocol.workspace import Workspace
+
+    place = Workspace.open(workspace)
+    id = EVERY_SESSION if session == "all" else get_session(session, read_ledger(workspace).sessions)
+    path = drop_signal(place.signals, Signal(kind="cancel", session=id, by="paos cancel"), SystemClock())
+    print_result(f"asked for an end of {session}: {path}")
+
+
+def get_session(text: str, known: Iterable[SessionId]) -> SessionId:
+    """The full id that a person means: the id itself, or the only one that ends with `.<text>`."""
+    ids = list(known)
+    found = [id for id in ids if id == text or id.split(".", 1)[-1] == text]
+    if len(found) == 1:
+        return found[0]
+    short = [id.split(".", 1)[-1] for id in ids]
+    problem = "several sessions are called that" if found else "no such session"
+    hint = format_hint(text, [*ids, *short])
+    raise Exit(ExitCode.INVALID_INPUT, f"{text}: {problem}; expected {format_names(found or ids)}. {hint}".rstrip())

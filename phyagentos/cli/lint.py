@@ -1,0 +1,199 @@
+"""`paos lint`: find out what kind of file it is, check it with the reader that will read it, report every problem.
+
+There is no second parser: each kind is checked by the module that owns it, so that lint and run cannot disagree.
+"""
+
+from collections.abc import Callable, Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from phyagentos.cli.projects import FOLDERS, open_library
+from phyagentos.errors import DefinitionError, Problem, find_nearest
+from phyagentos.protocol.document import iter_blocks, split_front_matter
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.schema import parse_yaml, read_yaml
+from phyagentos.protocol.settings import SETTINGS_FILES, check_settings
+
+DOCUMENTS = (
+    *("SESSIONS.md", "TASK.md", "SKILLRUNTIME.md", "TARGETS.md", "ENVIRONMENT.md"),
+    *("LESSONS.md", "KNOWLEDGE.md", "LOG.md", "RUNTIME_SIGNAL.md"),
+)
+
+
+class FileKind(StrEnum):
+    """What an authored file can be."""
+
+    GOAL_GRAPH = "goal graph"
+    TREE = "tree"
+    SKILL = "skill"
+    SCENE = "scene"
+    TARGET = "target"
+    FAULTS = "faults"
+    SETTINGS = "settings"
+    DOCUMENT = "protocol document"
+
+
+_KEYS = {
+    "goal": FileKind.GOAL_GRAPH,
+    "tree": FileKind.TREE,
+    "scene": FileKind.SCENE,
+    "target": FileKind.TARGET,
+    "faults": FileKind.FAULTS,
+}
+_FOLDERS = {
+    "goal_graphs": FileKind.GOAL_GRAPH,
+    "trees": FileKind.TREE,
+    "scenes": FileKind.SCENE,
+    "robots": FileKind.TARGET,
+    "faults": FileKind.FAULTS,
+}
+
+
+def lint_paths(paths: list[Path]) -> tuple[list[Path], list[Problem]]:
+    """Check files and, recursively, folders.
+
+    Returns:
+        The files that were checked, and every problem, in the order of the arguments.
+    """
+    checked: list[Path] = []
+    problems: list[Problem] = []
+    for path in paths:
+        files = list(iter_authored_files(path)) if path.is_dir() else [path]
+        for file in files:
+            if file not in checked:
+                checked.append(file)
+                problems += lint_file(file)
+    return checked, problems
+
+
+def iter_authored_files(folder: Path) -> Iterator[Path]:
+    """Every authored file under a folder, sorted; prose, workspaces' data and hidden folders are passed over."""
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if not hidden and path.is_file() and path.suffix in {".yaml", ".yml", ".md"} and find_kind(path) is not None:
+            yield path
+
+
+def lint_file(path: Path) -> list[Problem]:
+    """Every problem of one file; an unknown kind is one."""
+    try:
+        kind = find_kind(path)
+        if kind is None:
+            return [_unknown_kind(path)]
+        _CHECKS[kind](path, open_library(path))
+    except DefinitionError as error:
+        return list(error.problems)
+    return []
+
+
+def find_kind(path: Path) -> FileKind | None:
+    """The kind of a file, by its name, then by its first keys, then by its folder."""
+    if path.suffix == ".md":
+        known = {"SKILL.md": FileKind.SKILL} | dict.fromkeys(DOCUMENTS, FileKind.DOCUMENT)
+        return known.get(path.name)
+    if path.name in SETTINGS_FILES:
+        return FileKind.SETTINGS
+    keys = _read_keys(path)
+    found = next((kind for key, kind in _KEYS.items() if key in keys), None)
+    if found is not None:
+        return found
+    parents = [part for part in path.resolve().parts[:-1] if part in FOLDERS]
+    return _FOLDERS.get(parents[-1]) if parents else None
+
+
+def _read_keys(path: Path) -> list[str]:
+    try:
+        data: Any = read_yaml(path).data
+    except DefinitionError:
+        return []
+    return [str(key) for key in data] if isinstance(data, dict) else []
+
+
+def _unknown_kind(path: Path) -> Problem:
+    read_yaml(path)  # an unreadable file or a syntax error is the better message
+    keys = _read_keys(path)
+    expected = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
+    nearest = next((near for key in keys if (near := find_nearest(key, _KEYS))), None)
+    return Problem(
+        code="UNKNOWN_KIND",
+        address=f"{path}:1:1",
+        found=f"top-level keys {', '.join(keys) or '(none)'}",
+        expected=f"one of the keys {expected}, a SKILL.md, a protocol document or a settings file",
+        hint=f"Did you mean {nearest!r}?" if nearest else "",
+    )
+
+
+def _check_document(path: Path, _: Library) -> None:
+    """Front matter, where there is one, and every fenced YAML block must parse."""
+    text = path.read_text(encoding="utf-8")
+    problems: list[Problem] = []
+    pieces = [(block.yaml, block.line) for block in iter_blocks(text)]
+    if text.startswith("---\n"):
+        pieces.insert(0, split_front_matter(text, str(path)))
+    for yaml, line in pieces:
+        try:
+            parse_yaml(yaml, str(path), line)
+        except DefinitionError as error:
+            problems += error.problems
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _check_settings(path: Path, _: Library) -> None:
+    check_settings(path)
+
+
+def _check_goal_graph(path: Path, library: Library) -> None:
+    from phyagentos.agent.catalogue import Catalogue
+    from phyagentos.agent.goal_graph import check_goal_graph
+
+    problems = check_goal_graph(path, Catalogue.read(library))
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _check_skill(path: Path, library: Library) -> None:
+    from phyagentos.cli.skill_checks import check_skill
+
+    check_skill(path, library)
+
+
+def _check_tree(path: Path, library: Library) -> None:
+    from phyagentos.protocol.trees import read_tree
+    from phyagentos.runtime.execution.registry import build_registry
+    from phyagentos.runtime.execution.tree_check import check_loaded_tree
+
+    problems = check_loaded_tree(read_tree(path), library, build_registry(library))
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _check_scene(path: Path, library: Library) -> None:
+    from phyagentos.protocol.scenes import read_scene
+
+    read_scene(path)
+
+
+def _check_target(path: Path, _: Library) -> None:
+    from phyagentos.protocol.registries import read_target
+
+    read_target(path)
+
+
+def _check_faults(path: Path, _: Library) -> None:
+    from phyagentos.protocol.faults import read_faults
+
+    read_faults(path)
+
+
+_CHECKS: dict[FileKind, Callable[[Path, Library], None]] = {
+    FileKind.GOAL_GRAPH: _check_goal_graph,
+    FileKind.TREE: _check_tree,
+    FileKind.SKILL: _check_skill,
+    FileKind.SCENE: _check_scene,
+    FileKind.TARGET: _check_target,
+    FileKind.FAULTS: _check_faults,
+    FileKind.SETTINGS: _check_settings,
+    FileKind.DOCUMENT: _check_document,
+}

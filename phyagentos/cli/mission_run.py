@@ -1,0 +1,205 @@
+"""`paos run`: lint, a workspace, both planes as child processes, a live view until the verdict, a report.
+
+This process commands nothing and judges nothing: it follows the journal like any reader, and on Ctrl-C it asks for an
+end by a signal file, as any tool could. Upstream: the command line. Downstream: `planes`, `console`, `report`.
+"""
+
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.goal_graph import read_goal_graph
+from phyagentos.cli.console import RunConsole
+from phyagentos.cli.lint import lint_file
+from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.planes import Plane
+from phyagentos.cli.progress import RunFold
+from phyagentos.cli.projects import get_file, open_library
+from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
+from phyagentos.cli.running import parse_overrides
+from phyagentos.clock import Clock, SystemClock
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.admission import GOAL_PREFIX, GoalEvent
+from phyagentos.protocol.journal import Entry, IllegalEvent, Journal
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.mailbox import Signal, drop_signal
+from phyagentos.protocol.watch import Watch
+from phyagentos.protocol.workspace import Workspace
+
+VIEW_PERIOD_S = 0.1  # ten pictures a second are enough for people
+CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """What was asked for on the command line; see `paos run --help`."""
+
+    graph: Path
+    seed: int = 0
+    workspace: Path | None = None
+    faults: Path | None = None
+    overrides: tuple[str, ...] = ()
+    as_json: bool = False
+    pictures: bool = True
+    quiet: bool = False
+
+
+class Interrupts:
+    """Counts Ctrl-C instead of raising: the first asks, the second insists."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    @contextmanager
+    def counted(self) -> Iterator["Interrupts"]:
+        """Take over SIGINT and SIGTERM while the block runs."""
+
+        def note(*_: object) -> None:
+            self.count += 1
+
+        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield self
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def run_mission(order: Order, clock: Clock | None = None) -> int:
+    """Run a goal graph to its verdict; returns the exit code.
+
+    Raises:
+        DefinitionError: Before anything is started.
+        Exit: When a plane failed.
+    """
+    clock = clock or SystemClock()
+    graph = get_file(order.graph, "goal_graphs")
+    faults = get_file(order.faults, "faults") if order.faults is not None else None
+    problems = lint_order(graph, faults, parse_overrides(order.overrides))
+    if problems:
+        raise DefinitionError(problems)
+    root = order.workspace or choose_workspace(graph.stem, order.seed)
+    workspace = Workspace.create(root, open_library(graph))
+    print_note(f"workspace {root}")
+    started_s = clock.now_s()
+    fold = RunFold(workspace.heartbeats)
+    journal = Journal(root, side=Side.OPERATOR, by="paos run", clock=clock)
+    fold.apply(journal.read_new())
+    fold.forget_finished_goals()
+    title = f"{graph.stem}, seed {order.seed}"
+    with Interrupts().counted() as interrupts, RunConsole(title, quiet=order.quiet) as console:
+        planes = start_planes(order, graph, faults, workspace)
+        try:
+            follow_run(fold, journal, workspace, planes, interrupts, console, clock)
+        finally:
+            for plane in planes:
+                if interrupts.count > 1:
+                    plane.kill()
+                else:
+                    plane.stop(clock)
+            fold.apply(journal.read_new())
+            journal.close()
+    code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
+    report = build_report(fold, workspace=root, wall_s=clock.now_s() - started_s, exit_code=code)
+    if order.as_json:
+        print_result(render_json(report))
+    print_report(report, fold, Console(stderr=order.as_json, highlight=False))
+    return int(code)
+
+
+def lint_order(graph: Path, faults: Path | None, overrides: Mapping[str, str]) -> list[Problem]:
+    """Every problem of the graph, of the scene and skills that it names, and of the faults; loads no simulator.
+
+    Ports of trees against leaves are left to preflight, which knows the leaves of the worker.
+    """
+    library = open_library(graph)
+    problems = lint_file(faults) if faults is not None else []
+    try:
+        compiled = read_goal_graph(graph, Catalogue.read(library), overrides)
+    except DefinitionError as error:
+        return [*error.problems, *problems]
+    files = [library.get_scene(compiled.spec.scene)]
+    files += [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
+    return [*(problem for file in files for problem in lint_file(file)), *problems]
+
+
+def choose_workspace(name: str, seed: int) -> Path:
+    """`workspaces/<graph>-<seed>-<n>` under the working directory, the first that does not exist."""
+    number = 1
+    while (path := Path("workspaces") / f"{name}-{seed}-{number}").exists():
+        number += 1
+    return path
+
+
+def start_planes(order: Order, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:
+    """Start the runtime first: it warms up while the agent compiles."""
+    watch = ["--workspace", str(workspace.root)]
+    watch += ["--faults", str(faults)] if faults is not None else []
+    watch += [] if order.pictures else ["--no-pictures"]
+    agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed)]
+    agent += [part for override in order.overrides for part in ("--set", override)]
+    return [Plane("watch", watch, workspace.logs), Plane("agent", agent, workspace.logs)]
+
+
+def follow_run(
+    fold: RunFold,
+    journal: Journal,
+    workspace: Workspace,
+    planes: list[Plane],
+    interrupts: Interrupts,
+    console: RunConsole,
+    clock: Clock,
+) -> None:
+    """Show the run until it is over: verdict, cancelled, or a plane that failed."""
+    asked_at_s: float | None = None
+    with Watch([journal.folder, workspace.heartbeats]) as watch:
+        while True:
+            watch.wait(VIEW_PERIOD_S)
+            ended = [
+                plane for plane in planes if plane.find_exit_code() is not None
+            ]  # before reading: nothing is missed
+            fold.apply(journal.read_new())
+            console.show(fold)
+            if interrupts.count and asked_at_s is None:
+                asked_at_s = clock.now_s()
+                console.tell("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")
+                ask_for_end(fold, journal, workspace, clock)
+            is_quiet = not fold.ledger.live_sessions()
+            if fold.goal is not None and fold.goal.verdict and is_quiet:
+                return
+            if asked_at_s is not None:
+                if is_quiet or interrupts.count > 1 or clock.now_s() > asked_at_s + CANCEL_PATIENCE_S:
+                    return
+            elif ended:
+                raise_for(ended[0])
+
+
+def ask_for_end(fold: RunFold, journal: Journal, workspace: Workspace, clock: Clock) -> None:
+    """Cancel the goal and every session: one record for the agent, one signal file for the runtime."""
+    goal = fold.goal
+    if goal is not None and not goal.verdict and not goal.is_cancelled:
+        body = {"reason": "interrupted by the operator"}
+        try:
+            journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
+        except IllegalEvent as error:  # the verdict came first
+            print_note(str(error))
+    drop_signal(workspace.signals, Signal(kind="cancel", by="paos run", reason="interrupted by the operator"), clock)
+
+
+def raise_for(plane: Plane) -> None:
+    """A plane ended before the verdict: say why.
+
+    Raises:
+        Exit: With the plane's own code where it is one of ours.
+    """
+    code = plane.find_exit_code()
+    printed = plane.read_printed()
+    if code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
+        raise Exit(ExitCode(code), "\n".join(printed))
+    last = printed[-1] if printed else "it printed nothing."
+    raise Exit(ExitCode.INTERNAL_ERROR, f"the {plane.name} plane ended with code {code}: {last} Log: {plane.log}")

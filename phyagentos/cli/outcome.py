@@ -1,0 +1,84 @@
+"""How a command ends: exit codes, and what each family of errors prints.
+
+Results go to stdout, everything else to stderr, so that a command can be piped.
+"""
+
+import os
+import sys
+import traceback
+from collections.abc import Iterable
+from enum import IntEnum
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem
+
+
+class ExitCode(IntEnum):
+    """What the shell learns."""
+
+    GOAL_MET = 0
+    """Done, and for a goal: met on evidence."""
+    GOAL_NOT_MET = 1
+    """The run came to its end, the goal was not met."""
+    INVALID_INPUT = 2
+    """Somebody must edit a file or an argument; nothing was started."""
+    REJECTED = 3
+    """Preflight refused a session; nothing moved for it."""
+    INTERNAL_ERROR = 4
+    """This program failed; the message names the log."""
+    INTERRUPTED = 130
+    """Ctrl-C."""
+
+
+class Exit(Exception):
+    """Ends a command with a code from any depth."""
+
+    def __init__(self, code: ExitCode, message: str = "") -> None:
+        self.code, self.message = code, message
+        super().__init__(message)
+
+
+def is_debugging(arguments: Iterable[str]) -> bool:
+    """Whether tracebacks were asked for: `--debug` anywhere, or PAOS_DEBUG=1 (inherited by both planes)."""
+    return "--debug" in arguments or os.environ.get("PAOS_DEBUG") == "1"
+
+
+def print_note(text: str) -> None:
+    """One line to stderr."""
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
+
+
+def print_result(text: str) -> None:
+    """Text to stdout, with one newline at its end."""
+    sys.stdout.write(text if text.endswith("\n") else f"{text}\n")
+    sys.stdout.flush()
+
+
+def print_problems(problems: Iterable[Problem]) -> int:
+    """Every problem on its own line of stderr, duplicates once. Returns how many were printed."""
+    unique = dict.fromkeys(problems)
+    for problem in unique:
+        print_note(str(problem).replace("\n", " "))
+    return len(unique)
+
+
+def report_exception(error: BaseException, *, debug: bool, log: Path | None = None) -> ExitCode:
+    """Print what a person needs of an exception and choose the exit code."""
+    if isinstance(error, KeyboardInterrupt):
+        return ExitCode.INTERRUPTED
+    if isinstance(error, Exit):
+        if error.message:
+            print_note(error.message)
+        return error.code
+    if debug:
+        traceback.print_exception(error, file=sys.stderr)
+    if isinstance(error, DefinitionError):
+        count = print_problems(error.problems)
+        print_note(f"{count} problem{'s' if count != 1 else ''}")
+        return ExitCode.INVALID_INPUT
+    where = f" Log: {log}." if log is not None else ""
+    name = "" if isinstance(error, PhyAgentOSError) else f"{type(error).__name__}: "
+    hint = "" if debug else " Add --debug for the traceback."
+    print_note(f"paos: {name}{str(error).rstrip('.')}.{where}{hint}")
+    return ExitCode.INTERNAL_ERROR

@@ -1,0 +1,138 @@
+"""What `paos run` knows of a run: a fold of the journal and of the heartbeats into rows of sessions and nodes.
+
+Reads only what any reader may read, and asks no plane. Upstream: journal, heartbeats. Downstream: console, report.
+"""
+
+import datetime
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from phyagentos.protocol.heartbeats import Heartbeat, find_heartbeat
+from phyagentos.protocol.ledger import GoalStatus, Ledger
+from phyagentos.protocol.lifecycle import FINAL_STATES
+from phyagentos.protocol.records import Record
+from phyagentos.protocol.sessions import SessionStatus
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One session, or one node that has none yet.
+
+    Attributes:
+        depth: How many nodes come before it on the longest way from the start.
+        node_state: Of the node, when it has no session.
+        beat: The heartbeat of the worker that runs it now.
+        wall_s: From its submission to its latest record, by the wall clock [s].
+    """
+
+    node: str
+    depth: int
+    node_state: str
+    session: SessionStatus | None = None
+    beat: Heartbeat | None = None
+    wall_s: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The session's id without the goal, else the node's name."""
+        return self.session.contract.id.split(".", 1)[-1] if self.session is not None else self.node
+
+    @property
+    def state(self) -> str:
+        """State of the session, else of the node."""
+        return self.session.state if self.session is not None else self.node_state
+
+    @property
+    def is_final(self) -> bool:
+        """Whether its session has come to its end."""
+        return self.session is not None and self.session.state in FINAL_STATES
+
+    @property
+    def verdict(self) -> str:
+        """The latest judgement, empty before."""
+        attempts = self.session.attempts if self.session is not None else ()
+        return attempts[-1].verdict.value if attempts else ""
+
+    @property
+    def sim_time_s(self) -> float:
+        """Simulated time of the execution [s], 0 before its end."""
+        execution = self.session.execution if self.session is not None else None
+        return execution.sim_time_s if execution is not None else 0.0
+
+
+class RunFold:
+    """The run so far; `apply` records as they come, then ask for rows.
+
+    Args:
+        heartbeats: Folder of the workspace.
+    """
+
+    def __init__(self, heartbeats: Path) -> None:
+        self.ledger = Ledger()
+        self._heartbeats = heartbeats
+        self._first_at: dict[str, str] = {}
+        self._last_at: dict[str, str] = {}
+        self._past: frozenset[str] = frozenset()
+
+    def forget_finished_goals(self) -> None:
+        """From now on only goals that are not over, or come later, are of interest."""
+        self._past = frozenset(goal.id for goal in self.ledger.goals.values() if goal.verdict or goal.is_cancelled)
+
+    def apply(self, records: Iterable[Record]) -> bool:
+        """Take in new records; whether there were any."""
+        before = self.ledger.seq
+        for record in records:
+            self.ledger.apply(record)
+            self._first_at.setdefault(record.id, record.at)
+            self._last_at[record.id] = record.at
+        return self.ledger.seq > before
+
+    @property
+    def goal(self) -> GoalStatus | None:
+        """The goal that was submitted last."""
+        return next((goal for id, goal in reversed(self.ledger.goals.items()) if id not in self._past), None)
+
+    def rows(self) -> list[Row]:
+        """Every node of the goal in topological order, each with its sessions, parents before children."""
+        goal = self.goal
+        if goal is None:
+            return []
+        after = {name: node.after for name, node in goal.nodes.items()}
+        depths = {name: compute_depth(name, after) for name in after}
+        beats = {beat.session: beat for beat in self.find_heartbeats().values()}
+        names = sorted(depths, key=lambda name: depths[name])
+        return [row for name in names for row in self._rows_of(goal, name, depths[name], beats)]
+
+    def find_heartbeats(self) -> dict[str, Heartbeat]:
+        """The latest beat of every target, by target."""
+        names = sorted(path.stem for path in self._heartbeats.glob("*.json"))
+        beats = {name: find_heartbeat(self._heartbeats, name) for name in names}
+        return {name: beat for name, beat in beats.items() if beat is not None}
+
+    def _rows_of(self, goal: GoalStatus, name: str, depth: int, beats: Mapping[str, Heartbeat]) -> list[Row]:
+        node = goal.nodes[name]
+        if not node.sessions:
+            return [Row(node=name, depth=depth, node_state=node.state.value)]
+        return [
+            Row(
+                node=name,
+                depth=depth,
+                node_state=node.state.value,
+                session=self.ledger.sessions[id],
+                beat=beats.get(id) if self.ledger.sessions[id].state not in FINAL_STATES else None,
+                wall_s=compute_seconds(self._first_at[id], self._last_at[id]),
+            )
+            for id in node.sessions
+        ]
+
+
+def compute_depth(node: str, after: Mapping[str, tuple[str, ...]]) -> int:
+    """Length of the longest way from a node without predecessors; the compiler has refused cycles."""
+    return max((1 + compute_depth(before, after) for before in after.get(node, ())), default=0)
+
+
+def compute_seconds(start: str, end: str) -> float:
+    """Wall time between two stamps of records [s]."""
+    begin, stop = (datetime.datetime.fromisoformat(stamp) for stamp in (start, end))
+    return (stop - begin).total_seconds()

@@ -1,0 +1,110 @@
+"""How a run ended: one report, as JSON for programs and as a table for people.
+
+Upstream: the fold of the run. Every figure is in the journal or the evidence; nothing is measured here.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from phyagentos.agent.mission_report import MissionReport
+from phyagentos.agent.mission_report import build_report as build_mission_report
+from phyagentos.cli.console import STYLES, build_criterion_line, describe
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.progress import Row, RunFold
+from phyagentos.protocol.evidence import PICTURE_AFTER, PICTURE_BEFORE
+
+
+class RunReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos run --json` prints.
+
+    Attributes:
+        report: Version of this format.
+        wall_s: Of the whole command, both planes started and ended [s].
+        pictures: Session -> files.
+        goal: The agent's own report; None when it never got so far.
+    """
+
+    report: int = 1
+    exit_code: int
+    workspace: str
+    wall_s: float
+    pictures: dict[str, tuple[str, ...]]
+    goal: MissionReport | None
+
+
+def compute_exit_code(fold: RunFold) -> ExitCode:
+    """What the journal says about the end of the goal."""
+    goal = fold.goal
+    if goal is None or not (goal.verdict or goal.is_cancelled):
+        return ExitCode.INTERNAL_ERROR
+    return ExitCode(build_mission_report(goal, fold.ledger, 0.0).exit_code)
+
+
+def build_report(fold: RunFold, *, workspace: Path, wall_s: float, exit_code: ExitCode) -> RunReport:
+    """The whole run in one value."""
+    goal = fold.goal
+    sessions = [row.session.contract.id for row in fold.rows() if row.session is not None]
+    pictures = {id: find_pictures(workspace / "evidence" / id) for id in sessions}
+    return RunReport(
+        exit_code=int(exit_code),
+        workspace=str(workspace),
+        wall_s=round(wall_s, 3),
+        pictures={id: found for id, found in pictures.items() if found},
+        goal=build_mission_report(goal, fold.ledger, round(wall_s, 3)) if goal is not None else None,
+    )
+
+
+def find_pictures(bundle: Path) -> tuple[str, ...]:
+    """The pictures of one evidence bundle."""
+    return tuple(str(bundle / name) for name in (PICTURE_BEFORE, PICTURE_AFTER) if (bundle / name).is_file())
+
+
+def render_json(report: RunReport) -> str:
+    """Indented JSON."""
+    return msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n"
+
+
+def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
+    """The final table, the goal's own criteria, and where the pictures are."""
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("node", "session", "state", "verdict", "because"):
+        table.add_column(column, overflow="fold")
+    table.add_column("simulated", justify="right", no_wrap=True)
+    table.add_column("wall", justify="right", no_wrap=True)
+    for row in fold.rows():
+        table.add_row(*_build_cells(row))
+    console.print()
+    console.print(table)
+    console.print()
+    goal = report.goal
+    if goal is not None:
+        is_met = report.exit_code == ExitCode.GOAL_MET
+        word, style = ("met", "bold green") if is_met else ("not met", "bold red")
+        console.print(Text.assemble(f"goal {goal.goal}: ", (word, style), f"  {goal.reason}"))
+        for criterion in goal.criteria:
+            console.print(build_criterion_line(criterion))
+    for pictures in report.pictures.values():
+        for picture in pictures:
+            console.print(f"picture {picture}", style="dim", soft_wrap=True)
+    console.print(f"documents in {report.workspace}", style="dim", soft_wrap=True)
+
+
+def _build_cells(row: Row) -> list[Any]:
+    session = row.session
+    criteria = session.attempts[-1].criteria if session is not None and session.attempts else ()
+    held = sum(criterion.truth.value == "true" for criterion in criteria)
+    because = f"{held} of {len(criteria)} criteria hold" if row.verdict == "success" else describe(row)
+    return [
+        row.node,
+        session.contract.id if session is not None else "",
+        Text(row.state, STYLES.get(row.state, "")),
+        Text(row.verdict, STYLES.get(row.verdict, "")),
+        because if session is not None else "",
+        f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
+        f"{row.wall_s:.1f} s" if session is not None else "",
+    ]

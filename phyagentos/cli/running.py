@@ -1,0 +1,120 @@
+"""Commands that move things: `run` (both planes and a live view), `agent` and `watch` (one plane by hand)."""
+
+import contextlib
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.cli.outcome import Exit, ExitCode, print_result
+
+Graph = Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")]
+Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
+Seed = Annotated[int, typer.Option(help="Root of every random choice.", min=0)]
+Overrides = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
+]
+NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")]
+FaultFile = Annotated[Path | None, typer.Option("--faults", help="What shall go wrong in the simulated world.")]
+WithParent = Annotated[bool, typer.Option("--with-parent", hidden=True)]
+
+PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    app.command("run")(run)
+    app.command("agent")(agent)
+    app.command("watch")(watch)
+
+
+def run(
+    graph: Graph,
+    seed: Seed = 0,
+    workspace: Annotated[
+        Path | None,
+        typer.Option("--workspace", "-w", help="Folder of the run; a new one under workspaces/ by default."),
+    ] = None,
+    faults: FaultFile = None,
+    set_: Overrides = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON report on stdout, all else on stderr.")] = False,
+    no_pictures: NoPictures = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the final table.")] = False,
+) -> int:
+    """Run a goal graph to its verdict: both planes, live progress, a final table."""
+    from phyagentos.cli.mission_run import Order, run_mission
+
+    return run_mission(
+        Order(
+            graph=graph,
+            seed=seed,
+            workspace=workspace,
+            faults=faults,
+            overrides=tuple(set_ or ()),
+            as_json=as_json,
+            pictures=not no_pictures,
+            quiet=quiet,
+        )
+    )
+
+
+def agent(
+    graph: Graph, workspace: Space, seed: Seed = 0, set_: Overrides = None, with_parent: WithParent = False
+) -> int:
+    """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
+    from phyagentos.assembly import run_agent
+    from phyagentos.cli.projects import get_file
+
+    _prepare(with_parent)
+    report = run_agent(workspace, get_file(graph, "goal_graphs"), seed, overrides=parse_overrides(set_))
+    print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
+    return report.exit_code
+
+
+def watch(
+    workspace: Space,
+    faults: FaultFile = None,
+    no_pictures: NoPictures = False,
+    once_idle: Annotated[bool, typer.Option(help="End when no goal and no session is left.")] = False,
+    with_parent: WithParent = False,
+) -> None:
+    """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
+    from phyagentos.assembly import run_watch
+    from phyagentos.cli.projects import get_file
+
+    _prepare(with_parent)
+    run_watch(
+        workspace,
+        faults=get_file(faults, "faults") if faults is not None else None,
+        pictures=not no_pictures,
+        once_idle=once_idle,
+    )
+
+
+def _prepare(with_parent: bool) -> None:
+    """Let `terminate` be a Ctrl-C, so that both end the same way; and, when asked, end with the parent."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
+    if with_parent and sys.platform == "linux":
+        parent = os.getppid()
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != parent:
+            raise Exit(ExitCode.INTERRUPTED)
+
+
+def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
+    """`["targets.arm=ur5e"]` as `{"targets.arm": "ur5e"}`."""
+    pairs = [text.partition("=") for text in texts or ()]
+    wrong = [key for key, _, value in pairs if not key.startswith("targets.") or not value]
+    if wrong:
+        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected targets.ROLE=NAME")
+    return {key: value for key, _, value in pairs}

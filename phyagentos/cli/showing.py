@@ -1,0 +1,123 @@
+"""Commands that show what there is: `list`, `schema`, `lifecycle`, `tree show`."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.cli.outcome import print_note, print_result
+
+
+class Kind(StrEnum):
+    """What `paos list` lists."""
+
+    GRAPHS = "graphs"
+    LEAVES = "leaves"
+    PREDICATES = "predicates"
+    SCENES = "scenes"
+    SKILLS = "skills"
+    TARGETS = "targets"
+    TREES = "trees"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    app.command("list")(list_names)
+    app.command("schema")(show_schema)
+    app.command("lifecycle")(show_lifecycle)
+    trees = typer.Typer(help="Behaviour trees.", no_args_is_help=True, rich_markup_mode=None)
+    trees.command("show")(show_tree)
+    app.add_typer(trees, name="tree")
+
+
+def list_names(kind: Kind) -> None:
+    """Print the names that can be used here, one a line."""
+    for name in _NAMES[kind]():
+        print_result(name)
+
+
+def show_schema(
+    kind: Annotated[
+        str | None, typer.Argument(help="goal_graph, tree, skill, scene, target, safety, faults, …")
+    ] = None,
+    write: Annotated[Path | None, typer.Option(help="Write every schema into this folder instead.")] = None,
+) -> None:
+    """Print the JSON Schema of an authored file, for editors; without a kind, the kinds."""
+    from phyagentos.cli import schemas
+
+    if write is not None:
+        for path in schemas.write_schemas(write):
+            print_note(f"wrote {path}")
+    elif kind is None:
+        print_result("\n".join(schemas.names_of_schemas()))
+    else:
+        print_result(schemas.render_schema(kind))
+
+
+def show_lifecycle(
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid statechart.")] = False,
+) -> None:
+    """Print the session statechart: the table that is also the code."""
+    from phyagentos.protocol.lifecycle import SESSION_TRANSITIONS, render_mermaid
+
+    if mermaid:
+        print_result(render_mermaid())
+        return
+    for row in SESSION_TRANSITIONS:
+        sources = ", ".join(row.sources)
+        print_result(f"{row.trigger:<15} {sources} -> {row.dest}   by {', '.join(row.by)}")
+
+
+def show_tree(
+    tree: Annotated[str, typer.Argument(help="Name of a tree, or its YAML file.")],
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
+    svg: Annotated[Path | None, typer.Option(help="Write a drawing to this file.")] = None,
+) -> None:
+    """Draw a behaviour tree, subtrees included."""
+    from phyagentos.cli import tree_drawing
+
+    root = tree_drawing.read_drawing(tree)
+    if svg is not None:
+        svg.write_text(tree_drawing.render_svg(root), encoding="utf-8")
+        print_note(f"wrote {svg}")
+    elif mermaid:
+        print_result(tree_drawing.render_mermaid(root))
+    else:
+        tree_drawing.print_tree(root)
+
+
+def _names_of_leaves() -> list[str]:
+    from phyagentos.protocol.library import Library
+    from phyagentos.runtime.execution.registry import build_registry
+
+    return build_registry(Library.open(Path.cwd())).names()
+
+
+def _names_of_predicates() -> list[str]:
+    from phyagentos.protocol.predicate_library import get_predicate_library
+
+    library = get_predicate_library()
+    return [definition.signature for name in library.names() if (definition := library.find(name))]
+
+
+def _from_library(method: str) -> Callable[[], list[str]]:
+    def names() -> list[str]:
+        from phyagentos.protocol.library import Library
+
+        found: list[str] = getattr(Library.open(Path.cwd()), method)()
+        return found
+
+    return names
+
+
+_NAMES: dict[Kind, Callable[[], list[str]]] = {
+    Kind.GRAPHS: _from_library("names_of_goal_graphs"),
+    Kind.LEAVES: _names_of_leaves,
+    Kind.PREDICATES: _names_of_predicates,
+    Kind.SCENES: _from_library("names_of_scenes"),
+    Kind.SKILLS: _from_library("names_of_skills"),
+    Kind.TARGETS: _from_library("names_of_targets"),
+    Kind.TREES: _from_library("names_of_trees"),
+}

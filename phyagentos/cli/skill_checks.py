@@ -1,0 +1,76 @@
+"""What can be wrong with a SKILL.md beyond its form: predicates, references to parameters, the tree.
+
+Upstream: `lint`. The runtime checks the same again in preflight, against the session that is about to run.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.predicates import parse_predicate
+from phyagentos.protocol.schema import Address, Located
+from phyagentos.protocol.skill_runtimes import SkillRuntime, read_skill
+from phyagentos.protocol.trees import Tree, read_tree
+
+TARGET_WORD = "target"  # `${target}` is the session's own target
+
+
+def check_skill(path: Path, library: Library) -> None:
+    """Check one SKILL.md.
+
+    Raises:
+        DefinitionError: With every problem.
+    """
+    skill, located = read_skill(path)
+    problems = [*_check_predicates(skill, located), *_check_tree(skill, located, library)]
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem]:
+    known = [*skill.parameters, TARGET_WORD]
+    for key in ("requires", "hold", "guarantees"):
+        for index, text in enumerate(getattr(skill, key)):
+            address: Address = (key, index)
+            try:
+                predicate = parse_predicate(text, address=located.address_of(address), template=True)
+            except DefinitionError as error:
+                yield from error.problems
+                continue
+            for name in predicate.variables:
+                if name not in known:
+                    found = f"'${{{name}}}' in {text!r}"
+                    yield located.problem(
+                        "UNKNOWN_PARAMETER", address, found, format_names(known), format_hint(name, known)
+                    )
+
+
+def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
+    names = library.names_of_trees()
+    if skill.tree not in names:
+        yield located.problem(
+            "UNKNOWN_TREE", ("tree",), repr(skill.tree), format_names(names), format_hint(skill.tree, names)
+        )
+        return
+    try:
+        tree = read_tree(library.get_tree(skill.tree))
+    except DefinitionError as error:
+        yield from error.problems
+        return
+    yield from _check_ports(skill, located, tree)
+
+
+def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[Problem]:
+    """The skill must feed every input of its tree, and the tree must make every output of the skill."""
+    for name, port in tree.header.inputs.items():
+        if name not in skill.parameters and not port.optional and port.default is None:
+            hint = f"The tree {skill.tree!r} reads it."
+            yield located.problem("MISSING_PARAMETER", ("parameters",), "nothing", f"parameter {name!r}", hint)
+    for name in skill.outputs:
+        if name not in tree.header.outputs:
+            possible = tree.header.outputs
+            found = f"{name!r}, which the tree {skill.tree!r} does not make"
+            yield located.problem(
+                "UNKNOWN_OUTPUT", ("outputs", name), found, format_names(possible), format_hint(name, possible)
+            )

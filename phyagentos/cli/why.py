@@ -1,0 +1,82 @@
+"""`paos why`: a verdict explained from the records alone, down to the layer, the leaf and the number that decided it.
+
+Upstream: ledger and evidence bundle. It judges nothing again: the diagnosis is the agent's own, over the same evidence.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from phyagentos.agent.diagnosis import diagnose, find_failed_leaf
+from phyagentos.protocol.evidence import Bundle, read_bundle
+from phyagentos.protocol.ledger import Ledger
+from phyagentos.protocol.sessions import Execution, SessionId, SessionStatus
+from phyagentos.protocol.verdicts import Attempt, Truth, Verdict
+from phyagentos.protocol.workspace import Workspace
+
+_MARKS = {Truth.TRUE: "✓", Truth.FALSE: "✗", Truth.UNKNOWN: "?"}
+
+
+def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
+    """Everything that is known about the end of one session, one fact a line."""
+    status = ledger.sessions[id]
+    lines = [f"{id}: {status.state}", f"  objective   {status.contract.objective}"]
+    if status.contract.parent is not None:
+        lines.append(f"  parent      {status.contract.parent}, strategy {_show(status.contract.strategy)}")
+    lines += _explain_execution(status)
+    if status.execution is not None:
+        bundle = read_bundle(workspace.root / status.execution.evidence, status.contract, status.execution)
+        for attempt in status.attempts:
+            lines += _explain_attempt(attempt, bundle)
+        lines.append(f"  evidence    {bundle.folder}")
+    lines += [
+        f"  child       {child.contract.id}, strategy {_show(child.contract.strategy)}"
+        for child in ledger.sessions.values()
+        if child.contract.parent == id
+    ]
+    return "\n".join(lines)
+
+
+def _explain_execution(status: SessionStatus) -> Iterator[str]:
+    execution: Execution | None = status.execution
+    if execution is None:
+        yield f"  execution   none: {status.reason or 'it has not run'}"
+        return
+    code = f" {execution.code}" if execution.code else ""
+    yield (
+        f"  execution   {execution.ended.value}{code}: {execution.sim_time_s:.2f} s simulated, "
+        f"{execution.ticks} commands, {execution.interventions} safety interventions"
+    )
+    if execution.message:
+        yield f"              {execution.message}"
+
+
+def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
+    yield f"  verdict     {attempt.verdict.value}, sensing {attempt.sensing}, by {attempt.verifier}"
+    for criterion in attempt.criteria:
+        because = criterion.because or _show(criterion.measured)
+        at = f" at {criterion.at_s:.2f} s" if criterion.at_s is not None else ""
+        source = f" ({criterion.evidence}{at})" if criterion.evidence else ""
+        yield f"    {_MARKS[criterion.truth]} {criterion.kind} {criterion.text}: {because}{source}"
+    if attempt.verdict is Verdict.SUCCESS:
+        return
+    diagnosis = diagnose(bundle, attempt.criteria)
+    yield f"  layer       {diagnosis.layer.value}"
+    yield f"  cause       {attempt.cause}: {diagnosis.fact or attempt.reason}"
+    event = find_failed_leaf(bundle)
+    if event is not None:
+        yield f"  leaf        {event.path} at {event.time_s:.2f} s: {event.code} {event.message}".rstrip()
+        if event.numbers:
+            yield f"  numbers     {_show(event.numbers)}"
+
+
+def _show(values: Mapping[str, Any]) -> str:
+    """`a 1.5, b [1, 2]`, numbers short."""
+    return ", ".join(f"{name} {_show_value(value)}" for name, value in values.items()) or "none"
+
+
+def _show_value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_show_value(item) for item in value)}]"
+    return str(value)

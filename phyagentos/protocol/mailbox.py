@@ -1,0 +1,146 @@
+"""Stop requests as files: any tool can drop one into `signals/new/`, whoever may act takes it.
+
+Upstream: the operator, the command line, another tool. Downstream: watchdog and world process. It takes no lock, so a
+request never waits for the journal; nothing that arrives is lost, not even what nobody can read.
+"""
+
+import os
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import yaml
+
+from phyagentos.clock import Clock
+from phyagentos.errors import find_nearest
+
+EVERY_SESSION = "*"
+_SETTLING_S = 0.5  # a shell writes a file in two steps: it appears empty
+_KINDS = ("cancel", "pause", "resume", "estop")
+
+
+class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One request.
+
+    Attributes:
+        kind: What is asked for.
+        session: Which session, `*` for all.
+        by: Who asks.
+        reason: Why.
+        at: UTC wall time; filled in when it is dropped.
+    """
+
+    kind: Literal["cancel", "pause", "resume", "estop"]
+    session: str = EVERY_SESSION
+    by: str = ""
+    reason: str = ""
+    at: str = ""
+
+
+def drop_signal(folder: Path, signal: Signal, clock: Clock) -> Path:
+    """Put a request into the folder; it appears whole or not at all.
+
+    Args:
+        folder: `signals/` or `signals/new/` of a workspace.
+        signal: The request; an empty `at` becomes now.
+        clock: For `at` and the name.
+
+    Returns:
+        The file.
+    """
+    new = _get_root(folder) / "new"
+    new.mkdir(parents=True, exist_ok=True)
+    at = clock.wall_iso()
+    stamp = at.replace(":", "").replace(".", "")
+    data = msgspec.json.encode(signal if signal.at else msgspec.structs.replace(signal, at=at)) + b"\n"
+    number = 0
+    while True:
+        name = f"{stamp}-{os.getpid()}-{number}"
+        temporary = new.parent / f".{name}.tmp"
+        try:
+            with temporary.open("xb") as file:
+                file.write(data)
+        except FileExistsError:  # another thread of this process within the same microsecond
+            number += 1
+            continue
+        try:
+            (new / f"{name}.json").hardlink_to(temporary)
+            return new / f"{name}.json"
+        except FileExistsError:
+            number += 1
+        finally:
+            temporary.unlink()
+
+
+def take_signals(folder: Path) -> list[Signal]:
+    """Every request that waits, oldest name first.
+
+    Each is moved to `signals/done/`; one that cannot be read to `signals/rejected/`, with a file that says why, once it
+    is half a second old. Two takers never get the same one.
+
+    Args:
+        folder: `signals/` or `signals/new/` of a workspace.
+    """
+    root = _get_root(folder)
+    try:
+        paths = sorted(path for path in (root / "new").iterdir() if not path.name.startswith("."))
+    except FileNotFoundError:
+        return []
+    return [signal for path in paths if (signal := _take(path, root)) is not None]
+
+
+def _get_root(folder: Path) -> Path:
+    return folder.parent if folder.name == "new" else folder
+
+
+def _take(path: Path, root: Path) -> Signal | None:
+    try:
+        signal = msgspec.convert(yaml.load(path.read_bytes(), Loader=yaml.BaseLoader), Signal)
+    except (msgspec.MsgspecError, yaml.YAMLError, UnicodeDecodeError, IsADirectoryError) as error:
+        _reject(path, root / "rejected", error)
+        return None
+    except FileNotFoundError:
+        return None  # somebody else took it
+    return signal if _move(path, root / "done") is not None else None
+
+
+def _reject(path: Path, folder: Path, error: Exception) -> None:
+    """Put what cannot be read aside with the reason, unless somebody may still be writing it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    reason = folder / f"{path.name}.reason.txt"
+    reason.write_text(_explain(path, error), encoding="utf-8")
+    try:
+        age_s = reason.stat().st_mtime - path.stat().st_mtime  # both by the file system's clock
+    except FileNotFoundError:
+        age_s = 0.0
+    if age_s < _SETTLING_S or _move(path, folder) is None:
+        reason.unlink(missing_ok=True)
+
+
+def _move(path: Path, folder: Path) -> Path | None:
+    """Move a file under its own name, or a numbered one when that is taken; None when it is gone."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 0
+    while True:
+        destination = folder / (f"{path.name}.{number}" if number else path.name)
+        try:
+            destination.touch(exist_ok=False)  # reserve the name: a rename would replace an older file
+        except FileExistsError:
+            number += 1
+            continue
+        try:
+            return path.replace(destination)
+        except OSError:  # gone, or a folder that somebody put here
+            destination.unlink(missing_ok=True)
+            return None
+
+
+def _explain(path: Path, error: Exception) -> str:
+    example = msgspec.json.encode(Signal(kind="cancel", by="me", reason="why")).decode()
+    word = str(error).rsplit("'", 2)[-2] if str(error).count("'") >= 2 else ""
+    nearest = find_nearest(word, _KINDS)
+    hint = f" Did you mean {nearest!r}?" if nearest and nearest != word else ""
+    return (
+        f"{path.name}: {error}.{hint}\nExpected a YAML or JSON mapping with kind ({', '.join(_KINDS)}) and, if wanted, "
+        f"session, by, reason, at. For example:\n{example}\nNothing was done. Drop a corrected file.\n"
+    )

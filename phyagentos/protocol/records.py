@@ -1,0 +1,211 @@
+"""Records of the journal and their frame `phy1`: how one is written into a Markdown segment, found and trusted again.
+
+A record is a header `<!-- phy1 SEQ10 LEN6 CRC8 -->` and LEN bytes of UTF-8: one line `- {json}`, then free Markdown,
+normally one YAML block. The CRC-32 of the payload starts from SEQ, so a record cannot be moved. Records of one batch
+count only together: each but the last says how many `more` follow.
+"""
+
+import re
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.bodies import parse_body
+
+HEADER_BYTES = 41
+MAX_PAYLOAD_BYTES = 999_999
+JOURNAL_ID = "journal"  # id of records about the journal itself (`repair`)
+
+_HEADER = re.compile(rb"<!-- phy1 (\d{10}) (\d{6}) ([0-9a-f]{8}) -->\n")
+
+
+class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The first line of a payload, in the order a person reads it."""
+
+    id: str
+    ev: str
+    source: str | None = msgspec.field(default=None, name="from")
+    to: str | None = None
+    by: str
+    side: str
+    epoch: int | None = msgspec.field(default=None, name="ep")
+    at: str
+    more: int = 0
+
+
+_ENCODER = msgspec.json.Encoder()
+_DECODER = msgspec.json.Decoder(_Line)
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+    """One fact of the journal.
+
+    Attributes:
+        seq: Position in the lane, from 1, without gaps.
+        id: A session id, `goal:<goal id>`, `node:<goal id>/<node>` or `journal`.
+        ev: What happened: a trigger of the lifecycle, `submit`, or a goal or node event.
+        source: State before; None for everything but sessions, and for `submit`.
+        to: State after; None for everything but sessions.
+        by: Name of the writer.
+        side: `agent`, `runtime` or `operator`.
+        epoch: Fencing token in force after this record; None for goals and nodes.
+        at: UTC wall time.
+        more: Records of the same batch that follow.
+        markdown: What stands below the first line.
+    """
+
+    seq: int
+    id: str
+    ev: str
+    source: str | None = None
+    to: str | None = None
+    by: str
+    side: str
+    epoch: int | None = None
+    at: str
+    more: int = 0
+    markdown: str = ""
+
+    @cached_property
+    def body(self) -> dict[str, Any] | None:
+        """The YAML block as plain data, parsed when first asked for."""
+        return parse_body(self.markdown)
+
+
+def encode_record(record: Record) -> bytes:
+    """The record as it stands in a segment.
+
+    Raises:
+        DefinitionError: `RECORD_TOO_LARGE`: pictures and traces belong into files of the evidence folder.
+    """
+    line = _Line(
+        id=record.id,
+        ev=record.ev,
+        source=record.source,
+        to=record.to,
+        by=record.by,
+        side=record.side,
+        epoch=record.epoch,
+        at=record.at,
+        more=record.more,
+    )
+    payload = b"- %b\n%b\n" % (_ENCODER.encode(line), record.markdown.encode())
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise DefinitionError(
+            Problem(
+                code="RECORD_TOO_LARGE",
+                address=f"{record.id}: {record.ev}",
+                found=f"{len(payload)} bytes",
+                expected=f"at most {MAX_PAYLOAD_BYTES}",
+                hint="Put large values into a file of the evidence folder and name it here.",
+            )
+        )
+    return frame_payload(record.seq, payload)
+
+
+def frame_payload(seq: int, payload: bytes) -> bytes:
+    """Header and payload."""
+    return b"<!-- phy1 %010d %06d %08x -->\n%b" % (seq, len(payload), compute_crc(seq, payload), payload)
+
+
+def compute_crc(seq: int, payload: bytes) -> int:
+    """CRC-32 (zlib polynomial) of the payload, started from the sequence number."""
+    return zlib.crc32(payload, seq & 0xFFFFFFFF)
+
+
+def _decode_record(seq: int, payload: bytes) -> Record:
+    first, _, rest = payload.partition(b"\n")
+    line = _DECODER.decode(first[2:])
+    return Record(
+        seq=seq,
+        id=line.id,
+        ev=line.ev,
+        source=line.source,
+        to=line.to,
+        by=line.by,
+        side=line.side,
+        epoch=line.epoch,
+        at=line.at,
+        more=line.more,
+        markdown=rest[:-1].decode(),
+    )
+
+
+class Tail(StrEnum):
+    """What stands behind the last whole batch."""
+
+    CLEAN = "clean"
+    """Nothing."""
+    TORN = "torn"
+    """The beginning of a batch whose writer is still at it, or died before anybody was told of it."""
+    DAMAGED = "damaged"
+    """Bytes that no writer leaves: something acknowledged has changed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """What a stretch of a segment holds.
+
+    Attributes:
+        records: Those of whole batches, in order.
+        end: Offset behind the last whole batch.
+        tail: What follows.
+    """
+
+    records: Sequence[Record]
+    end: int
+    tail: Tail
+
+
+def scan_records(data: bytes, last_seq: int) -> Scan:
+    """Read every whole batch at the beginning of `data`.
+
+    Args:
+        data: Bytes of a segment from a record boundary to its end.
+        last_seq: Sequence number of the record before `data`.
+    """
+    records: list[Record] = []
+    position, seq, end, whole = 0, last_seq, 0, 0
+    while match := _HEADER.match(data, position):
+        begin = match.end()
+        stop = begin + int(match[2])
+        payload = data[begin:stop]
+        is_next = int(match[1]) == seq + 1 and stop <= len(data)
+        if not is_next or compute_crc(seq + 1, payload) != int(match[3], 16):
+            break
+        try:
+            record = _decode_record(seq + 1, payload)
+        except (msgspec.MsgspecError, UnicodeDecodeError):
+            break
+        records.append(record)
+        position, seq = stop, seq + 1
+        if record.more == 0:
+            end, whole = position, len(records)
+    tail = Tail.CLEAN if end == len(data) else _judge(data[position:])
+    return Scan(records[:whole], end, tail)
+
+
+def _judge(rest: bytes) -> Tail:
+    """Tell an append that was cut short from a change of what stood there."""
+    if len(rest) < HEADER_BYTES:  # nothing at all, where only a later record of the batch is missing
+        return Tail.TORN
+    match = _HEADER.match(rest)
+    if match is None:
+        return Tail.DAMAGED
+    payload = rest[HEADER_BYTES:]
+    is_short = len(payload) < int(match[2])
+    is_length_changed = compute_crc(int(match[1]), payload) == int(match[3], 16)
+    return Tail.TORN if is_short and not is_length_changed and not _holds_record(payload) else Tail.DAMAGED
+
+
+def _holds_record(data: bytes) -> bool:
+    return any(
+        compute_crc(int(match[1]), data[match.end() : match.end() + int(match[2])]) == int(match[3], 16)
+        for match in _HEADER.finditer(data)
+    )

@@ -1,0 +1,178 @@
+"""Segments: the files of one lane of the journal, `<date>.<number>.md`, each naming and hashing the one before.
+
+Upstream: the writer, which opens a new one at midnight (UTC) or at 16 MB. Downstream: the follower.
+"""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from phyagentos.errors import ExecutionError
+
+_NAME = re.compile(r"\d{4}-\d{2}-\d{2}\.\d{3,}\.md")
+_FRONT = re.compile(
+    rb"---\nphy: journal/1\nlane: (?P<lane>[^\n]+)\nsegment: (?P<name>[^\n]+)\nfirst_seq: (?P<first>\d+)\n"
+    rb"prev: (?P<prev>[^\n]+)\nprev_sha256: (?P<hash>[^\n]+)\n---\n\n# Session journal (?P=name)\n\n"
+)
+_FRONT_MAX_BYTES = 2048
+NONE = "none"  # in place of the segment before the first
+
+
+class FileIO(Protocol):
+    """The calls that change the disk, so that a test can make each of them fail."""
+
+    def write(self, fd: int, data: bytes) -> int:
+        """Append; may write less than asked."""
+        ...
+
+    def truncate(self, fd: int, size: int) -> None:
+        """Cut to `size` bytes."""
+        ...
+
+    def fdatasync(self, fd: int) -> None:
+        """Make the contents durable."""
+        ...
+
+    def fsync(self, fd: int) -> None:
+        """Make contents and metadata durable."""
+        ...
+
+    def replace(self, source: Path, destination: Path) -> None:
+        """Rename over."""
+        ...
+
+
+class SystemIO:
+    """The operating system's own calls."""
+
+    def write(self, fd: int, data: bytes) -> int:
+        """`write(2)`."""
+        return os.write(fd, data)
+
+    def truncate(self, fd: int, size: int) -> None:
+        """`ftruncate(2)`."""
+        os.ftruncate(fd, size)
+
+    def fdatasync(self, fd: int) -> None:
+        """`fdatasync(2)`."""
+        os.fdatasync(fd)
+
+    def fsync(self, fd: int) -> None:
+        """`fsync(2)`."""
+        os.fsync(fd)
+
+    def replace(self, source: Path, destination: Path) -> None:
+        """`rename(2)`."""
+        source.replace(destination)
+
+
+@dataclass(frozen=True, slots=True)
+class Front:
+    """The front matter of a segment.
+
+    Attributes:
+        lane: Who writes here: the name of the folder.
+        name: `2026-11-21.001`, without suffix.
+        first_seq: Sequence number of its first record.
+        prev: Name of the segment before, `none` for the first.
+        prev_sha256: Hash of that file as sealed, `none` for the first.
+    """
+
+    lane: str
+    name: str
+    first_seq: int
+    prev: str = NONE
+    prev_sha256: str = NONE
+
+    def encode(self) -> bytes:
+        """The beginning of the file; the first record follows at once."""
+        return (
+            f"---\nphy: journal/1\nlane: {self.lane}\nsegment: {self.name}\nfirst_seq: {self.first_seq}\n"
+            f"prev: {self.prev}\nprev_sha256: {self.prev_sha256}\n---\n\n# Session journal {self.name}\n\n"
+        ).encode()
+
+
+def list_segments(folder: Path) -> list[str]:
+    """Names of the lane's segments without suffix, oldest first."""
+    return sorted(name[:-3] for name in os.listdir(folder) if _NAME.fullmatch(name))  # noqa: PTH208 - in every commit
+
+
+def find_next_segment(folder: Path, name: str) -> str | None:
+    """The segment after `name`, or None."""
+    return next((later for later in list_segments(folder) if later > name), None)
+
+
+def read_front(path: Path, data: bytes) -> Front:
+    """Parse the first bytes of a segment.
+
+    Raises:
+        ExecutionError: `JOURNAL_DAMAGED` when they are not a segment's.
+    """
+    match = _FRONT.match(data[:_FRONT_MAX_BYTES])
+    if match is None:
+        raise damage(path, 0, "the front matter is not that of a journal segment")
+    return Front(
+        lane=match["lane"].decode(errors="replace"),
+        name=match["name"].decode(errors="replace"),
+        first_seq=int(match["first"]),
+        prev=match["prev"].decode(errors="replace"),
+        prev_sha256=match["hash"].decode(errors="replace"),
+    )
+
+
+def choose_next_name(current: str | None, today: str) -> str:
+    """Name of the segment to open now; always sorts after the current one, even when the clock went back.
+
+    Args:
+        current: Name of the last segment, None when there is none.
+        today: UTC date, `2026-11-21`.
+    """
+    if current is None or today > current[:10]:
+        return f"{today}.001"
+    return f"{current[:10]}.{int(current[11:]) + 1:03d}"
+
+
+def create_segment(folder: Path, front: Front, file_io: FileIO, *, durable: bool) -> None:
+    """Let a segment appear as a whole: temporary file, fsync, rename, fsync of the folder."""
+    temporary = folder / f".{front.name}.tmp"
+    with temporary.open("wb", buffering=0) as file:
+        write_all(file_io, file.fileno(), front.encode())
+        if durable:
+            file_io.fsync(file.fileno())
+    file_io.replace(temporary, folder / f"{front.name}.md")
+    if durable:
+        sync_folder(folder, file_io)
+
+
+def write_all(file_io: FileIO, fd: int, data: bytes) -> None:
+    """Write every byte, however often the system takes only a part.
+
+    Raises:
+        OSError: When the system takes nothing any more.
+    """
+    rest = memoryview(data)
+    while rest:
+        taken = file_io.write(fd, rest)  # type: ignore[arg-type]  # any buffer will do
+        if taken == 0:
+            raise OSError("the system took no byte of a write")
+        rest = rest[taken:]
+
+
+def sync_folder(folder: Path, file_io: FileIO) -> None:
+    """Make the names in a folder durable."""
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        file_io.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def damage(path: Path, offset: int, what: str) -> ExecutionError:
+    """The error of bytes that no writer leaves."""
+    return ExecutionError(
+        "JOURNAL_DAMAGED",
+        f"{path}, offset {offset}: {what}. Nothing was changed. Compare the file with a copy or with version control "
+        "and restore the original bytes; the records before this offset are intact.",
+    )

@@ -1,0 +1,97 @@
+"""What the watchdog asks of a worker process, and what it hears back. One session at a time."""
+
+from multiprocessing.connection import Connection
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import Problem
+from phyagentos.protocol.sessions import Execution, Session
+from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
+
+
+class Check(msgspec.Struct, frozen=True, tag=True):
+    """Load the session's scene if need be and check the contract against the live target. Answer: `Checked`.
+
+    Attributes:
+        restore: File with the state vector to start from (a rerun), empty for an ordinary session.
+    """
+
+    session: Session
+    epoch: int
+    restore: str = ""
+
+
+class Run(msgspec.Struct, frozen=True, tag=True):
+    """Carry out the session that was checked last. Answer: `Finished`."""
+
+    session: Session
+    epoch: int
+    evidence: str
+
+
+class Stop(msgspec.Struct, frozen=True, tag=True):
+    """Bring the running session to an end. No answer of its own; `Finished` comes sooner.
+
+    Attributes:
+        reason: `cancelled`, `timed_out` or `stalled`.
+    """
+
+    session: str
+    reason: str
+
+
+class Reconcile(msgspec.Struct, frozen=True, tag=True):
+    """Observe the world for a session whose runner was lost. Answer: `Finished`."""
+
+    session: Session
+    epoch: int
+    evidence: str
+    reason: str
+
+
+class Ready(msgspec.Struct, frozen=True, tag=True):
+    """The worker, its planner and its target stand; sent once, unasked."""
+
+
+class Checked(msgspec.Struct, frozen=True, tag=True):
+    """Result of preflight: a plan, or every problem.
+
+    Attributes:
+        plan: None when there is any problem.
+    """
+
+    session: str
+    plan: AdapterPlan | None
+    tools: TargetToolManifest | None
+    problems: tuple[Problem, ...] = ()
+
+
+class Finished(msgspec.Struct, frozen=True, tag=True):
+    """The session left `running`; the target is at rest and observed."""
+
+    session: str
+    execution: Execution
+
+
+ToWorker = Check | Run | Stop | Reconcile
+FromWorker = Ready | Checked | Finished
+
+_ENCODER = msgspec.msgpack.Encoder()
+_TO_WORKER: msgspec.msgpack.Decoder[ToWorker] = msgspec.msgpack.Decoder(ToWorker)
+_FROM_WORKER: msgspec.msgpack.Decoder[FromWorker] = msgspec.msgpack.Decoder(FromWorker)
+
+
+def send(connection: "Connection[Any, Any]", message: ToWorker | FromWorker) -> None:
+    """Send one message."""
+    connection.send_bytes(_ENCODER.encode(message))
+
+
+def receive_order(connection: "Connection[Any, Any]") -> ToWorker:
+    """Wait for the watchdog; raises EOFError when it is gone."""
+    return _TO_WORKER.decode(connection.recv_bytes())
+
+
+def receive_answer(connection: "Connection[Any, Any]") -> FromWorker:
+    """Wait for the worker; raises EOFError when it is gone."""
+    return _FROM_WORKER.decode(connection.recv_bytes())

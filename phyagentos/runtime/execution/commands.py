@@ -1,0 +1,87 @@
+"""One tick's channels become one control period of set-points.
+
+Upstream: leaves, which set the arm and the gripper independently. Downstream: the runner. A channel that nobody sets
+holds its last set-point; when nobody sets any, there is no command, and simulated time stands. An arm whose set-points
+still move when nobody sets them (its leaf was interrupted) is brought to rest on a uniform ramp.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.runtime.actions.set_points import SetPoints
+
+Array = NDArray[np.float64]
+
+BRAKE_FRACTION = 0.5  # of the acceleration limit; leaves room for the guard's finite differences
+
+
+class CommandBuffer:
+    """Collects the channels of one tick.
+
+    Args:
+        q_rad: (n_joints,) where the arm rests.
+        gripper_width_m: Opening that the gripper rests at.
+        acceleration_rad_s2: (n_joints,) limits, for braking.
+        n_steps: Rows of one control period.
+        step_s: Time between rows [s].
+    """
+
+    def __init__(
+        self, *, q_rad: Array, gripper_width_m: float, acceleration_rad_s2: Array, n_steps: int, step_s: float
+    ) -> None:
+        self.n_steps = n_steps
+        self.step_s = step_s
+        self._q = np.array(q_rad, dtype=np.float64)
+        self._qd = np.zeros_like(self._q)
+        self._width_m = float(gripper_width_m)
+        self._acceleration = acceleration_rad_s2
+        self._arm: tuple[Array, Array] | None = None
+        self._gripper: Array | None = None
+
+    @property
+    def q_rad(self) -> Array:
+        """(n_joints,) latest arm set-point, as commanded."""
+        return self._q.copy()
+
+    @property
+    def gripper_width_m(self) -> float:
+        """Latest gripper set-point."""
+        return self._width_m
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the arm's set-points stand still."""
+        return not self._qd.any()
+
+    def set_arm(self, q_rad: Array, qd_rad_s: Array) -> None:
+        """Set this tick's arm rows, each (n_steps, n_joints)."""
+        self._arm = (q_rad, qd_rad_s)
+
+    def set_gripper(self, width_m: Array) -> None:
+        """Set this tick's gripper rows, (n_steps,)."""
+        self._gripper = width_m
+
+    def hold(self) -> None:
+        """Command the present set-points once more, so that time goes on."""
+        if self._arm is None and self.at_rest:
+            self.set_arm(np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size)))
+
+    def take(self) -> SetPoints | None:
+        """The merged period, or None when no channel was set; the channels are empty afterwards."""
+        if self._arm is None and self._gripper is None and self.at_rest:
+            return None
+        q, qd = self._arm if self._arm is not None else self._compute_brake()
+        width = self._gripper if self._gripper is not None else np.full(self.n_steps, self._width_m)
+        self._arm, self._gripper = None, None
+        self._q, self._qd, self._width_m = q[-1].copy(), qd[-1].copy(), float(width[-1])
+        return SetPoints(q_rad=q, qd_rad_s=qd, gripper_width_m=width)
+
+    def _compute_brake(self) -> tuple[Array, Array]:
+        """Rows that ramp the velocity down to zero: qd(t) = qd0 (1 - t / T), each joint within its limit."""
+        duration_s = float(np.max(np.abs(self._qd) / (BRAKE_FRACTION * self._acceleration)))
+        if duration_s == 0.0:
+            return np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size))
+        t = np.minimum(np.arange(1, self.n_steps + 1) * self.step_s, duration_s)[:, None]  # (n_steps, 1)
+        q = self._q + self._qd * (t - t * t / (2.0 * duration_s))
+        qd = self._qd * (1.0 - t / duration_s)
+        return q, qd

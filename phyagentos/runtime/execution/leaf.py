@@ -1,0 +1,129 @@
+"""The base of every leaf: typed ports, a sealed `update`, and failures that carry a code.
+
+Authors declare `INPUT_PORTS` and `OUTPUT_PORTS` and write `on_start`, `on_running` and, where something must be undone,
+`on_halted`. A leaf never blocks: it answers RUNNING and is ticked again after the next control period.
+"""
+
+from typing import Any, final
+
+from py_trees.common import Status
+from py_trees.ports import BehaviourWithPorts, NoDataAvailable, PortInformation
+
+from phyagentos.errors import PhyAgentOSError
+from phyagentos.runtime.execution.context import SkillContext
+
+__all__ = ["Leaf", "LeafError", "PortInformation", "Status"]
+
+
+class LeafError(PhyAgentOSError):
+    """A leaf raised: a defect of its code, or a service it needs is gone.
+
+    Attributes:
+        path: Of the leaf, from the root of the tree.
+        cause: What it raised.
+    """
+
+    def __init__(self, path: str, cause: BaseException) -> None:
+        self.path = path
+        self.cause = cause
+        super().__init__(f"leaf {path}: {type(cause).__name__}: {cause}")
+
+
+class Leaf(BehaviourWithPorts):
+    """One action or question of a skill.
+
+    Attributes:
+        context: Services of the session.
+        path: Slash-separated names from the root of the tree.
+        code: Coded reason of the latest failure, else empty.
+        message: One sentence about the latest result.
+        numbers: What it measured or decided.
+        activations: How often it was started.
+    """
+
+    INPUT_PORTS: dict[str, PortInformation] = {}
+    OUTPUT_PORTS: dict[str, PortInformation] = {}
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Keep leaves out of py_trees' process-wide registry; ours is explicit and refuses duplicates."""
+        super().__init_subclass__(register=False, **kwargs)
+
+    def __init__(self, name: str, context: SkillContext, path: str = "") -> None:
+        super().__init__(name=name)
+        self.context = context
+        self.path = path or name
+        self.code = ""
+        self.message = ""
+        self.numbers: dict[str, Any] = {}
+        self.activations = 0
+        self._active = False
+
+    def on_start(self) -> Status:
+        """First tick of an activation."""
+        raise NotImplementedError(f"{type(self).__name__} must define on_start")
+
+    def on_running(self) -> Status:
+        """Every later tick of an activation."""
+        raise NotImplementedError(f"{type(self).__name__} answered RUNNING and must define on_running")
+
+    def on_halted(self) -> None:
+        """The activation was interrupted; set-points brake by themselves."""
+
+    @final
+    def initialise(self) -> None:
+        """Begin an activation."""
+        self.code, self.message, self.numbers = "", "", {}
+        self.activations += 1
+        self._active = False
+
+    @final
+    def update(self) -> Status:
+        """Dispatch one tick; sealed."""
+        try:
+            status = self.on_running() if self._active else self.on_start()
+        except Exception as error:
+            self._active = False
+            raise LeafError(self.path, error) from error
+        if status not in (Status.SUCCESS, Status.FAILURE, Status.RUNNING):
+            raise LeafError(self.path, TypeError(f"answered {status!r}; expected SUCCESS, FAILURE or RUNNING"))
+        self._active = status is Status.RUNNING
+        return status
+
+    @final
+    def terminate(self, new_status: Status) -> None:
+        """Tell the author about an interruption; sealed."""
+        if new_status is Status.INVALID and self._active:
+            self._active = False
+            try:
+                self.on_halted()
+            except Exception as error:
+                raise LeafError(self.path, error) from error
+
+    def succeed(self, message: str = "", **numbers: Any) -> Status:
+        """SUCCESS, with what was measured or decided."""
+        self.message = message
+        self.numbers = numbers
+        return Status.SUCCESS
+
+    def fail(self, code: str, message: str, **numbers: Any) -> Status:
+        """FAILURE, with its coded reason."""
+        self.code, self.message = str(code), message
+        self.numbers = numbers
+        return Status.FAILURE
+
+    def read(self, port: str) -> Any:
+        """The value of a required input, or its declared default."""
+        return self.get_input(port)
+
+    def find(self, port: str) -> Any:
+        """The value of an optional input, or None when nothing was written to it."""
+        try:
+            return self.get_input(port)
+        except NoDataAvailable:
+            return None
+
+    def write(self, port: str, value: Any) -> None:
+        """Write an output; whole numbers pass as numbers."""
+        if self.output_ports()[port].data_type is float and isinstance(value, int):
+            value = float(value)
+        self._set_output(port, value)

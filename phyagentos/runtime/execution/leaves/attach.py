@@ -1,0 +1,27 @@
+"""Measure how a held object sits in the hand, so that motions carry it along as part of the arm."""
+
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose
+from phyagentos.runtime.motion.requests import Payload
+
+
+class Attach(Leaf):
+    """From now on the object counts as part of the hand, where it is believed to be. Nothing is welded."""
+
+    INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the held entity.")}
+    OUTPUT_PORTS = {"payload": PortInformation(data_type=Payload, description="What is held, and how.")}
+
+    def on_start(self) -> Status:
+        """Measure once."""
+        name = self.read("object")
+        environment = self.context.environment()
+        entity = environment.entities.get(name)
+        if entity is None:
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+        if name not in self.context.step.target.holding:
+            return self.fail(FailureCode.GRASP_MISSED, f"{name} is not between the fingers", object=name)
+        world_T_tcp = compute_matrix(self.context.step.target.tcp)
+        tcp_T_entity = compute_pose(compute_inverse(world_T_tcp) @ compute_matrix(entity.pose))
+        self.write("payload", Payload(entity=name, tcp_T_entity=tcp_T_entity))
+        return self.succeed("", object=name, in_hand_m=list(tcp_T_entity.position_m))

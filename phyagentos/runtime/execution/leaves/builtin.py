@@ -1,0 +1,44 @@
+"""The leaves that ship, by the names that trees use."""
+
+from phyagentos.runtime.execution.leaves.attach import Attach
+from phyagentos.runtime.execution.leaves.detach import Detach
+from phyagentos.runtime.execution.leaves.fail import Fail
+from phyagentos.runtime.execution.leaves.gripper import CloseGripper, OpenGripper
+from phyagentos.runtime.execution.leaves.locate import Locate
+from phyagentos.runtime.execution.leaves.look import Look
+from phyagentos.runtime.execution.leaves.move_home import MoveHome
+from phyagentos.runtime.execution.leaves.move_level import MoveLevel
+from phyagentos.runtime.execution.leaves.move_linear import MoveLinear
+from phyagentos.runtime.execution.leaves.move_to import MoveTo
+from phyagentos.runtime.execution.leaves.plan_carry import PlanCarry
+from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
+from phyagentos.runtime.execution.leaves.plan_line import PlanLine
+from phyagentos.runtime.execution.leaves.plan_place import PlanPlace
+from phyagentos.runtime.execution.leaves.plan_push import PlanPush
+from phyagentos.runtime.execution.leaves.plan_retreat import PlanRetreat
+from phyagentos.runtime.execution.leaves.verify_grasp import VerifyGrasp
+from phyagentos.runtime.execution.leaves.wait import Wait
+from phyagentos.runtime.execution.registry import LeafRegistry
+
+
+def register_builtin(registry: LeafRegistry) -> None:
+    """Register every leaf that ships."""
+    registry.register("attach", Attach)
+    registry.register("close_gripper", CloseGripper)
+    registry.register("detach", Detach)
+    registry.register("fail", Fail)
+    registry.register("locate", Locate)
+    registry.register("look", Look)
+    registry.register("move_home", MoveHome)
+    registry.register("move_level", MoveLevel)
+    registry.register("move_linear", MoveLinear)
+    registry.register("move_to", MoveTo)
+    registry.register("open_gripper", OpenGripper)
+    registry.register("plan_carry", PlanCarry)
+    registry.register("plan_grasp", PlanGrasp)
+    registry.register("plan_line", PlanLine)
+    registry.register("plan_place", PlanPlace)
+    registry.register("plan_push", PlanPush)
+    registry.register("plan_retreat", PlanRetreat)
+    registry.register("verify_grasp", VerifyGrasp)
+    registry.register("wait", Wait)

@@ -1,0 +1,24 @@
+"""Check that an object has left the hand, and say where it stands."""
+
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+
+
+class Detach(Leaf):
+    """From now on the object is a thing of the world again. Fails when the fingers still hold it."""
+
+    INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the released entity.")}
+    OUTPUT_PORTS = {
+        "site": PortInformation(data_type=tuple, required=False, description="Where it stands, world frame [m].")
+    }
+
+    def on_start(self) -> Status:
+        """Look once."""
+        name = self.read("object")
+        if name in self.context.step.target.holding:
+            return self.fail(FailureCode.STILL_HELD, f"{name} is still between the fingers", object=name)
+        entity = self.context.environment().entities.get(name)
+        if entity is None:
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+        self.write("site", entity.pose.position_m)
+        return self.succeed("", object=name, position_m=list(entity.pose.position_m))

@@ -1,0 +1,75 @@
+"""Open and close the gripper: commanded widths, and a fixed time for the fingers to settle."""
+
+import numpy as np
+
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+
+OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
+
+
+class _GripperLeaf(Leaf):
+    """Commands one width for so many seconds of simulated time."""
+
+    _until_s = 0.0
+
+    def begin(self, width_m: float, duration_s: float) -> Status:
+        """Command `width_m` [m] for `duration_s` [s]."""
+        self._width_m = width_m
+        self._until_s = self.context.time_s + duration_s - 0.5 * self.context.profile.control_period_s
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Command the width until time is up."""
+        commands = self.context.commands
+        if self.context.time_s < self._until_s:
+            commands.set_gripper(np.full(commands.n_steps, self._width_m))
+            return Status.RUNNING
+        return self.on_settled(self.context.step.target.gripper_width_m)
+
+    def on_settled(self, width_m: float) -> Status:
+        """The fingers stand still."""
+        return self.succeed("", width_m=width_m)
+
+
+class OpenGripper(_GripperLeaf):
+    """Open the fingers; at once done when they are open."""
+
+    INPUT_PORTS = {
+        "width_m": PortInformation(
+            data_type=float, required=False, description="Opening [m]; as wide as it goes if unset."
+        ),
+        "seconds": PortInformation(data_type=float, default_value=0.3, description="Time for it, simulated [s]."),
+    }
+    OUTPUT_PORTS = {}
+
+    def on_start(self) -> Status:
+        """Begin to open."""
+        wanted_m = self.find("width_m")
+        width_m = self.context.profile.gripper.max_width_m if wanted_m is None else wanted_m
+        now_m = self.context.step.target.gripper_width_m
+        if abs(now_m - width_m) < OPEN_TOLERANCE_M and abs(self.context.commands.gripper_width_m - width_m) < 1e-9:
+            return self.succeed("already open", width_m=now_m)
+        return self.begin(width_m, self.read("seconds"))
+
+
+class CloseGripper(_GripperLeaf):
+    """Close the fingers onto whatever is between them, and say how wide they stand."""
+
+    INPUT_PORTS = {
+        "seconds": PortInformation(
+            data_type=float, required=False, description="Time for it, simulated [s]; the target's own if unset."
+        ),
+    }
+    OUTPUT_PORTS = {
+        "width_m": PortInformation(data_type=float, required=False, description="Measured opening afterwards [m].")
+    }
+
+    def on_start(self) -> Status:
+        """Begin to close."""
+        seconds = self.find("seconds")
+        return self.begin(0.0, self.context.profile.gripper.close_time_s if seconds is None else seconds)
+
+    def on_settled(self, width_m: float) -> Status:
+        """Report the width."""
+        self.write("width_m", width_m)
+        return self.succeed("", width_m=width_m)

@@ -1,0 +1,40 @@
+"""Look at an object from where the arm is, and report what is believed of it."""
+
+from phyagentos.protocol.environment import Pose
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+
+
+class Look(Leaf):
+    """A fresh observation of one object, after holding still for a moment."""
+
+    INPUT_PORTS = {
+        "object": PortInformation(data_type=str, description="Name of the entity."),
+        "seconds": PortInformation(data_type=float, default_value=0.2, description="How long, simulated [s]."),
+    }
+    OUTPUT_PORTS = {
+        "pose": PortInformation(data_type=Pose, required=False, description="world_T_object."),
+        "position": PortInformation(data_type=tuple, required=False, description="Where it is, world frame [m]."),
+    }
+
+    _until_s = 0.0
+
+    def on_start(self) -> Status:
+        """Begin to look."""
+        self._until_s = self.context.time_s + self.read("seconds") - 0.5 * self.context.profile.control_period_s
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Hold still, then observe."""
+        if self.context.time_s < self._until_s:
+            self.context.commands.hold()
+            return Status.RUNNING
+        name = self.read("object")
+        entity = self.context.environment().entities.get(name)
+        if entity is None:
+            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+        if not entity.visible:
+            return self.fail(FailureCode.NOT_VISIBLE, f"{name} was not seen", object=name)
+        self.write("pose", entity.pose)
+        self.write("position", entity.pose.position_m)
+        return self.succeed("", object=name, position_m=list(entity.pose.position_m), speed_m_s=entity.speed_m_s)

@@ -1,0 +1,36 @@
+"""Move through free space to the target's home posture."""
+
+import numpy as np
+
+from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.planning import MovingLeaf
+from phyagentos.runtime.motion.requests import MotionRequest, Payload, PlanMove
+
+
+class MoveHome(MovingLeaf):
+    """A collision-free motion home."""
+
+    INPUT_PORTS = {
+        "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
+        "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
+    }
+    OUTPUT_PORTS = {}
+
+    def compose(self) -> MotionRequest | Status:
+        """One request."""
+        payload = self.find("payload")
+        self._held = None if payload is None else payload.entity
+        home = np.asarray(self.context.profile.arm.home_rad, dtype=np.float64)
+        if np.abs(home - self.context.commands.q_rad).max() < HOME_TOLERANCE_RAD:
+            return self.succeed("already there")
+        return PlanMove(
+            world=self.world(),
+            q_rad=self.context.commands.q_rad,
+            goals_rad=home[None, :],
+            seed=self.context.draw_seed(self.path),
+            payload=payload,
+            speed=self.scale_speed(self.read("speed")),
+        )
+
+
+HOME_TOLERANCE_RAD = 0.01  # a motion this short is no motion

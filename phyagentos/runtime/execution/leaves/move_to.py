@@ -1,0 +1,43 @@
+"""Move through free space to the hover posture of one of several approaches."""
+
+import numpy as np
+
+from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.planning import MovingLeaf
+from phyagentos.runtime.motion.requests import Approach, Approaches, Motion, MotionRequest, Payload, PlanMove
+
+
+class MoveTo(MovingLeaf):
+    """A collision-free motion to whichever hover posture is reached best; says which approach that is.
+
+    With a payload it fails with `GRASP_LOST` when the payload leaves the fingers on the way.
+    """
+
+    INPUT_PORTS = {
+        "approaches": PortInformation(data_type=Approaches, description="Where it may go."),
+        "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that is no obstacle."),
+        "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
+    }
+    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The approach it hovers at.")}
+
+    def compose(self) -> MotionRequest | Status:
+        """One request with all hover postures as goals."""
+        payload = self.find("payload")
+        ignored = self.find("ignore")
+        self._held = None if payload is None else payload.entity
+        return PlanMove(
+            world=self.world(),
+            q_rad=self.context.commands.q_rad,
+            goals_rad=np.array([approach.line_rad[0] for approach in self.read("approaches").approaches]),
+            seed=self.context.draw_seed(self.path),
+            payload=payload,
+            ignore=() if ignored is None else (ignored,),
+            speed=self.scale_speed(self.read("speed")),
+        )
+
+    def on_arrived(self, motion: Motion) -> Status:
+        """Say which approach was reached."""
+        approach = self.read("approaches").approaches[motion.goal]
+        self.write("approach", approach)
+        return self.succeed("", label=approach.label, **self.describe_motion(motion))

@@ -1,0 +1,28 @@
+"""Ask for a straight tool motion through given poses."""
+
+from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.planning import LinePlanningLeaf
+from phyagentos.runtime.motion.requests import Approach, FindLine, MotionRequest, Payload
+
+
+class PlanLine(LinePlanningLeaf):
+    """A line of the tool from where it is through waypoints."""
+
+    INPUT_PORTS = {
+        "waypoints": PortInformation(data_type=tuple, description="Poses world_T_tcp, in order."),
+        "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
+    }
+    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
+
+    def compose(self) -> MotionRequest | Status:
+        """One request."""
+        ignored = self.find("ignore")
+        return FindLine(
+            world=self.world(),
+            q_rad=self.context.commands.q_rad,
+            waypoints=self.read("waypoints"),
+            seed=self.context.draw_seed(self.path),
+            payload=self.find("payload"),
+            ignore=() if ignored is None else (ignored,),
+        )

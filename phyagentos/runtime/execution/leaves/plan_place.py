@@ -1,0 +1,37 @@
+"""Ask for ways to put a held object somewhere."""
+
+from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
+from phyagentos.runtime.motion.requests import Approaches, FindPlacements, MotionRequest, Payload
+
+
+class PlanPlace(ApproachPlanningLeaf):
+    """Approaches with the payload to free sites; those named in the strategy's `avoid_sites` are left out."""
+
+    INPUT_PORTS = {
+        "payload": PortInformation(data_type=Payload, description="What is held, and how."),
+        "destination": PortInformation(data_type=str, description="Entity or region to put it into or onto."),
+        "relation": PortInformation(data_type=str, default_value="inside", description="`inside` or `on`."),
+        "near": PortInformation(
+            data_type=tuple, required=False, description="Point to stay close to, world frame [m]."
+        ),
+        "near_radius_m": PortInformation(data_type=float, default_value=0.12, description="How close [m]."),
+        "hover_m": PortInformation(data_type=float, default_value=0.09, description="Length of the approach [m]."),
+    }
+    OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
+
+    def compose(self) -> MotionRequest | Status:
+        """One request."""
+        near = self.find("near")
+        return FindPlacements(
+            world=self.world(),
+            payload=self.read("payload"),
+            destination=self.read("destination"),
+            relation=self.read("relation"),
+            q_rad=self.context.commands.q_rad,
+            seed=self.context.draw_seed(self.path),
+            near=None if near is None else (float(near[0]), float(near[1]), float(near[2])),
+            near_radius_m=self.read("near_radius_m"),
+            avoid=tuple(self.context.session.strategy.get("avoid_sites", ())),
+            hover_m=self.read("hover_m"),
+        )

@@ -1,0 +1,32 @@
+"""Ask for a straight way up from where the tool is."""
+
+import numpy as np
+
+from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.planning import LinePlanningLeaf
+from phyagentos.runtime.motion.poses import compute_matrix, compute_pose, raise_pose
+from phyagentos.runtime.motion.requests import Approach, FindLine, MotionRequest, Payload
+
+
+class PlanRetreat(LinePlanningLeaf):
+    """A vertical line upwards; what the fingers were around is no obstacle."""
+
+    INPUT_PORTS = {
+        "height_m": PortInformation(data_type=float, default_value=0.10, description="How far up [m]."),
+        "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
+        "ignore": PortInformation(data_type=str, required=False, description="Entity that may be touched."),
+    }
+    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
+
+    def compose(self) -> MotionRequest | Status:
+        """One waypoint above the tool."""
+        world_T_tcp = compute_matrix(self.context.step.target.tcp)
+        ignored = self.find("ignore")
+        return FindLine(
+            world=self.world(),
+            q_rad=np.asarray(self.context.commands.q_rad),
+            waypoints=(compute_pose(raise_pose(world_T_tcp, self.read("height_m"))),),
+            seed=self.context.draw_seed(self.path),
+            payload=self.find("payload"),
+            ignore=() if ignored is None else (ignored,),
+        )

@@ -1,0 +1,31 @@
+"""Judge a grasp by contact: both pads must touch the object."""
+
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+
+
+class VerifyGrasp(Leaf):
+    """Is the object between the fingers, touched from both sides?"""
+
+    INPUT_PORTS = {
+        "object": PortInformation(data_type=str, description="Name of the entity."),
+        "after": PortInformation(
+            data_type=str, default_value="close", description="`close` (a miss) or `lift` and later (a loss)."
+        ),
+    }
+    OUTPUT_PORTS = {}
+
+    def on_start(self) -> Status:
+        """Judge the latest step."""
+        name = self.read("object")
+        step = self.context.step
+        if name in step.target.holding:
+            return self.succeed("", object=name, width_m=step.target.gripper_width_m)
+        code = FailureCode.GRASP_MISSED if self.read("after") == "close" else FailureCode.GRASP_LOST
+        sides = "one side only" if name in step.touching else "neither side"
+        return self.fail(
+            code,
+            f"the fingers, {1e3 * step.target.gripper_width_m:.1f} mm apart, touch {name} from {sides}",
+            object=name,
+            width_m=step.target.gripper_width_m,
+        )

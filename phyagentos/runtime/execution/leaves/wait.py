@@ -1,0 +1,24 @@
+"""Let simulated time go by."""
+
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+
+
+class Wait(Leaf):
+    """Hold still for some time."""
+
+    INPUT_PORTS = {"seconds": PortInformation(data_type=float, description="How long, simulated [s].")}
+    OUTPUT_PORTS = {}
+
+    _until_s = 0.0
+
+    def on_start(self) -> Status:
+        """Begin to wait."""
+        self._until_s = self.context.time_s + self.read("seconds") - 0.5 * self.context.profile.control_period_s
+        return self.on_running()
+
+    def on_running(self) -> Status:
+        """Hold until time is up."""
+        if self.context.time_s >= self._until_s:
+            return self.succeed()
+        self.context.commands.hold()
+        return Status.RUNNING

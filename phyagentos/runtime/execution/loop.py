@@ -1,0 +1,167 @@
+"""The loop of one session: decide, guard, apply, until it ends; and what its exceptions mean.
+
+Upstream: the runner, which halts and observes whatever comes out of here. Onlookers are observers: the loop does not
+know recorder or heartbeat.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions import Ended
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.holds import HoldMonitor
+from phyagentos.runtime.execution.leaf import LeafError
+from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, SkillStatus, TickResult
+from phyagentos.runtime.handle import CommandRefused, TargetSessionHandle
+from phyagentos.runtime.targets.wire import Step
+
+TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
+WAIT_S = 0.02  # longest sleep between looks at a planner, a cancellation, a deadline
+
+Cancel = Callable[[], str | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """How an execution ended; the fields are those of `Execution`."""
+
+    ended: Ended
+    code: str = ""
+    leaf: str = ""
+    message: str = ""
+
+
+class SessionObserver(Protocol):
+    """Somebody who looks on."""
+
+    def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
+        """The skill was ticked, after `ticks` commands, at the target's time `time_s` [s]."""
+        ...
+
+    def on_step(self, points: SetPoints, step: Step) -> None:
+        """A command was carried out."""
+        ...
+
+
+class SessionLoop:
+    """Runs one skill on one target.
+
+    Args:
+        handle: Has authority for the session.
+        context: Services of the session.
+        skill: Decides.
+        holds: Conditions that must be true all through.
+        cancel: Asked in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
+        clock: Bounds thinking.
+        observers: Told of every turn and every step.
+
+    Attributes:
+        ticks: Control periods commanded.
+        ms: Wall time so far by part [ms].
+    """
+
+    def __init__(
+        self,
+        *,
+        handle: TargetSessionHandle,
+        context: SkillContext,
+        skill: SkillRuntime,
+        holds: HoldMonitor,
+        cancel: Cancel,
+        clock: Clock,
+        observers: Sequence[SessionObserver] = (),
+    ) -> None:
+        self._handle = handle
+        self._context = context
+        self._skill = skill
+        self._holds = holds
+        self._cancel = cancel
+        self._clock = clock
+        self._observers = observers
+        self.ticks = 0
+        self.ms = {"tree": 0.0, "think": 0.0, "apply": 0.0, "record": 0.0}
+
+    def run(self) -> Outcome:
+        """Until the skill ends, a limit is reached, a condition is violated or somebody asks for an end."""
+        try:
+            return self._run()
+        except CommandRefused as refusal:
+            return self._describe_refusal(refusal)
+        except LeafError as error:
+            cause = error.cause
+            code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
+            return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error))
+        except ExecutionError as error:
+            return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
+
+    def _run(self) -> Outcome:
+        now_s, limits = self._clock.now_s, self._context.session.limits
+        deadline_s = self._context.time_s + limits.timeout_s - TIME_TOLERANCE_S
+        wall_deadline_s = now_s() + limits.wall_timeout_s
+        while True:
+            if reason := self._cancel():
+                return Outcome(ended=Ended(reason), code=reason.upper(), message="an end was asked for")
+            began_s = now_s()
+            result = self._skill.tick()
+            self.ms["tree"] += 1e3 * (now_s() - began_s)
+            for observer in self._observers:
+                observer.on_turn(result, self.ticks, self._context.time_s)
+            if result.status is not SkillStatus.RUNNING:
+                return _judge_end(self._skill.find_failure())
+            if result.set_points is not None:
+                if violation := self._apply(result.set_points, result.active):
+                    return violation
+            elif result.thinking:
+                began_s = now_s()
+                self._skill.wait(WAIT_S)
+                self.ms["think"] += 1e3 * (now_s() - began_s)
+            if self._context.time_s >= deadline_s:
+                message = f"the contract allows {limits.timeout_s} s of simulated time"
+                return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
+            if now_s() > wall_deadline_s:
+                message = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
+                return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
+
+    def _apply(self, points: SetPoints, active: str) -> Outcome | None:
+        """Carry out one control period; an outcome when a hold condition is violated by it."""
+        context, now_s = self._context, self._clock.now_s
+        began_s = now_s()
+        step = self._handle.apply(points)
+        applied_s = now_s()
+        context.situation.advance(step)
+        self.ticks += 1
+        for observer in self._observers:
+            observer.on_step(points, step)
+        violated = self._holds.sample(context.environment()) if self._holds.is_due(self.ticks) else None
+        self.ms["apply"] += 1e3 * (applied_s - began_s)
+        self.ms["record"] += 1e3 * (now_s() - applied_s)
+        if violated is None:
+            return None
+        context.note("intervention", "HOLD_VIOLATED", predicate=violated.text, because=violated.because)
+        message = f"{violated.text} does not hold any more: {violated.because}"
+        return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=active, message=message)
+
+    def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
+        violation = refusal.violation
+        details: dict[str, Any] = {"by": refusal.by, "message": str(refusal)}
+        if violation is not None:
+            details |= {"where": violation.where, "found": violation.found, "limit": violation.limit}
+        self._context.note("intervention", refusal.code, **details)
+        return Outcome(ended=Ended.SAFETY_STOP, code=refusal.code, message=str(refusal))
+
+
+def _ended_by(code: str) -> Ended:
+    return Ended.TARGET_LOST if code == "TARGET_LOST" else Ended.SKILL_FAILED
+
+
+def _judge_end(failure: Failure | None) -> Outcome:
+    if failure is None:
+        return Outcome(ended=Ended.COMPLETED)
+    stalled = failure.code in (FailureCode.STALLED, FailureCode.NO_PROGRESS)
+    ended = Ended.STALLED if stalled else Ended.SKILL_FAILED
+    return Outcome(ended=ended, code=failure.code, leaf=failure.leaf, message=failure.message)

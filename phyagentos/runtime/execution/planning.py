@@ -1,0 +1,183 @@
+"""Bases of leaves that think and of leaves that move: ask the planner, then play what it answers."""
+
+from typing import Any, final
+
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.follow import Follower, Progress
+from phyagentos.runtime.execution.leaf import Leaf, Status
+from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
+
+LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
+
+
+class PlanningLeaf(Leaf):
+    """A leaf whose result is an answer of the planner.
+
+    Authors write `compose` (what to ask) and `on_answer` (what to do with it). A request is composed only once the arm
+    rests, so that it begins where the arm really is.
+    """
+
+    _ticket: int | None = None
+
+    def compose(self) -> MotionRequest | Status:
+        """The request, or a status when there is nothing to ask."""
+        raise NotImplementedError(f"{type(self).__name__} must define compose")
+
+    def on_answer(self, answer: MotionAnswer) -> Status:
+        """Use the answer; refusals (`NoPlan`) are handled before."""
+        raise NotImplementedError(f"{type(self).__name__} must define on_answer")
+
+    def on_refused(self, answer: NoPlan) -> Status:
+        """There is no plan; the planner's own code is the reason."""
+        return self.fail(answer.code, answer.message, rejected=answer.rejected)
+
+    @final
+    def on_start(self) -> Status:
+        """Ask."""
+        self._ticket = None
+        return self.ask()
+
+    def on_running(self) -> Status:
+        """Wait for rest, then for the answer."""
+        if self._ticket is None:
+            return self.ask()
+        answer = self.context.planner.take(self._ticket)
+        if answer is None:
+            return Status.RUNNING
+        self._ticket = None
+        self.context.note("planner", type(answer).__name__, leaf=self.path, ms=answer.timing.ms)
+        if isinstance(answer, NoPlan):
+            return self.on_refused(answer)
+        return self.on_answer(answer)
+
+    def on_halted(self) -> None:
+        """Cancel what is asked."""
+        if self._ticket is not None:
+            self.context.planner.drop(self._ticket)
+            self._ticket = None
+
+    def world(self) -> World:
+        """The believed world, as the planner takes it."""
+        environment = self.context.environment()
+        return World(entities=tuple(environment.entities.values()), regions=tuple(environment.regions.values()))
+
+    @final
+    def ask(self) -> Status:
+        """Submit what `compose` gives, once the arm rests."""
+        if not self.context.commands.at_rest:
+            return Status.RUNNING
+        request = self.compose()
+        if isinstance(request, Status):
+            return request
+        self._ticket = self.context.planner.submit(request)
+        return Status.RUNNING
+
+
+class ApproachPlanningLeaf(PlanningLeaf):
+    """A leaf that asks for approaches and writes them to the port `approaches`."""
+
+    @final
+    def on_answer(self, answer: MotionAnswer) -> Status:
+        """Write the approaches, name the labels."""
+        if not isinstance(answer, Approaches):
+            return self.fail(FailureCode.PLANNER_LOST, f"asked for approaches, got {type(answer).__name__}")
+        self.write("approaches", answer)
+        return self.succeed("", labels=[approach.label for approach in answer.approaches])
+
+
+class LinePlanningLeaf(PlanningLeaf):
+    """A leaf that asks for one straight way and writes it to the port `approach`."""
+
+    @final
+    def on_answer(self, answer: MotionAnswer) -> Status:
+        """Write the way."""
+        if not isinstance(answer, Approaches):
+            return self.fail(FailureCode.PLANNER_LOST, f"asked for a line, got {type(answer).__name__}")
+        self.write("approach", answer.approaches[0])
+        return self.succeed("", label=answer.approaches[0].label)
+
+
+class MovingLeaf(PlanningLeaf):
+    """A leaf that plays a timed motion.
+
+    Authors write `compose` and, where wanted, `on_arrived`. Set `_held` to the name of an entity to fail with
+    `GRASP_LOST` when it leaves the fingers on the way.
+    """
+
+    _follower: Follower | None = None
+    _held: str | None = None
+    _lost_periods = 0
+
+    def on_arrived(self, motion: Motion) -> Status:
+        """The motion is complete."""
+        return self.succeed("", **self.describe_motion(motion))
+
+    @final
+    def on_answer(self, answer: MotionAnswer) -> Status:
+        """Begin to follow."""
+        if not isinstance(answer, Motion):
+            return self.fail(FailureCode.PLANNER_LOST, f"asked for a motion, got {type(answer).__name__}")
+        self._motion = answer
+        return self.follow(answer)
+
+    @final
+    def on_running(self) -> Status:
+        """Think first, then follow."""
+        if self._follower is None:
+            return super().on_running()
+        return self._continue()
+
+    def on_halted(self) -> None:
+        """Drop the request or the motion; the set-points brake by themselves."""
+        self._follower = None
+        super().on_halted()
+
+    @final
+    def follow(self, motion: Motion) -> Status:
+        """Play a motion from this tick on."""
+        context = self.context
+        self._motion = motion
+        self._follower = Follower(motion.trajectory, context.commands, context.tracking_error_max_rad)
+        self._lost_periods = 0
+        return self._continue()
+
+    @final
+    def scale_speed(self, speed: float) -> float:
+        """The wanted speed, slowed down where the strategy asks for it."""
+        return speed * float(self.context.session.strategy.get("speed", 1.0))
+
+    def describe_motion(self, motion: Motion) -> dict[str, Any]:
+        """Numbers for the trace."""
+        follower = self._follower
+        return (
+            {}
+            if follower is None
+            else {
+                "duration_s": round(follower.duration_s, 6),
+                "worst_tracking_error_rad": follower.worst_error_rad,
+            }
+            | {key: value for key, value in motion.details.items() if not key.endswith("_ms")}
+        )
+
+    def _continue(self) -> Status:
+        follower = self._follower
+        if follower is None:
+            raise RuntimeError("a moving leaf was ticked without a motion")
+        if self._held is not None and self._has_lost(self._held):
+            self._follower = None
+            return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
+        progress = follower.tick(self.context.step)
+        if progress is Progress.MOVING:
+            return Status.RUNNING
+        if progress is Progress.STALLED:
+            error = self.context.step.tracking_error_rad
+            self._follower = None
+            return self.fail(FailureCode.STALLED, f"the arm is {error:.3f} rad behind its set-points", error_rad=error)
+        status = self.on_arrived(self._motion)
+        self._follower = None
+        return status
+
+    def _has_lost(self, entity: str) -> bool:
+        held = entity in self.context.step.target.holding
+        self._lost_periods = 0 if held else self._lost_periods + 1
+        return self._lost_periods >= LOST_PERIODS

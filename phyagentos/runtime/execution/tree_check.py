@@ -1,0 +1,195 @@
+"""Checks authored trees against the leaves that exist, and reports every problem at once.
+
+Upstream: the library and the leaf registry. Downstream: preflight, the linter and the tree loader. What it finds, the
+loader need not look for again.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from py_trees.ports import PortInformation
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.predicates import parse_predicate
+from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references, iter_nodes, read_tree
+from phyagentos.runtime.execution.port_types import PORT_TYPES, convert_literal
+from phyagentos.runtime.execution.registry import LeafRegistry
+
+_CONTROL_WORDS = tuple(kind.value for kind in Kind if kind is not Kind.LEAF)
+
+
+def check_tree(name: str, library: Library, registry: LeafRegistry) -> list[Problem]:
+    """Every problem of a tree and of the trees below it.
+
+    Args:
+        name: Of the tree, as in `library.get_tree`.
+        library: Where trees are found.
+        registry: The leaves that exist.
+
+    Returns:
+        Nothing when the tree can be built.
+    """
+    return list(_iter_tree_problems(name, library, registry, ()))
+
+
+def _iter_tree_problems(
+    name: str, library: Library, registry: LeafRegistry, above: tuple[str, ...]
+) -> Iterator[Problem]:
+    try:
+        tree = read_tree(library.get_tree(name))
+    except DefinitionError as error:
+        yield from error.problems
+        return
+    yield from check_loaded_tree(tree, library, registry)
+    below: dict[str, Node] = {}
+    for node in iter_nodes(tree.root):
+        if node.kind is Kind.SUBTREE:
+            below.setdefault(node.type, node)
+    for subtree, node in below.items():
+        if subtree in (*above, name):
+            cycle = " -> ".join((*above, name, subtree))
+            yield tree.located.problem("RECURSION", node.address, cycle, "a tree that does not contain itself")
+        elif subtree in library.names_of_trees():
+            yield from _iter_tree_problems(subtree, library, registry, (*above, name))
+
+
+def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> list[Problem]:
+    """Every problem of one tree itself, not of the trees below it."""
+    problems: list[Problem] = []
+    written = {name: PORT_TYPES[port.type] for name, port in tree.header.inputs.items()}
+    nodes = list(iter_nodes(tree.root))
+    declared = [(node, _find_ports(node, library, registry)) for node in nodes]
+    for node, ports in declared:
+        for port, value in node.wiring.items():
+            if ports is not None and port in ports[1] and isinstance(value, Reference):
+                written.setdefault(value.key, ports[1][port].data_type)
+    for node, ports in declared:
+        if node.kind is Kind.CONDITION:
+            problems += _iter_condition_problems(tree, node, written)
+        elif node.kind in (Kind.LEAF, Kind.SUBTREE):
+            if ports is None:
+                problems.append(_problem_unknown(tree, node, library, registry))
+            else:
+                problems += _iter_wiring_problems(tree, node, ports, written)
+    for name in tree.header.outputs:
+        if name not in written:
+            problems.append(
+                tree.located.problem(
+                    "UNWRITTEN_OUTPUT", ("outputs", name), repr(name), format_names(written), format_hint(name, written)
+                )
+            )
+    return problems
+
+
+Ports = tuple[dict[str, PortInformation], dict[str, PortInformation]]  # inputs, outputs
+
+
+def _find_ports(node: Node, library: Library, registry: LeafRegistry) -> Ports | None:
+    """Declared ports of a leaf or a subtree; None when there is no such leaf or readable tree."""
+    if node.kind is Kind.LEAF:
+        leaf = registry.find(node.type)
+        return None if leaf is None else (leaf.input_ports(), leaf.output_ports())
+    if node.kind is Kind.SUBTREE:
+        try:
+            header = read_tree(library.get_tree(node.type)).header
+        except DefinitionError:
+            return None
+        inputs = {
+            name: PortInformation(data_type=PORT_TYPES[port.type], required=not port.optional and port.default is None)
+            for name, port in header.inputs.items()
+        }
+        outputs = {
+            name: PortInformation(data_type=PORT_TYPES[port.type], required=False)
+            for name, port in header.outputs.items()
+        }
+        return inputs, outputs
+    return None
+
+
+def _problem_unknown(tree: Tree, node: Node, library: Library, registry: LeafRegistry) -> Problem:
+    if node.kind is Kind.SUBTREE:
+        known = library.names_of_trees()
+        code = "UNKNOWN_TREE" if node.type not in known else "BROKEN_TREE"
+        return tree.located.problem(
+            code, (*node.address, "tree"), repr(node.type), format_names(known), format_hint(node.type, known)
+        )
+    names = [*registry.names(), *_CONTROL_WORDS]
+    return tree.located.problem(
+        "UNKNOWN_LEAF", node.address, repr(node.type), format_names(registry.names()), format_hint(node.type, names)
+    )
+
+
+def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[str, type]) -> Iterator[Problem]:
+    inputs, outputs = ports
+    base = (*node.address, "with") if node.kind is Kind.SUBTREE else node.address
+    for port, value in node.wiring.items():
+        place = (*base, port)
+        known = [*inputs, *outputs]
+        if port not in known:
+            yield tree.located.problem("UNKNOWN_PORT", place, repr(port), format_names(known), format_hint(port, known))
+        elif isinstance(value, Reference):
+            yield from _iter_reference_problems(tree, place, value, (inputs | outputs)[port], written)
+        elif port in outputs:
+            yield tree.located.problem("NOT_A_KEY", place, repr(value), f"a key such as '${port}' to write to")
+        else:
+            yield from _iter_literal_problems(tree, place, value, inputs[port])
+    for port, information in inputs.items():
+        if information.required and not information.has_default and port not in node.wiring:
+            yield tree.located.problem(
+                "MISSING_PORT", node.address, f"{node.type} without {port!r}", f"a value for {port!r}"
+            )
+
+
+def _iter_reference_problems(
+    tree: Tree, place: tuple[str | int, ...], value: Reference, port: PortInformation, written: dict[str, type]
+) -> Iterator[Problem]:
+    if value.key not in written:
+        yield tree.located.problem(
+            "UNWRITTEN_KEY",
+            place,
+            f"'${value.key}', which nothing writes",
+            format_names(f"${key}" for key in written),
+            format_hint(value.key, written),
+        )
+    elif not _fits(written[value.key], port.data_type):
+        yield tree.located.problem(
+            "WRONG_TYPE",
+            place,
+            f"'${value.key}' of type {written[value.key].__name__}",
+            f"type {_name_of(port.data_type)}",
+        )
+
+
+def _iter_literal_problems(
+    tree: Tree, place: tuple[str | int, ...], value: Any, port: PortInformation
+) -> Iterator[Problem]:
+    try:
+        convert_literal(value, port.data_type)
+    except TypeError:
+        hint = f"A key is written '${value}'." if isinstance(value, str) else ""
+        yield tree.located.problem("WRONG_TYPE", place, repr(value), f"type {_name_of(port.data_type)}", hint)
+
+
+def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:
+    try:
+        parse_predicate(node.text, address=tree.located.address_of(node.address), template=True)
+    except DefinitionError as error:
+        yield from error.problems
+    for key in find_references(node.text):
+        if key not in written:
+            yield tree.located.problem(
+                "UNWRITTEN_KEY",
+                node.address,
+                f"'${{{key}}}', which nothing writes",
+                format_names(f"${{{name}}}" for name in written),
+                format_hint(key, written),
+            )
+
+
+def _fits(found: Any, expected: Any) -> bool:
+    return found is expected or expected is object
+
+
+def _name_of(kind: Any) -> str:
+    return getattr(kind, "__name__", str(kind))

@@ -1,0 +1,137 @@
+"""Ticks a behaviour tree as a skill runtime, and keeps its trace.
+
+Upstream: the runner. Downstream: the leaves. While the planner works the tree is not ticked at all: the number of
+ticks, the order of events and every trajectory are the same on a fast machine and on a slow one.
+"""
+
+from typing import Any
+
+from py_trees.behaviour import Behaviour
+from py_trees.common import Status
+from py_trees.composites import Composite
+from py_trees.decorators import Decorator
+
+from phyagentos.protocol.evidence import TraceEvent
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
+from phyagentos.runtime.execution.tree_loader import BuiltNode, BuiltTree
+
+IDLE_TICKS_MAX = 1000  # ticks in a row that neither command nor think; a tree may retry a few times without moving
+
+_STATUS = {
+    Status.RUNNING: SkillStatus.RUNNING,
+    Status.SUCCESS: SkillStatus.SUCCEEDED,
+    Status.FAILURE: SkillStatus.FAILED,
+    Status.INVALID: SkillStatus.FAILED,
+}
+
+
+class TreeSkillRuntime:
+    """A `SkillRuntime` made of a behaviour tree.
+
+    Args:
+        tree: Built for this session.
+        context: The same that its leaves use.
+    """
+
+    def __init__(self, tree: BuiltTree, context: SkillContext) -> None:
+        self._tree = tree
+        self._context = context
+        self._events: list[TraceEvent] = []
+        self._seen: list[tuple[Status, int]] = [(Status.INVALID, 0)] * len(tree.nodes)
+        self._commands = 0
+        self._idle = 0
+        self._stuck = False
+
+    def tick(self) -> TickResult:
+        """One tick of the tree, unless the planner is still working."""
+        context = self._context
+        if context.planner.is_thinking():
+            return TickResult(SkillStatus.RUNNING, None, self._find_active(), thinking=True)
+        self._tree.root.tick_once()
+        self._record()
+        status = _STATUS[self._tree.root.status]
+        if status is not SkillStatus.RUNNING:
+            return TickResult(status, None, self._find_active())
+        points = context.commands.take()
+        thinking = points is None and context.planner.is_thinking()
+        self._commands += points is not None
+        self._idle = self._idle + 1 if points is None and not thinking else 0
+        if self._idle > IDLE_TICKS_MAX:
+            self._stuck = True
+            return TickResult(SkillStatus.FAILED, None, self._find_active())
+        return TickResult(status, points, self._find_active(), thinking)
+
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until the planner answers."""
+        self._context.planner.wait(timeout_s)
+
+    def halt(self) -> None:
+        """Interrupt the tree and cancel the planner."""
+        if self._tree.root.status is Status.RUNNING:
+            self._tree.root.stop(Status.INVALID)
+            self._record()
+        self._context.planner.drop_all()
+
+    def read_outputs(self) -> dict[str, Any]:
+        """Values of the tree's outputs."""
+        return self._tree.read_outputs()
+
+    def find_failure(self) -> Failure | None:
+        """The deepest node that decided the failure."""
+        if self._stuck:
+            message = f"the tree ran {IDLE_TICKS_MAX} ticks without commanding or thinking"
+            return Failure(self._find_active(), FailureCode.NO_PROGRESS, message)
+        if self._tree.root.status is not Status.FAILURE:
+            return None
+        decided = _find_decisive(self._tree.root)
+        node = next(node for node in self._tree.nodes if node.behaviour is decided)
+        code = str(getattr(decided, "code", "")) or f"{node.type.upper()}_FAILED"
+        return Failure(node.path, code, str(getattr(decided, "message", "")) or f"{node.path} failed")
+
+    def trace(self) -> tuple[TraceEvent, ...]:
+        """What changed so far."""
+        return tuple(self._events)
+
+    def close(self) -> None:
+        """Clear the tree's part of the blackboard."""
+        self._tree.close()
+
+    def _find_active(self) -> str:
+        """Path of the deepest running node."""
+        running = [node.path for node in self._tree.nodes if node.behaviour.status is Status.RUNNING]
+        return running[-1] if running else ""
+
+    def _record(self) -> None:
+        for index, node in enumerate(self._tree.nodes):
+            now = (node.behaviour.status, getattr(node.behaviour, "activations", 0))
+            if now != self._seen[index]:
+                self._seen[index] = now
+                self._events.append(self._describe(node))
+
+    def _describe(self, node: BuiltNode) -> TraceEvent:
+        behaviour = node.behaviour
+        return TraceEvent(
+            tick=self._commands,
+            time_s=self._context.time_s,
+            path=node.path,
+            leaf=node.type,
+            status=behaviour.status.value,
+            code=str(getattr(behaviour, "code", "")),
+            message=str(getattr(behaviour, "message", "")),
+            numbers=dict(getattr(behaviour, "numbers", {})),
+        )
+
+
+def _find_decisive(node: Behaviour) -> Behaviour:
+    """Follow the failed children down; a node that failed by itself, such as a timeout, decides."""
+    if getattr(node, "code", ""):
+        return node
+    if isinstance(node, Composite):
+        failed = [child for child in node.children if child.status is Status.FAILURE]
+        if failed:
+            return _find_decisive(failed[-1])
+    if isinstance(node, Decorator) and node.decorated.status is Status.FAILURE:
+        return _find_decisive(node.decorated)
+    return node

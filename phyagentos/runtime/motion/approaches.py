@@ -1,0 +1,143 @@
+"""From wanted tool poses to approaches: which posture above, which straight line down, and whether anything is touched.
+
+Upstream: `grasps`, `placements` say which tool poses are wanted. Downstream: `path` plans to the hover postures.
+Screening is compiled and cheap, so that many seeds can be tried; only the nearest candidates get a line by mink.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Pose
+from phyagentos.runtime.motion.job import Job
+from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
+from phyagentos.runtime.motion.poses import compute_pose, raise_pose
+from phyagentos.runtime.motion.requests import Approach
+
+Array = NDArray[np.float64]
+
+NEAR_HOME_SEEDS = 4
+NEAR_HOME_SPREAD_RAD = 0.5
+UNIFORM_SEEDS = 10
+SAME_POSTURE_RAD = 0.05
+POSTURES_PER_WAY = 2  # branches of the inverse that are worth offering for one label
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One tool pose that would do.
+
+    Attributes:
+        label: Stable name.
+        end: (4, 4) `world_T_tcp`.
+        hover_m: How far above the straight line begins [m].
+        tolerate: Pairs whose contact is intended near the end.
+        tolerate_m: How near.
+        site: Where the held entity will stand, for a place.
+    """
+
+    label: str
+    end: Array
+    hover_m: float
+    tolerate: frozenset[Pair]
+    tolerate_m: float
+    site: Pose | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Hover:
+    way: Way
+    q_rad: Array
+    distance: float
+
+
+def draw_seeds(kinematics: Kinematics, q_rad: Array, home_rad: Array, seed: int) -> list[Array]:
+    """Start postures for the inverse: here, home, near home, anywhere; in that order."""
+    chain = kinematics.chain
+    rng = np.random.default_rng(seed)
+    near = home_rad + rng.normal(0.0, NEAR_HOME_SPREAD_RAD, (NEAR_HOME_SEEDS, len(home_rad)))
+    anywhere = rng.uniform(chain.q_min_rad, chain.q_max_rad, (UNIFORM_SEEDS, len(home_rad)))
+    return [np.clip(q, chain.q_min_rad, chain.q_max_rad) for q in (q_rad, home_rad, *near, *anywhere)]
+
+
+def find_approaches(
+    ways: Sequence[Way],
+    *,
+    q_rad: Array,
+    seeds: Sequence[Array],
+    kinematics: Kinematics,
+    scene: PlanningScene,
+    job: Job,
+    count: int,
+) -> list[Approach]:
+    """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of death go to the job."""
+    with job.stage("ik"):
+        hovers = [hover for way in ways for hover in _find_hovers(way, q_rad, seeds, kinematics, scene, job)]
+    hovers.sort(key=lambda hover: hover.distance)
+    found: list[Approach] = []
+    taken: Counter[str] = Counter()
+    for hover in hovers:
+        if len(found) == count:
+            break
+        way = hover.way
+        if taken[way.label] < POSTURES_PER_WAY and (line := _find_line(hover, kinematics, scene, job)) is not None:
+            taken[way.label] += 1
+            found.append(Approach(label=way.label, tcp_end=compute_pose(way.end), line_rad=line, site=way.site))
+    return found
+
+
+def _find_hovers(
+    way: Way, q_rad: Array, seeds: Sequence[Array], kinematics: Kinematics, scene: PlanningScene, job: Job
+) -> list[_Hover]:
+    """Postures above a way that are free and whose way down looks open at its end."""
+    job.checkpoint()
+    target = raise_pose(way.end, way.hover_m)
+    hovers: list[_Hover] = []
+    reached = False
+    for index, start in enumerate(seeds):
+        if index >= 2 + NEAR_HOME_SEEDS and hovers:
+            break
+        q = kinematics.chain.solve(target, start)
+        if q is None:
+            continue
+        reached = True
+        if any(np.abs(q - other.q_rad).max() < SAME_POSTURE_RAD for other in hovers):
+            continue
+        if contacts := scene.find_contacts(q):
+            job.rejected[name_pair(contacts[0])] += 1
+            continue
+        end = kinematics.chain.solve(way.end, q)
+        if end is None:
+            job.rejected["line"] += 1
+            continue
+        if blocked := [pair for pair in scene.find_contacts(end) if pair not in way.tolerate]:
+            job.rejected[name_pair(blocked[0])] += 1
+            continue
+        hovers.append(_Hover(way, q, float(np.linalg.norm(q - q_rad))))
+    if not reached:
+        job.rejected["ik"] += 1
+    return hovers
+
+
+def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Array | None:
+    way = hover.way
+    with job.stage("ik"):
+        start = kinematics.solve(raise_pose(way.end, way.hover_m), hover.q_rad)
+        line = None if start is None else kinematics.solve_line(start, way.end)
+    if line is None:
+        job.rejected["line"] += 1
+        return None
+    with job.stage("check"):
+        left_m = np.linspace(way.hover_m, 0.0, len(line))
+        for q, distance_m in zip(line, left_m, strict=True):
+            blocked = [
+                pair for pair in scene.find_contacts(q) if distance_m > way.tolerate_m or pair not in way.tolerate
+            ]
+            if blocked:
+                job.rejected[name_pair(blocked[0])] += 1
+                return None
+    return line

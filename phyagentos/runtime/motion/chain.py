@@ -1,0 +1,200 @@
+"""Forward kinematics and a fast inverse of a serial arm, compiled by numba.
+
+Upstream: `RobotModel`. Downstream: the sphere model and the screening of grasp and place candidates. The inverse here
+only screens: what it finds is polished and followed by mink (`kinematics`). No `fastmath`: the same bits on every
+machine that has the same mathematical library.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from phyagentos.runtime.motion.poses import compute_inverse
+from phyagentos.runtime.motion.robot_model import RobotModel
+
+Array = NDArray[np.float64]
+
+LIMIT_MARGIN_RAD = 0.02  # a posture at a joint limit leaves no room for a correction
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """Kinematics of a serial arm; link 0 is the base, link i turns about its own z axis by joint i.
+
+    Attributes:
+        frames: (n_joints + 1, 3, 4) `link(i-1)_T_link(i)` at joint angle zero; row 0 is `world_T_base`.
+        tcp: (3, 4) `last_link_T_tcp`.
+        q_min_rad: (n_joints,) lower limits less a margin.
+        q_max_rad: (n_joints,) upper limits less a margin.
+        link_of_body: Link index by body id of the robot's model.
+        zero: (n_joints + 1, 4, 4) `world_T_link` at joint angles zero.
+    """
+
+    frames: Array
+    tcp: Array
+    q_min_rad: Array
+    q_max_rad: Array
+    link_of_body: dict[int, int]
+    zero: Array
+
+    def compute_tcp(self, q_rad: Array) -> Array:
+        """`world_T_tcp` (4, 4) of a posture (n_joints,)."""
+        links = np.zeros_like(self.frames)
+        compute_links(q_rad, self.frames, links)
+        T = np.eye(4)
+        T[:3, :3] = links[-1, :, :3] @ self.tcp[:, :3]
+        T[:3, 3] = links[-1, :, :3] @ self.tcp[:, 3] + links[-1, :, 3]
+        return T
+
+    def compute_tcp_path(self, path_rad: Array) -> Array:
+        """`world_T_tcp` (k, 4, 4) of postures (k, n_joints)."""
+        return np.array([self.compute_tcp(q) for q in path_rad])
+
+    def solve(self, world_T_tcp: Array, start_rad: Array) -> Array | None:
+        """A posture that reaches a tool pose, found from `start_rad`, or None."""
+        q = np.zeros_like(self.q_min_rad)
+        target = np.ascontiguousarray(world_T_tcp[:3])
+        start = np.ascontiguousarray(start_rad, dtype=np.float64)
+        found = _solve(start, target, self.frames, self.tcp, self.q_min_rad, self.q_max_rad, q)
+        return q if found else None
+
+
+def build_chain(robot: RobotModel) -> Chain:
+    """Read the chain from the robot's compiled model."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    zero, link_of_body = [np.eye(4)], {0: 0}
+    for joint in range(model.njnt):
+        T = np.eye(4)
+        T[:3, :3] = data.xmat[model.jnt_bodyid[joint]].reshape(3, 3) @ _align_z_with(model.jnt_axis[joint])
+        T[:3, 3] = data.xanchor[joint]
+        zero.append(T)
+        link_of_body[int(model.body_weldid[model.jnt_bodyid[joint]])] = joint + 1
+    frames = [zero[0], *(compute_inverse(a) @ b for a, b in pairwise(zero))]
+    world_T_tcp = np.eye(4)
+    site = model.site(robot.profile.tcp).id
+    world_T_tcp[:3, :3] = data.site_xmat[site].reshape(3, 3)
+    world_T_tcp[:3, 3] = data.site_xpos[site]
+    return Chain(
+        frames=np.ascontiguousarray(np.array(frames)[:, :3]),
+        tcp=np.ascontiguousarray((compute_inverse(zero[-1]) @ world_T_tcp)[:3]),
+        q_min_rad=robot.q_min_rad + LIMIT_MARGIN_RAD,
+        q_max_rad=robot.q_max_rad - LIMIT_MARGIN_RAD,
+        link_of_body={body: link_of_body[int(model.body_weldid[body])] for body in range(model.nbody)},
+        zero=np.array(zero),
+    )
+
+
+def _align_z_with(axis: Array) -> Array:
+    """The smallest rotation (3, 3) that turns the z axis into `axis`."""
+    a = np.array(axis) / np.linalg.norm(axis)
+    if a[2] < -1.0 + 1e-12:
+        return np.diag((1.0, -1.0, -1.0))
+    x, y, z = a
+    K = np.array(((0.0, 0.0, x), (0.0, 0.0, y), (-x, -y, 0.0)))
+    R: Array = np.eye(3) + K + K @ K / (1.0 + z)
+    return R
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def compute_links(q, frames, links):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
+    """Write `world_T_link` (n_joints + 1, 3, 4) of the posture `q` into `links`."""
+    for r in range(3):
+        for k in range(4):
+            links[0, r, k] = frames[0, r, k]
+    for i in range(1, frames.shape[0]):
+        c, s = np.cos(q[i - 1]), np.sin(q[i - 1])
+        for r in range(3):
+            a, b, d = links[i - 1, r, 0], links[i - 1, r, 1], links[i - 1, r, 2]
+            x = a * frames[i, 0, 0] + b * frames[i, 1, 0] + d * frames[i, 2, 0]
+            y = a * frames[i, 0, 1] + b * frames[i, 1, 1] + d * frames[i, 2, 1]
+            links[i, r, 0] = c * x + s * y
+            links[i, r, 1] = c * y - s * x
+            links[i, r, 2] = a * frames[i, 0, 2] + b * frames[i, 1, 2] + d * frames[i, 2, 2]
+            links[i, r, 3] = a * frames[i, 0, 3] + b * frames[i, 1, 3] + d * frames[i, 2, 3] + links[i - 1, r, 3]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(start, target, frames, tcp, q_min, q_max, q):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Damped least squares, dq = J^T (J J^T + lambda I)^-1 e, clamped to the limits; at most 60 steps."""
+    n = start.shape[0]
+    links, T = np.zeros(frames.shape), np.zeros((3, 4))
+    J, H, e = np.zeros((6, n)), np.zeros((6, 6)), np.zeros(6)
+    q[:] = start
+    for _ in range(60):
+        compute_links(q, frames, links)
+        for r in range(3):
+            for c in range(4):
+                T[r, c] = links[n, r, 0] * tcp[0, c] + links[n, r, 1] * tcp[1, c] + links[n, r, 2] * tcp[2, c]
+            T[r, 3] += links[n, r, 3]
+        position_error, rotation_error = _compute_error(target, T, e)
+        if position_error < 1e-4 and rotation_error < 1e-3:
+            return True
+        for i in range(n):
+            L = links[i + 1]
+            dx, dy, dz = T[0, 3] - L[0, 3], T[1, 3] - L[1, 3], T[2, 3] - L[2, 3]
+            J[0, i] = L[1, 2] * dz - L[2, 2] * dy
+            J[1, i] = L[2, 2] * dx - L[0, 2] * dz
+            J[2, i] = L[0, 2] * dy - L[1, 2] * dx
+            J[3, i], J[4, i], J[5, i] = L[0, 2], L[1, 2], L[2, 2]
+        damping = 1e-4 + 1e-2 * min(1.0, position_error**2 + rotation_error**2)
+        for r in range(6):
+            for c in range(r + 1):
+                total = damping if r == c else 0.0
+                for i in range(n):
+                    total += J[r, i] * J[c, i]
+                H[r, c] = total
+        _solve_cholesky(H, e)
+        largest = 0.0
+        for i in range(n):
+            step = 0.0
+            for r in range(6):
+                step += J[r, i] * e[r]
+            J[0, i] = step
+            largest = max(largest, abs(step))
+        scale = 1.0 if largest < 0.5 else 0.5 / largest
+        for i in range(n):
+            q[i] = min(q_max[i], max(q_min[i], q[i] + scale * J[0, i]))
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _compute_error(target, T, e):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Write the world-frame twist from `T` to `target` (6,) into `e`; return its two magnitudes."""
+    R = np.zeros((3, 3))
+    for r in range(3):
+        e[r] = target[r, 3] - T[r, 3]
+        for c in range(3):
+            R[r, c] = target[r, 0] * T[c, 0] + target[r, 1] * T[c, 1] + target[r, 2] * T[c, 2]
+    angle = np.arccos(min(1.0, max(-1.0, (R[0, 0] + R[1, 1] + R[2, 2] - 1.0) / 2.0)))
+    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    sine = np.sqrt(x * x + y * y + z * z)
+    factor = angle / sine if sine > 1e-9 else 0.5
+    e[3], e[4], e[5] = factor * x, factor * y, factor * z
+    return np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), np.sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve_cholesky(H, e):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Solve H x = e in place; H (6, 6) is positive definite, its lower triangle is overwritten."""
+    for j in range(6):
+        for k in range(j):
+            H[j, j] -= H[j, k] ** 2
+        H[j, j] = np.sqrt(H[j, j])
+        for i in range(j + 1, 6):
+            for k in range(j):
+                H[i, j] -= H[i, k] * H[j, k]
+            H[i, j] /= H[j, j]
+    for i in range(6):
+        for k in range(i):
+            e[i] -= H[i, k] * e[k]
+        e[i] /= H[i, i]
+    for i in range(5, -1, -1):
+        for k in range(i + 1, 6):
+            e[i] -= H[k, i] * e[k]
+        e[i] /= H[i, i]

@@ -1,0 +1,70 @@
+"""Ways to take hold of a thing from above with a parallel gripper.
+
+Upstream: the believed pose and solids of the object. Downstream: `approaches`. A box-like thing offers four yaws, which
+close on its faces; a round one eight. Labels count the yaw from the object, so that they survive a nudge of it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Entity
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
+from phyagentos.runtime.motion.job import Job
+from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.planning_scene import PlanningScene
+from phyagentos.runtime.motion.poses import point_tool_down
+from phyagentos.runtime.motion.requests import Approaches, FindGrasps, NoPlan
+from phyagentos.runtime.motion.shapes import compute_entity_box, is_round
+
+Array = NDArray[np.float64]
+
+GRASP_DEPTH_M = 0.02  # the palm stays clear of a top this far above the tool centre point
+FINGERTIP_M = 0.016  # the fingertips reach 1 cm below the tool centre point; they must not touch the support
+WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
+STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
+
+
+def find_grasps(
+    request: FindGrasps, entity: Entity, kinematics: Kinematics, scene: PlanningScene, job: Job
+) -> Approaches | NoPlan:
+    """Approaches to grasps of `entity`, the nearest first."""
+    profile = scene.robot.profile
+    ways = compute_grasp_ways(entity, profile, scene.robot.fingers, request.hover_m)
+    if not ways:
+        return job.fail("TOO_WIDE", f"{entity.name} is wider than the gripper opens ({profile.gripper.max_width_m} m).")
+    wanted = [way for way in ways if way.label not in request.avoid]
+    seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
+    found = find_approaches(
+        wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
+    )
+    if not found:
+        avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
+        return job.fail("NO_IK", f"None of {len(wanted)} ways to grasp {entity.name} works{avoided}.")
+    return Approaches(approaches=tuple(found), timing=job.timing)
+
+
+def compute_grasp_ways(entity: Entity, profile: TargetProfile, fingers: frozenset[str], hover_m: float) -> list[Way]:
+    """Every tool pose that would grasp an entity from above, those excepted for which it is too wide."""
+    box = compute_entity_box(entity)
+    vertical = int(np.argmax(np.abs(box.pose[2, :3])))
+    first, second = (vertical + 1) % 3, (vertical + 2) % 3
+    upright_round = is_round(entity) and vertical == 2
+    yaw_rad = 0.0 if upright_round else float(np.arctan2(box.pose[1, first], box.pose[0, first]))
+    height_m = max(box.pose[2, 3], box.top_m - GRASP_DEPTH_M, box.bottom_m + FINGERTIP_M)
+    position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
+    opening_m = profile.gripper.max_width_m - WIDTH_CLEARANCE_M
+    ways = []
+    for degrees in range(0, 360, 45 if upright_round else 90):
+        closing = second if degrees % 180 == 0 else first  # at yaw 0 the tool's x axis lies along `first`
+        if 2.0 * box.half_m[closing] <= opening_m:
+            ways.append(
+                Way(
+                    label=f"yaw+{degrees:03d}",
+                    end=point_tool_down(yaw_rad + np.radians(degrees), position),
+                    hover_m=hover_m,
+                    tolerate=frozenset((finger, entity.name) for finger in fingers),
+                    tolerate_m=STRADDLE_M,
+                )
+            )
+    return ways

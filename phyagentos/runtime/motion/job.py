@@ -1,0 +1,53 @@
+"""The book-keeping of one request: where its time went, why candidates died, and whether it is still wanted."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from phyagentos.clock import Clock
+from phyagentos.runtime.motion.requests import NoPlan, Timing
+
+
+class Cancelled(Exception):
+    """Whoever asked does not want the answer any more."""
+
+
+class Job:
+    """One request while it is worked on.
+
+    Attributes:
+        rejected: Why candidates died, counted by reason.
+    """
+
+    def __init__(self, *, clock: Clock, should_cancel: Callable[[], bool]) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.should_cancel = should_cancel
+        self._clock = clock
+        self._ms: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time spent inside as `name`; ends the job first if it was cancelled."""
+        self.checkpoint()
+        start_s = self._clock.now_s()
+        try:
+            yield
+        finally:
+            self._ms[name] = self._ms.get(name, 0.0) + 1e3 * (self._clock.now_s() - start_s)
+
+    def checkpoint(self) -> None:
+        """Raise `Cancelled` if the job is not wanted any more."""
+        if self.should_cancel():
+            raise Cancelled
+
+    @property
+    def timing(self) -> Timing:
+        """Wall [ms] by stage so far."""
+        return Timing(ms={name: round(ms, 3) for name, ms in self._ms.items()})
+
+    def fail(self, code: str, message: str) -> NoPlan:
+        """The answer that there is none, with the reasons counted so far."""
+        if self.rejected:
+            reasons = ", ".join(f"{reason} {count}" for reason, count in self.rejected.most_common(4))
+            message = f"{message} Rejected: {reasons}."
+        return NoPlan(code=code, message=message, timing=self.timing, rejected=dict(self.rejected))

@@ -1,0 +1,50 @@
+"""A straight tool motion from where the arm is, through given tool poses.
+
+Upstream: leaves that lift, push or retreat. Downstream: `timing`. A thing that stands on the table touches it when the
+lift begins: contacts of the first posture are tolerated until the line has left them. Corners between waypoints are cut
+by a few millimetres before the check, since nothing could pass them without stopping.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.runtime.motion.job import Job
+from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
+from phyagentos.runtime.motion.poses import compute_matrix
+from phyagentos.runtime.motion.requests import Approach, Approaches, FindLine, NoPlan
+
+ROUNDING_PASSES = 6  # over rows 1 cm apart: a right angle is cut by some 5 mm
+
+
+def find_line(request: FindLine, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approaches | NoPlan:
+    """One approach that begins at the request's posture, or why there is none."""
+    rows = [np.array(request.q_rad)]
+    for index, waypoint in enumerate(request.waypoints):
+        with job.stage("ik"):
+            part = kinematics.solve_line(rows[-1], compute_matrix(waypoint))
+        if part is None:
+            job.rejected["line"] += 1
+            return job.fail("NO_IK", f"The straight line to waypoint {index} leaves the workspace.")
+        rows.extend(part[1:])
+    if len(request.waypoints) > 1:
+        rows = list(_round(np.array(rows)))
+    with job.stage("check"):
+        tolerated = set(scene.find_contacts(rows[0]))
+        for q in rows[1:]:
+            contacts = set(scene.find_contacts(q))
+            if blocked := sorted(contacts - tolerated):
+                job.rejected[name_pair(blocked[0])] += 1
+                return job.fail("IN_COLLISION", f"The straight line runs into {name_pair(blocked[0])}.")
+            tolerated &= contacts
+    line = np.array(rows)
+    end = request.waypoints[-1]
+    return Approaches(approaches=(Approach(label="line", tcp_end=end, line_rad=line),), timing=job.timing)
+
+
+def _round(rows_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows (k, n_joints) averaged 1-2-1 with their neighbours, the ends kept."""
+    rows = rows_rad
+    for _ in range(ROUNDING_PASSES):
+        rows = np.vstack((rows[:1], (rows[:-2] + 2.0 * rows[1:-1] + rows[2:]) / 4.0, rows[-1:]))
+    return rows

@@ -1,0 +1,105 @@
+"""A collision-free timed motion to any of several postures.
+
+Upstream: hover postures of approaches. Downstream: the target. Search on spheres, round, time, then check every row
+with the exact model; a row that touches sends the path back, first with denser corners, then with another seed.
+Where the spheres refuse a start or all goals that are free in truth, the search itself uses the exact model.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phyagentos.runtime.motion.job import Job
+from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
+from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
+from phyagentos.runtime.motion.requests import Motion, NoPlan, PlanMove, Trajectory
+from phyagentos.runtime.motion.sphere_checker import SphereChecker
+from phyagentos.runtime.motion.sphere_model import SphereModel
+from phyagentos.runtime.motion.timing import JointLimits, time_path
+
+ATTEMPTS = 3
+DENSE_RAD = 0.05
+_SEED_STRIDE = 101
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    query: Query
+    checker: Checker
+    goals: list[int]
+    name: str
+
+
+def plan_move(
+    request: PlanMove, scene: PlanningScene, spheres: SphereModel, limits: JointLimits, job: Job
+) -> Motion | NoPlan:
+    """The motion, or why there is none."""
+    with job.stage("model"):
+        prepared = _prepare(request, scene, spheres, job)
+    if isinstance(prepared, NoPlan):
+        return prepared
+    scaled = limits.scale(request.speed, request.speed**2)
+    for attempt in range(ATTEMPTS):
+        with job.stage("path"):
+            path = find_path(prepared.query, prepared.checker, request.seed + _SEED_STRIDE * attempt, job.should_cancel)
+        job.checkpoint()
+        if path is None:
+            return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
+        trajectory = _time_and_check(path, prepared.checker, scene, scaled, job)
+        if trajectory is not None:
+            return Motion(
+                trajectory=trajectory,
+                goal=prepared.goals[path.goal],
+                timing=job.timing,
+                details={
+                    "checker": prepared.name,
+                    "iterations": path.iterations,
+                    "length_rad": round(compute_length(path.rows_rad), 4),
+                    "attempts": attempt + 1,
+                    "exact_checks": scene.checks,
+                    "duration_s": round(len(trajectory.q_rad) * trajectory.step_s, 4),
+                },
+            )
+    return job.fail("IN_COLLISION", f"{ATTEMPTS} paths were found, but none stayed free of contact once timed.")
+
+
+def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job: Job) -> _Search | NoPlan:
+    """Sort out what is free, and by which model to search."""
+    q_min, q_max = scene.robot.q_min_rad, scene.robot.q_max_rad
+    start = np.clip(np.asarray(request.q_rad, dtype=float), q_min, q_max)
+    goals = np.atleast_2d(np.asarray(request.goals_rad, dtype=float))
+    if contacts := scene.find_contacts(start):
+        job.rejected[name_pair(contacts[0])] += 1
+        return job.fail("IN_COLLISION", f"The arm already touches something: {name_pair(contacts[0])}.")
+    free: list[int] = []
+    for index, goal in enumerate(goals):
+        contacts = scene.find_contacts(goal)
+        if contacts:
+            job.rejected[name_pair(contacts[0])] += 1
+        elif np.any(goal < q_min) or np.any(goal > q_max):
+            job.rejected["joint limit"] += 1
+        else:
+            free.append(index)
+    if not free:
+        return job.fail("IN_COLLISION", f"None of {len(goals)} goal postures is free.")
+    checker = SphereChecker(spheres.build_arrays(scene))
+    seen_free = [index for index in free if checker.is_free(goals[index])]
+    if seen_free and checker.is_free(start):
+        return _Search(Query(start, goals[seen_free], q_min, q_max), checker, seen_free, "spheres")
+    return _Search(Query(start, goals[free], q_min, q_max), scene, free, "exact")
+
+
+def _time_and_check(
+    path: Path, checker: Checker, scene: PlanningScene, limits: JointLimits, job: Job
+) -> Trajectory | None:
+    for rounded in (True, False):
+        with job.stage("path"):
+            rows = round_corners(path.rows_rad, checker) if rounded else densify(path.rows_rad, DENSE_RAD)
+        with job.stage("timing"):
+            trajectory = time_path(rows, limits)
+        with job.stage("check"):
+            blocked = scene.find_first_blocked(trajectory.q_rad)
+        if blocked is None:
+            return trajectory
+        job.rejected[name_pair(blocked[1][0])] += 1
+    return None

@@ -1,0 +1,202 @@
+"""Collision-free paths: OMPL's RRT-Connect, shortened and rounded.
+
+Upstream: a checker (spheres, or exact). Downstream: `timing`. All goals are roots of the goal tree. The budget is a
+number of iterations, so that the same seed gives the same path; the direct way is tried first, and of several cheap
+searches the shortest path is kept, which saves more arm motion than one long search (asymptotically optimal planners
+were measured and rejected: 50 to 300 ms for what three starts give in 5).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+Array = NDArray[np.float64]
+
+RANGE_RAD = 1.5
+RESOLUTION_RAD = 0.03
+ITERATIONS = 20_000
+STARTS = 3
+SHORTCUTS = 100
+SPACING_RAD = 0.12
+ROUNDING_PASSES = 3
+
+
+class Checker(Protocol):
+    """Says what is free of collision."""
+
+    def is_free(self, q_rad: Array) -> bool:
+        """Whether a posture touches nothing."""
+        ...
+
+    def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = RESOLUTION_RAD) -> bool:
+        """Whether a straight joint motion touches nothing."""
+        ...
+
+    def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
+        """Whether every edge of a path touches nothing."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Query:
+    """What a search is asked.
+
+    Attributes:
+        start_rad: (n_joints,) free posture.
+        goals_rad: (m, n_joints) free postures, m >= 1.
+        q_min_rad: (n_joints,) lower limits.
+        q_max_rad: (n_joints,) upper limits.
+    """
+
+    start_rad: Array
+    goals_rad: Array
+    q_min_rad: Array
+    q_max_rad: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """A path that was found.
+
+    Attributes:
+        rows_rad: (k, n_joints) corners.
+        goal: Index into the query's goals.
+        iterations: What the search took; 0 for the direct way.
+    """
+
+    rows_rad: Array
+    goal: int
+    iterations: int
+
+
+def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
+    """The direct way to the nearest goal that has one, else the shortest of a few searches, else None."""
+    order = np.argsort(np.linalg.norm(query.goals_rad - query.start_rad, axis=1), kind="stable")
+    for goal in order.tolist():
+        if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
+            return Path(np.array((query.start_rad, query.goals_rad[goal])), goal, 0)
+    found: list[Path] = []
+    for start in range(STARTS):
+        path = _search(query, checker, seed + start, should_cancel)
+        if path is None:
+            return None if not found else min(found, key=lambda path: compute_length(path.rows_rad))
+        rng = np.random.default_rng((seed, start))
+        found.append(Path(shorten(path.rows_rad, checker, rng), path.goal, path.iterations))
+    return min(found, key=lambda path: compute_length(path.rows_rad))
+
+
+def compute_length(rows_rad: Array) -> float:
+    """Length of a path (k, n_joints) in joint space [rad]."""
+    return float(np.linalg.norm(np.diff(rows_rad, axis=0), axis=1).sum())
+
+
+def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
+    """One run of RRT-Connect; see `find_path`."""
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    ou.RNG.setSeed(1 + seed % (2**31 - 2))
+    n = len(query.start_rad)
+    space, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
+    for joint in range(n):
+        bounds.setLow(joint, float(query.q_min_rad[joint]))
+        bounds.setHigh(joint, float(query.q_max_rad[joint]))
+    space.setBounds(bounds)
+    information = ob.SpaceInformation(space)
+    information.setStateValidityChecker(lambda state: checker.is_free(np.array(state[0:n])))
+    validator = _define_motion_validator(checker, n)(information)
+    information.setMotionValidator(validator)
+    information.setup()
+    problem = ob.ProblemDefinition(information)
+    problem.addStartState(_allocate(information, query.start_rad))
+    goals = ob.GoalStates(information)
+    for goal in query.goals_rad:
+        goals.addState(_allocate(information, goal))
+    problem.setGoal(goals)
+    planner = og.RRTConnect(information)
+    planner.setRange(RANGE_RAD)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    iterations = 0
+
+    def is_over() -> bool:
+        nonlocal iterations
+        iterations += 1
+        return iterations > ITERATIONS or bool(should_cancel())
+
+    planner.solve(ob.PlannerTerminationCondition(is_over))
+    if not problem.hasExactSolution():
+        return None
+    rows = np.array([state[0:n] for state in problem.getSolutionPath().getStates()])
+    goal = int(np.argmin(np.linalg.norm(query.goals_rad - rows[-1], axis=1)))
+    rows[0], rows[-1] = query.start_rad, query.goals_rad[goal]
+    return Path(rows, goal, iterations)
+
+
+def _define_motion_validator(checker: Checker, n: int) -> type:
+    class EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
+        def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:  # noqa: N802 - OMPL's name
+            return bool(checker.edge_is_free(np.array(first[0:n]), np.array(second[0:n])))
+
+    return EdgeValidator
+
+
+def _allocate(information: ob.SpaceInformation, q_rad: Array) -> ob.State:
+    state = information.allocState()
+    state[0 : len(q_rad)] = q_rad.tolist()
+    return state
+
+
+def shorten(rows_rad: Array, checker: Checker, rng: np.random.Generator) -> Array:
+    """Replace random parts of a path by straight motions where these are free.
+
+    Args:
+        rows_rad: (k, n_joints) corners of a free path.
+        checker: Says what is free.
+        rng: Chooses the parts.
+    """
+    rows = rows_rad
+    for fractions in np.sort(rng.random((SHORTCUTS, 2)), axis=1):
+        if len(rows) < 3:
+            break
+        along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
+        low, high = fractions * along[-1]
+        i, j = (int(np.searchsorted(along, x, side="right")) for x in (low, high))
+        if i == j or j >= len(rows):
+            continue
+        a, b = _point_at(rows, along, low, i), _point_at(rows, along, high, j)
+        if np.linalg.norm(b - a) < 0.98 * (high - low) and checker.edge_is_free(a, b):
+            rows = np.vstack((rows[:i], a, b, rows[j:]))
+    return rows
+
+
+def _point_at(rows: Array, along: Array, distance: float, end: int) -> Array:
+    fraction = (distance - along[end - 1]) / max(along[end] - along[end - 1], 1e-12)
+    point: Array = rows[end - 1] + fraction * (rows[end] - rows[end - 1])
+    return point
+
+
+def round_corners(rows_rad: Array, checker: Checker, passes: int = ROUNDING_PASSES) -> Array:
+    """The path in steps of at most 0.12 rad, averaged 1-2-1 as often as that stays free."""
+    rows = densify(rows_rad, SPACING_RAD)
+    for _ in range(passes if len(rows) > 3 else 0):
+        rounded = rows.copy()
+        rounded[1:-1] = (rows[:-2] + 2.0 * rows[1:-1] + rows[2:]) / 4.0
+        if not checker.path_is_free(rounded):
+            break
+        rows = rounded
+    return rows
+
+
+def densify(rows_rad: Array, spacing_rad: float) -> Array:
+    """The same polyline with corners at most `spacing_rad` [rad] apart."""
+    rows = [rows_rad[:1]]
+    for a, b in pairwise(rows_rad):
+        k = max(1, int(np.ceil(np.linalg.norm(b - a) / spacing_rad)))
+        rows.append(a + (b - a) * (np.arange(1, k + 1) / k)[:, None])
+    return np.vstack(rows)

@@ -1,0 +1,145 @@
+"""Answers motion requests for one robot. Upstream: the planner process. Downstream: everything in this package.
+
+Pure in what it is asked: the same request gives the same answer, whatever was asked before. What is kept between
+requests (the robot's models, compiled scenes) never changes an answer.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from phyagentos.clock import Clock, SystemClock
+from phyagentos.errors import format_hint, format_names
+from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.schema import read_yaml, validate
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.grasps import find_grasps
+from phyagentos.runtime.motion.job import Cancelled, Job
+from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.lines import find_line
+from phyagentos.runtime.motion.moves import plan_move
+from phyagentos.runtime.motion.placements import find_placements
+from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    FindGrasps,
+    FindLine,
+    FindPlacements,
+    Motion,
+    MotionAnswer,
+    MotionRequest,
+    NoPlan,
+    Payload,
+    PlanMove,
+    ShapeTransport,
+    TimeLine,
+    World,
+)
+from phyagentos.runtime.motion.robot_model import build_robot_model
+from phyagentos.runtime.motion.sphere_model import SphereModel
+from phyagentos.runtime.motion.timing import JointLimits, time_path
+
+
+def _never() -> bool:
+    return False
+
+
+class MotionPlanner:
+    """The motion functions of one robot, behind one door."""
+
+    def __init__(self, profile: TargetProfile, folder: Path, clock: Clock | None = None) -> None:
+        """Build the robot's models.
+
+        Args:
+            profile: The target.
+            folder: Where the profile's `model` lies.
+            clock: Measures the stages; it never influences an answer.
+        """
+        self._clock = clock or SystemClock()
+        self.robot = build_robot_model(profile, folder)
+        self._chain = build_chain(self.robot)
+        self._kinematics = Kinematics(self.robot, self._chain)
+        self._spheres = SphereModel(self.robot, self._chain)
+        self._scenes = PlanningScenes(self.robot)
+        self._limits = JointLimits.from_profile(profile)
+
+    @classmethod
+    def open(cls, profile_file: Path, clock: Clock | None = None) -> "MotionPlanner":
+        """The planner of `robots/<name>/target.yaml`."""
+        return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock)
+
+    def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = _never) -> MotionAnswer:
+        """Carry out one request.
+
+        Args:
+            request: Any of the seven.
+            should_cancel: Polled often; once true, the answer becomes `NoPlan` with code CANCELLED.
+        """
+        job = Job(clock=self._clock, should_cancel=should_cancel)
+        try:
+            return self._find_unknown(request, job) or self._dispatch(request, job)
+        except Cancelled:
+            return job.fail("CANCELLED", "Nobody wants this answer any more.")
+
+    def warm_up(self) -> None:
+        """Load or compile every kernel and touch every library, so that the first request is no slower than others."""
+        cube = Entity(
+            name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=(Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
+        )
+        home = self.robot.home_rad
+        world = World((cube,))
+        self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
+        held = Payload("cube", Pose())
+        self.answer(PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=0, payload=held))
+
+    def _dispatch(self, request: MotionRequest, job: Job) -> Approaches | Motion | NoPlan:
+        match request:
+            case FindGrasps():
+                entity = _get_entity(request.world, request.object)
+                return find_grasps(request, entity, self._kinematics, self._get_scene(request, job), job)
+            case FindPlacements():
+                held = _get_entity(request.world, request.payload.entity)
+                return find_placements(request, held, self._kinematics, self._get_scene(request, job), job)
+            case FindLine():
+                return find_line(request, self._kinematics, self._get_scene(request, job), job)
+            case PlanMove():
+                return plan_move(request, self._get_scene(request, job), self._spheres, self._limits, job)
+            case TimeLine():
+                limits = self._limits.scale(request.speed, request.speed)
+                with job.stage("timing"):
+                    trajectory = time_path(np.asarray(request.waypoints_rad, dtype=float), limits)
+                return Motion(trajectory=trajectory, goal=0, timing=job.timing)
+            case ShapeTransport():
+                from phyagentos.runtime.motion.trajectory import shape_transport  # casadi: only where it is used
+
+                return shape_transport(request, self._chain, self._limits, job)
+
+    def _get_scene(self, request: FindGrasps | FindPlacements | FindLine | PlanMove, job: Job) -> PlanningScene:
+        payload = None if isinstance(request, FindGrasps) else request.payload
+        ignore = request.ignore if isinstance(request, FindLine | PlanMove) else ()
+        with job.stage("model"):
+            return self._scenes.get_scene(request.world, payload, ignore)
+
+    def _find_unknown(self, request: MotionRequest, job: Job) -> NoPlan | None:
+        """The answer to a request that names something which is not there, or has no solids."""
+        if isinstance(request, TimeLine | ShapeTransport):
+            return None
+        solid = [entity.name for entity in request.world.entities if entity.shapes]
+        places = [*solid, *(region.name for region in request.world.regions)]
+        wanted: list[tuple[str, list[str]]] = []
+        if isinstance(request, FindGrasps):
+            wanted.append((request.object, solid))
+        else:
+            wanted += [(request.payload.entity, solid)] if request.payload else []
+            wanted += [(request.destination, places)] if isinstance(request, FindPlacements) else []
+        for name, known in wanted:
+            if name not in known:
+                hint = format_hint(name, known)
+                return job.fail("UNKNOWN_ENTITY", f"There is no {name!r} among {format_names(known)}. {hint}".strip())
+        return None
+
+
+def _get_entity(world: World, name: str) -> Entity:
+    return next(entity for entity in world.entities if entity.name == name)

@@ -1,0 +1,194 @@
+"""The world in which motions are checked: the robot, what it holds, and everything believed to stand around it.
+
+Upstream: `RobotModel` and the request's `World`. Downstream: every search of this package. One compiled MuJoCo model
+serves all worlds with the same solids: entities are mocap bodies, so a new pose costs a write, not a compilation.
+Contact bits keep entities from being tested against each other. Immovable things are inflated by 4 mm and movable
+ones by 2 mm, what is held by 2 %; base and first link ignore immovable things, since the robot stands on them.
+"""
+
+from collections.abc import Iterable
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Entity, Shape, ShapeKind
+from phyagentos.runtime.motion.poses import compute_matrix, compute_rotation
+from phyagentos.runtime.motion.requests import Payload, World
+from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
+
+Array = NDArray[np.float64]
+Pair = tuple[str, str]
+Structure = tuple[tuple[tuple[str, bool, tuple[Shape, ...]], ...], tuple[Shape, ...]]
+
+PAYLOAD = "payload"
+FIXED_MARGIN_M = 0.004  # of walls and tables: calibration and tracking error
+MOVABLE_MARGIN_M = 0.002  # smaller, since fingers must pass beside a neighbour
+PAYLOAD_SCALE = 1.02
+PARKED_M = (0.0, 0.0, -10.0)
+_CACHE_SIZE = 8
+_GEOM_TYPES = {
+    ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    ShapeKind.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
+    ShapeKind.SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
+}
+
+
+class PlanningScene:
+    """A compiled planning model, posed as one world; exact collision checks.
+
+    Attributes:
+        checks: How many configurations were checked since `pose`.
+    """
+
+    def __init__(self, robot: RobotModel, structure: Structure) -> None:
+        entities, payload_shapes = structure
+        self.robot = robot
+        self.payload_shapes = payload_shapes
+        self.checks = 0
+        self._model = _compile(robot, structure)
+        self._data = mujoco.MjData(self._model)
+        self._mocap = {name: int(self._model.body(name).mocapid[0]) for name, _, _ in entities}
+        self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
+        self._owner = [self._model.body(int(body)).name for body in self._model.geom_bodyid]
+        self._obstacles: list[tuple[Entity, bool]] = []
+        self.tcp_T_payload = np.eye(4)
+
+    def pose(self, world: World, payload: Payload | None, ignore: Iterable[str] = ()) -> None:
+        """Put entities where they are believed to be; park what is held or ignored far below.
+
+        Args:
+            world: A world with exactly this scene's solids.
+            payload: What the robot holds, if this scene was compiled with a payload.
+            ignore: Entities that do not count as obstacles.
+        """
+        parked = {*ignore, *([payload.entity] if payload else [])}
+        self._obstacles = [(entity, not entity.movable) for entity in world.entities if entity.name not in parked]
+        for entity in world.entities:
+            index = self._mocap.get(entity.name)
+            if index is not None:
+                away = entity.name in parked
+                self._data.mocap_pos[index] = PARKED_M if away else entity.pose.position_m
+                self._data.mocap_quat[index] = entity.pose.quaternion_wxyz
+        if payload is not None:
+            self.tcp_T_payload = compute_matrix(payload.tcp_T_entity)
+            site = self._model.site(self.robot.profile.tcp)
+            tool_T_tcp = np.eye(4)
+            tool_T_tcp[:3, :3] = compute_rotation(site.quat)
+            tool_T_tcp[:3, 3] = site.pos
+            tool_T_payload = tool_T_tcp @ self.tcp_T_payload
+            quaternion = np.zeros(4)
+            mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(tool_T_payload[:3, :3]).reshape(9))
+            self._model.body_pos[self._payload_body] = tool_T_payload[:3, 3]
+            self._model.body_quat[self._payload_body] = quaternion
+        self.checks = 0
+
+    @property
+    def obstacles(self) -> list[tuple[Entity, bool]]:
+        """Entities that count at present, each with whether it is immovable."""
+        return self._obstacles
+
+    def is_free(self, q_rad: Array) -> bool:
+        """Whether a posture (n_joints,) touches nothing; exact."""
+        self.checks += 1
+        self._data.qpos[:] = q_rad
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_collision(self._model, self._data)
+        return int(self._data.ncon) == 0
+
+    def find_contacts(self, q_rad: Array) -> list[Pair]:
+        """Names of the pairs that touch in a posture, sorted and without repetition; robot bodies come first."""
+        if self.is_free(q_rad):
+            return []
+        pairs = set()
+        for first, second in self._data.contact.geom[: self._data.ncon]:
+            a, b = self._owner[first], self._owner[second]
+            pairs.add((b, a) if a in self._mocap else (a, b))
+        return sorted(pairs)
+
+    def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
+        """Whether the straight joint motion after `start_rad` is free, at the given resolution; coarse to fine."""
+        delta = end_rad - start_rad
+        steps = max(1, int(np.ceil(np.linalg.norm(delta) / resolution_rad)))
+        return all(self.is_free(start_rad + delta * (k / steps)) for k in _coarse_to_fine(steps))
+
+    def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
+        """Whether every edge of a path (k, n_joints) is free."""
+        return all(self.edge_is_free(a, b, resolution_rad) for a, b in pairwise(path_rad))
+
+    def find_first_blocked(self, rows_rad: Array) -> tuple[int, list[Pair]] | None:
+        """Index and contacts of the first row (k, n_joints) that is not free."""
+        for index, q in enumerate(rows_rad):
+            if not self.is_free(q):
+                return index, self.find_contacts(q)
+        return None
+
+
+class PlanningScenes:
+    """The scenes of one robot, compiled when a world with new solids is met."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot = robot
+        self._scenes: dict[Structure, PlanningScene] = {}
+
+    def get_scene(self, world: World, payload: Payload | None = None, ignore: Iterable[str] = ()) -> PlanningScene:
+        """The scene of these solids, posed as this world."""
+        held = next((e.shapes for e in world.entities if payload is not None and e.name == payload.entity), ())
+        entities = tuple((e.name, e.movable, e.shapes) for e in world.entities if e.shapes)
+        structure: Structure = (entities, held)
+        scene = self._scenes.pop(structure, None) or PlanningScene(self._robot, structure)
+        self._scenes[structure] = scene
+        if len(self._scenes) > _CACHE_SIZE:
+            del self._scenes[next(iter(self._scenes))]
+        scene.pose(world, payload if held else None, ignore)
+        return scene
+
+
+def name_pair(pair: Pair) -> str:
+    """`link5|wall`: a colliding pair as a reason."""
+    return f"{pair[0]}|{pair[1]}"
+
+
+def _compile(robot: RobotModel, structure: Structure) -> mujoco.MjModel:
+    entities, payload_shapes = structure
+    spec = robot.spec.copy()
+    if payload_shapes:
+        body = spec.body(robot.tool).add_body(name=PAYLOAD)
+        for shape in payload_shapes:
+            _add_geom(body, shape, 0.0, PAYLOAD_SCALE, ROBOT_BIT, ROBOT_BIT | WORLD_BIT)
+    for name, movable, shapes in entities:
+        body = spec.worldbody.add_body(name=name, mocap=True)
+        margin_m = MOVABLE_MARGIN_M if movable else FIXED_MARGIN_M
+        for shape in shapes:
+            _add_geom(body, shape, margin_m, 1.0, WORLD_BIT, 0)
+        if not movable:
+            for part in sorted(robot.mounting):
+                spec.add_exclude(name=f"mount:{part}|{name}", bodyname1=part, bodyname2=name)
+    return spec.compile()
+
+
+def _add_geom(
+    body: "mujoco.MjsBody", shape: Shape, margin_m: float, scale: float, contype: int, conaffinity: int
+) -> None:
+    size = [part * scale + margin_m for part in shape.size_m]
+    body.add_geom(
+        type=_GEOM_TYPES[shape.kind],
+        size=[*size, 0.0, 0.0][:3],
+        pos=shape.pose.position_m,
+        quat=shape.pose.quaternion_wxyz,
+        contype=contype,
+        conaffinity=conaffinity,
+        condim=1,
+        mass=0.001,
+    )
+
+
+def _coarse_to_fine(steps: int) -> Iterable[int]:
+    """Indices 1..steps: the end first, then halves, quarters, and so on."""
+    yield steps
+    stride = 1 << max(0, (steps - 1).bit_length())
+    while stride >= 2:
+        yield from range(stride // 2, steps, stride)
+        stride //= 2

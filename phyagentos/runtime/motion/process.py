@@ -1,0 +1,247 @@
+"""The planner process and the port through which a worker thinks.
+
+Upstream: the runner. Downstream: `MotionPlanner`, in a process of its own, since OMPL keeps the interpreter lock while
+it searches. One request at a time. Cancelling raises a flag that every search polls; a planner that does not react
+within the grace is killed and replaced, as is one that died. `LocalPlanner` is the same port without a process.
+"""
+
+import argparse
+import queue
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from phyagentos.clock import Clock, SystemClock
+from phyagentos.protocol.spaces import decode_array, encode_array
+from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.motion.planner import MotionPlanner
+
+CANCEL_GRACE_S = 0.5
+CLOSE_GRACE_S = 2.0
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
+_REQUESTS: msgspec.msgpack.Decoder[MotionRequest | Cancel] = msgspec.msgpack.Decoder(
+    MotionRequest | Cancel, dec_hook=decode_array
+)
+_ANSWERS: msgspec.msgpack.Decoder[MotionAnswer] = msgspec.msgpack.Decoder(MotionAnswer, dec_hook=decode_array)
+
+
+class Planner(Protocol):
+    """Something that answers motion requests, one at a time."""
+
+    def submit(self, request: MotionRequest) -> None:
+        """Start to work on a request; the previous one must have been answered or cancelled."""
+        ...
+
+    def poll(self) -> MotionAnswer | None:
+        """The answer, once; None while there is none."""
+        ...
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep until there is an answer, at most `timeout_s` [s]; whether there is one."""
+        ...
+
+    def cancel(self) -> None:
+        """Do not want the answer any more: it becomes `NoPlan` with code CANCELLED."""
+        ...
+
+    def close(self) -> None:
+        """Let go of processes and files."""
+        ...
+
+
+class LocalPlanner:
+    """The port without a process: works when polled. For tests and for scripts that plan one thing."""
+
+    def __init__(self, planner: "MotionPlanner") -> None:
+        self._planner = planner
+        self._request: MotionRequest | None = None
+        self._cancelled = False
+
+    def submit(self, request: MotionRequest) -> None:
+        """Remember the request."""
+        self._request, self._cancelled = request, False
+
+    def poll(self) -> MotionAnswer | None:
+        """Answer it now."""
+        request, self._request = self._request, None
+        return None if request is None else self._planner.answer(request, lambda: self._cancelled)
+
+    def wait(self, timeout_s: float) -> bool:
+        """There is an answer as soon as there is a request."""
+        return self._request is not None
+
+    def cancel(self) -> None:
+        """Answer with CANCELLED."""
+        self._cancelled = True
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+class PlannerProcess:
+    """A planner in a process of its own, replaced when it dies or does not listen."""
+
+    def __init__(self, profile_file: Path, *, clock: Clock | None = None) -> None:
+        """Start the process; it gets ready while the caller goes on.
+
+        Args:
+            profile_file: `robots/<name>/target.yaml`.
+            clock: Measures the grace after a cancellation.
+        """
+        self._profile_file = profile_file
+        self._clock = clock or SystemClock()
+        self._pending = False
+        self._deadline_s: float | None = None
+        self._start()
+
+    @property
+    def pid(self) -> int:
+        """Of the process that works at present."""
+        return self._process.pid
+
+    def submit(self, request: MotionRequest) -> None:
+        """Send a request; waits first for the end of one that was cancelled.
+
+        Raises:
+            RuntimeError: When a request is outstanding that nobody cancelled.
+        """
+        if self._pending and self._deadline_s is None:
+            raise RuntimeError("one request at a time: poll the answer or cancel before the next")
+        while self._pending:
+            self.wait(CANCEL_GRACE_S)
+            self.poll()
+        self._pending = True
+        with suppress(OSError):  # the next poll finds the process dead and says so
+            self._connection.send_bytes(_ENCODER.encode(request))
+
+    def poll(self) -> MotionAnswer | None:
+        """The answer, once; of a dead process `NoPlan` with code PLANNER_LOST, of a cancelled request CANCELLED."""
+        if not self._pending:
+            return None
+        answer: MotionAnswer | None = None
+        try:
+            if self._connection.poll():
+                answer = _ANSWERS.decode(self._connection.recv_bytes())
+        except (EOFError, OSError):
+            code = self._replace()
+            answer = _refuse("PLANNER_LOST", f"The planner process ended with code {code}; another one was started.")
+        if self._deadline_s is not None:
+            if answer is None and self._clock.now_s() >= self._deadline_s:
+                self._replace()
+                answer = _refuse("CANCELLED", "The planner did not stop in time and was replaced.")
+            elif answer is not None:
+                answer = _refuse("CANCELLED", "Nobody wants this answer any more.")
+        if answer is not None:
+            self._pending, self._deadline_s = False, None
+        return answer
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep until the process has said something or died, at most `timeout_s` [s]."""
+        if self._deadline_s is not None:
+            timeout_s = max(0.0, min(timeout_s, self._deadline_s - self._clock.now_s()))
+        try:
+            return self._connection.poll(timeout_s)
+        except OSError:
+            return True
+
+    def cancel(self) -> None:
+        """Raise the flag; the process has half a second to notice."""
+        if self._pending and self._deadline_s is None:
+            self._deadline_s = self._clock.now_s() + CANCEL_GRACE_S
+            with suppress(OSError):
+                self._connection.send_bytes(_ENCODER.encode(Cancel()))
+
+    def close(self) -> None:
+        """End the process."""
+        self._connection.close()
+        try:
+            self._process.wait(CLOSE_GRACE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _start(self) -> None:
+        ours, theirs = socket.socketpair()
+        command = [sys.executable, "-m", "phyagentos.runtime.motion.process"]
+        command += ["--profile", str(self._profile_file), "--descriptor", str(theirs.fileno())]
+        self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
+        theirs.close()
+        self._connection: Connection[Any, Any] = Connection(ours.detach())
+
+    def _replace(self) -> int:
+        """Kill what is left of the process and start another; the exit code of the old one."""
+        self._connection.close()
+        self._process.kill()
+        code = self._process.wait()
+        self._start()
+        return code
+
+
+def _refuse(code: str, message: str) -> NoPlan:
+    return NoPlan(code=code, message=message, timing=Timing(ms={}))
+
+
+class _Inbox:
+    """Reads the connection in a thread of its own, so that a flag can be raised while a search runs."""
+
+    def __init__(self, connection: "Connection[Any, Any]") -> None:
+        self._connection = connection
+        self._requests: queue.SimpleQueue[MotionRequest | None] = queue.SimpleQueue()
+        self.cancelled = threading.Event()
+        threading.Thread(target=self._read, name="planner-inbox", daemon=True).start()
+
+    def get(self) -> MotionRequest | None:
+        """Wait for the next request; None when the other side is gone."""
+        return self._requests.get()
+
+    def _read(self) -> None:
+        while True:
+            try:
+                message = _REQUESTS.decode(self._connection.recv_bytes())
+            except (EOFError, OSError):
+                self.cancelled.set()
+                self._requests.put(None)
+                return
+            if isinstance(message, Cancel):
+                self.cancelled.set()
+            else:
+                self.cancelled.clear()
+                self._requests.put(message)
+
+
+def serve(profile_file: Path, connection: "Connection[Any, Any]") -> None:
+    """Answer requests until the other side closes."""
+    from phyagentos.runtime.motion.planner import MotionPlanner  # the port alone loads no simulator
+
+    inbox = _Inbox(connection)
+    planner = MotionPlanner.open(profile_file)
+    planner.warm_up()
+    while (request := inbox.get()) is not None:
+        answer = planner.answer(request, inbox.cancelled.is_set)
+        try:
+            connection.send_bytes(_ENCODER.encode(answer))
+        except OSError:
+            return
+
+
+def main() -> None:
+    """Entry point of the planner process."""
+    parser = argparse.ArgumentParser(description="Answers motion requests for one robot.")
+    parser.add_argument("--profile", type=Path, required=True, help="robots/<name>/target.yaml")
+    parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
+    arguments = parser.parse_args()
+    serve(arguments.profile, Connection(arguments.descriptor))
+
+
+if __name__ == "__main__":
+    main()

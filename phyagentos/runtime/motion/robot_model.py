@@ -1,0 +1,147 @@
+"""The robot as planning sees it: collision solids only, fingers frozen open, nothing that moves by itself.
+
+Upstream: the target's profile and its MJCF. Downstream: kinematics, planning scenes, the sphere model. It is built from
+the same file as the simulated robot, but compiled apart: two MuJoCo calls on this model cost half of those on the full
+one, and the arm's joints are its only degrees of freedom.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.motion.collision_matrix import exclude_pairs, find_idle_pairs
+from phyagentos.runtime.motion.poses import compute_rotation
+
+Array = NDArray[np.float64]
+
+ROBOT_BIT, WORLD_BIT = 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class RobotModel:
+    """One robot, ready to be put into planning scenes.
+
+    Attributes:
+        spec: Arm and frozen hand, with collision bits; copy it before adding to it.
+        model: `spec` compiled, nothing else in it.
+        q_min_rad: (n_joints,) lower joint limits.
+        q_max_rad: (n_joints,) upper joint limits.
+        bodies: Names of the robot's bodies.
+        mounting: Names of the base and of the first moving link: they stand on what the robot is mounted on.
+        fingers: Names of the bodies that the gripper moves.
+        tool: Name of the body that carries the tool centre point.
+    """
+
+    profile: TargetProfile
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    q_min_rad: Array
+    q_max_rad: Array
+    bodies: frozenset[str]
+    mounting: frozenset[str]
+    fingers: frozenset[str]
+    tool: str
+
+    @property
+    def home_rad(self) -> Array:
+        """(n_joints,) the profile's home posture."""
+        return np.array(self.profile.arm.home_rad)
+
+
+def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
+    """Read the profile's MJCF and strip it to what planning needs.
+
+    Args:
+        profile: The target.
+        folder: Where the profile's `model` lies.
+
+    Raises:
+        DefinitionError: When the model cannot be read, lacks a name, or its joints are no serial chain of hinges.
+    """
+    path = folder / profile.model
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise DefinitionError(Problem(code="MODEL_UNREADABLE", address=str(path), found=str(error))) from error
+    _check(spec, profile, path)
+    for body in spec.worldbody.bodies:
+        body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
+    _strip(spec)
+    fingers = frozenset(spec.joint(name).parent.name for name in profile.gripper.joints)
+    _freeze_fingers(spec, profile)
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity, geom.condim = ROBOT_BIT, ROBOT_BIT | WORLD_BIT, 1
+    model = spec.compile()
+    joints = [model.joint(name) for name in profile.arm.joints]
+    if [int(joint.qposadr[0]) for joint in joints] != list(range(model.nq)):
+        raise DefinitionError(
+            Problem(
+                code="NO_SERIAL_CHAIN",
+                address=str(path),
+                found=f"joints {format_names(j.name for j in spec.joints)}",
+                expected="the arm's joints in chain order, the gripper's joints, and no others",
+            )
+        )
+    limits = np.array([joint.range for joint in joints])
+    exclude_pairs(spec, find_idle_pairs(model, limits[:, 0], limits[:, 1]))
+    first_link = model.body(int(joints[0].bodyid[0])).name
+    return RobotModel(
+        profile=profile,
+        spec=spec,
+        model=spec.compile(),
+        q_min_rad=limits[:, 0],
+        q_max_rad=limits[:, 1],
+        bodies=frozenset(body.name for body in spec.bodies[1:]),
+        mounting=frozenset({first_link, *(body.name for body in spec.worldbody.bodies)}),
+        fingers=fingers,
+        tool=spec.site(profile.tcp).parent.name,
+    )
+
+
+def _check(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
+    hinges = [joint.name for joint in spec.joints if int(joint.type) == int(mujoco.mjtJoint.mjJNT_HINGE)]
+    slides = [joint.name for joint in spec.joints if int(joint.type) == int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    sites = [site.name for site in spec.sites]
+    wanted = [
+        *(("hinge joint", name, hinges) for name in profile.arm.joints),
+        *(("slide joint", name, slides) for name in profile.gripper.joints),
+        ("site", profile.tcp, sites),
+    ]
+    problems = [
+        Problem(
+            code=f"UNKNOWN_{kind.split()[-1].upper()}",
+            address=str(path),
+            found=f"no {kind} {name!r}",
+            expected=format_names(known),
+            hint=format_hint(name, known),
+        )
+        for kind, name, known in wanted
+        if name not in known
+    ]
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _strip(spec: mujoco.MjSpec) -> None:
+    for elements in (spec.actuators, spec.sensors, spec.keys, spec.equalities, spec.tendons):
+        for element in list(elements):
+            spec.delete(element)
+    for geom in list(spec.geoms):
+        if (geom.contype == 0 and geom.conaffinity == 0) or geom.parent.name == "world":
+            spec.delete(geom)
+
+
+def _freeze_fingers(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
+    """Move each finger to its share of the full opening and delete its joint."""
+    opening_m = profile.gripper.max_width_m / len(profile.gripper.joints)
+    for name in profile.gripper.joints:
+        joint = spec.joint(name)
+        finger = joint.parent
+        axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+        finger.pos = np.array(finger.pos) + compute_rotation(finger.quat) @ axis * opening_m
+        spec.delete(joint)

@@ -1,0 +1,175 @@
+"""From a path to a timed trajectory within the joint limits, with toppra.
+
+Upstream: `path`, `kinematics`. Downstream: the target, which follows it row by row. A natural cubic spline through the
+rows is traversed as fast as the limits allow; the result is stretched until its finite differences respect them too,
+and to a whole number of control periods, so that the last row is at rest exactly at the end of a command.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import toppra
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from toppra import algorithm, constraint
+
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.motion.requests import Trajectory
+
+Array = NDArray[np.float64]
+
+VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controller
+ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points
+FINITE_DIFFERENCE_SCALE = 0.98  # the guard differentiates too, and refuses at 1
+DUPLICATE_RAD = 1e-4
+GRID_MIN, GRID_MAX = 80, 300
+
+logging.getLogger("toppra").setLevel(logging.ERROR)
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Limits of a trajectory, and the periods it is made for.
+
+    Attributes:
+        velocity_rad_s: (n_joints,) [rad/s].
+        acceleration_rad_s2: (n_joints,) [rad/s^2].
+        step_s: Sampling period [s].
+        steps_per_command: Rows of one control period.
+    """
+
+    velocity_rad_s: Array
+    acceleration_rad_s2: Array
+    step_s: float
+    steps_per_command: int
+
+    @classmethod
+    def from_profile(cls, profile: TargetProfile) -> "JointLimits":
+        """The datasheet's limits."""
+        return cls(
+            np.array(profile.arm.velocity_rad_s),
+            np.array(profile.arm.acceleration_rad_s2),
+            profile.physics_step_s,
+            round(profile.control_period_s / profile.physics_step_s),
+        )
+
+    def scale(self, velocity: float, acceleration: float) -> "JointLimits":
+        """Both limits times a factor each."""
+        return JointLimits(
+            velocity * self.velocity_rad_s,
+            acceleration * self.acceleration_rad_s2,
+            self.step_s,
+            self.steps_per_command,
+        )
+
+
+def drop_duplicates(rows_rad: Array, spacing_rad: float = DUPLICATE_RAD) -> Array:
+    """Rows at least `spacing_rad` [rad] from their predecessor in some joint; the last row always stays.
+
+    A path that is nowhere that far from its first row becomes its last row alone.
+    """
+    keep = [0]
+    for index in range(1, len(rows_rad)):
+        if np.abs(rows_rad[index] - rows_rad[keep[-1]]).max() > spacing_rad:
+            keep.append(index)
+    if keep[-1] != len(rows_rad) - 1:
+        keep.pop()
+        keep.append(len(rows_rad) - 1)
+    return rows_rad[keep]
+
+
+def fit_spline(rows_rad: Array) -> CubicSpline:
+    """The natural cubic spline through rows (k, n_joints), k >= 2, over their normalised chord length."""
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows_rad, axis=0), axis=1))))
+    return CubicSpline(along / along[-1], rows_rad, bc_type="natural")
+
+
+def time_path(rows_rad: Array, limits: JointLimits) -> Trajectory:
+    """The fastest motion through rows (k, n_joints) within the limits, from rest to rest.
+
+    Rows closer than 1e-4 rad are dropped; a path that hardly moves takes one control period.
+    """
+    rows = drop_duplicates(rows_rad)
+    timed = _run_toppra(rows, limits) if len(rows) > 1 else None
+    if timed is None:
+        return _creep(rows_rad[0], rows_rad[-1], limits)
+    return sample_within_limits(lambda t: (timed(t), timed(t, 1)), float(timed.duration), rows[0], rows[-1], limits)
+
+
+def sample_within_limits(
+    evaluate: Callable[[Array], tuple[Array, Array]],
+    duration_s: float,
+    start_rad: Array,
+    end_rad: Array,
+    limits: JointLimits,
+) -> Trajectory:
+    """Sample a motion, slowed down as a whole until its finite differences respect the limits.
+
+    Args:
+        evaluate: Gives positions and velocities (k, n_joints) at times (k,) in 0..duration [s].
+        duration_s: Length of the motion before it is slowed down.
+        start_rad: (n_joints,) where it starts, at rest.
+        end_rad: (n_joints,) where it ends, at rest, exactly.
+        limits: Hard limits and sampling.
+    """
+    period_s = limits.step_s * limits.steps_per_command
+    commands = int(np.ceil(duration_s / period_s - 1e-9))
+    while True:
+        n = commands * limits.steps_per_command
+        slowdown = max(1.0, n * limits.step_s / duration_s)
+        q, qd = evaluate(np.arange(1.0, n + 1.0) * (limits.step_s / slowdown))
+        qd /= slowdown
+        q[-1], qd[-1] = end_rad, 0.0
+        excess = compute_excess(start_rad, q, qd, limits)
+        if excess <= FINITE_DIFFERENCE_SCALE:
+            return Trajectory(q_rad=q, qd_rad_s=qd, step_s=limits.step_s)
+        commands = max(commands + 1, int(np.ceil(commands * np.sqrt(excess / FINITE_DIFFERENCE_SCALE))))
+
+
+def compute_excess(start_rad: Array, q_rad: Array, qd_rad_s: Array, limits: JointLimits) -> float:
+    """Largest ratio of a finite-difference velocity or acceleration to its limit, starting from rest."""
+    dt = limits.step_s
+    velocity = np.diff(q_rad, axis=0, prepend=start_rad[None]) / dt
+    acceleration = np.diff(velocity, axis=0, prepend=np.zeros((1, len(start_rad)))) / dt
+    commanded = np.diff(qd_rad_s, axis=0, prepend=np.zeros((1, len(start_rad)))) / dt
+    return max(
+        float((np.abs(velocity) / limits.velocity_rad_s).max()),
+        float((np.abs(qd_rad_s) / limits.velocity_rad_s).max()),
+        float((np.abs(acceleration) / limits.acceleration_rad_s2).max()),
+        float((np.abs(commanded) / limits.acceleration_rad_s2).max()),
+    )
+
+
+def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
+    """A motion too small for toppra: a quintic over one control period, or as many as it takes."""
+    period_s = limits.step_s * limits.steps_per_command
+
+    def evaluate(times_s: Array) -> tuple[Array, Array]:
+        t = np.minimum(times_s / period_s, 1.0)[:, None]
+        s, ds = 10 * t**3 - 15 * t**4 + 6 * t**5, 30 * t**2 - 60 * t**3 + 30 * t**4
+        return start_rad + s * (end_rad - start_rad), ds / period_s * (end_rad - start_rad)
+
+    return sample_within_limits(evaluate, period_s, start_rad, end_rad, limits)
+
+
+def _run_toppra(rows: Array, limits: JointLimits) -> "toppra.interpolator.AbstractGeometricPath | None":
+    """Time-optimal traversal of the natural spline through `rows`; None when it hardly moves."""
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
+    path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
+    velocity, acceleration = VELOCITY_SCALE * limits.velocity_rad_s, ACCELERATION_SCALE * limits.acceleration_rad_s2
+    solver = algorithm.TOPPRA(
+        [
+            constraint.JointVelocityConstraint(np.column_stack((-velocity, velocity))),
+            constraint.JointAccelerationConstraint(
+                np.column_stack((-acceleration, acceleration)),
+                discretization_scheme=constraint.DiscretizationType.Interpolation,
+            ),
+        ],
+        path,
+        gridpoints=np.linspace(0.0, 1.0, int(np.clip(6 * len(rows), GRID_MIN, GRID_MAX))),
+        parametrizer="ParametrizeConstAccel",
+        solver_wrapper="seidel",
+    )
+    return solver.compute_trajectory(0.0, 0.0)

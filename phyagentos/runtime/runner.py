@@ -1,0 +1,324 @@
+"""Runs one session: open, loop, and whatever happened halt, observe and leave the evidence.
+
+Upstream: the worker, after preflight. Downstream: the loop, the handle, the recorder. The outcome of a session is read
+from the world at rest, not from its skill. Paper section 3.4.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol import evidence as files
+from phyagentos.protocol.environment import TargetState
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import Ended, Execution, Session
+from phyagentos.protocol.settings import TargetLimits
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.execution.commands import CommandBuffer
+from phyagentos.runtime.execution.context import Situation, SkillContext
+from phyagentos.runtime.execution.holds import HoldMonitor
+from phyagentos.runtime.execution.leaf import LeafError
+from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
+from phyagentos.runtime.execution.registry import LeafRegistry
+from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
+from phyagentos.runtime.execution.thinking import Thinker
+from phyagentos.runtime.execution.tree_loader import build_tree
+from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.perception import Perception
+from phyagentos.runtime.recorder import Contract, Recorder
+from phyagentos.runtime.targets.wire import FaultStruck, Step
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.motion.process import Planner
+
+SETTLE_S = 0.3  # released things come to rest within this; simulated time
+
+
+class Beat(Protocol):
+    """Called in every turn of the loop; see `heartbeat.HeartbeatWriter.beat`."""
+
+    def __call__(self, *, phase: str, session: str, epoch: int, tick: int, sim_time_s: float, leaf: str) -> None:
+        """Say what is going on."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pulse:
+    """Heartbeat of one session, as an observer of its loop."""
+
+    session: Session
+    epoch: int
+    beat: Beat
+
+    def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
+        self.say("thinking" if result.thinking else "executing", ticks, time_s, result.active)
+
+    def on_step(self, points: SetPoints, step: Step) -> None:
+        pass
+
+    def say(self, phase: str, ticks: int, time_s: float, leaf: str = "") -> None:
+        self.beat(phase=phase, session=self.session.id, epoch=self.epoch, tick=ticks, sim_time_s=time_s, leaf=leaf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
+    """One session while it runs."""
+
+    context: SkillContext
+    skill: SkillRuntime
+    holds: HoldMonitor
+    loop: SessionLoop
+    recorder: Recorder
+    pulse: _Pulse
+
+
+class SessionRunner:
+    """Runs sessions on one target, one at a time.
+
+    Args:
+        handle: The door to the target; the session's scene is loaded already.
+        planner: Answers motion requests; stays warm between sessions.
+        perception: Turns observations into snapshots.
+        registry: Leaves for trees.
+        library: Where trees are found.
+        profile: The target.
+        limits: Of the target, from safety.yaml.
+        workspace: Root of the run; evidence folders are relative to it.
+        clock: Bounds thinking.
+        settings: Settings files to hash into each bundle.
+        pictures: Whether to take pictures before and after.
+    """
+
+    def __init__(
+        self,
+        *,
+        handle: TargetSessionHandle,
+        planner: "Planner",
+        perception: Perception,
+        registry: LeafRegistry,
+        library: Library,
+        profile: TargetProfile,
+        limits: TargetLimits,
+        workspace: Path,
+        clock: Clock,
+        settings: Sequence[Path] = (),
+        pictures: bool = False,
+    ) -> None:
+        self._handle = handle
+        self._planner = planner
+        self._perception = perception
+        self._registry = registry
+        self._library = library
+        self._profile = profile
+        self._limits = limits
+        self._workspace = workspace
+        self._clock = clock
+        self._settings = settings
+        self._pictures = pictures
+        self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
+
+    def run(
+        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
+    ) -> Execution:
+        """Carry out one session and leave its bundle.
+
+        Args:
+            session: The contract, after preflight.
+            epoch: Fencing token of the claim.
+            plan: The adapter plan as plain data; `tree` names the behaviour tree.
+            evidence: Folder of the bundle, relative to the workspace.
+            cancel: Asked in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
+            beat: Told in every turn what is going on.
+
+        Returns:
+            How the execution ended. Never raises for what the world, a leaf or a tree did.
+        """
+        began_s = self._clock.now_s()
+        recorder = Recorder(self._workspace / evidence)
+        recorder.write_contract(Contract(session=session, epoch=epoch, plan=plan, settings=self._settings))
+        try:
+            run = self._open(session, epoch, plan, recorder, cancel, beat)
+        except (DefinitionError, ExecutionError) as error:
+            return self._give_up(session, error, recorder, evidence)
+        run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
+        began_sim_s = run.context.time_s
+        try:
+            outcome = run.loop.run()
+        finally:
+            lost = self._halt(run)
+        outcome, faults = self._observe_end(run, lost or outcome)
+        self._write_course(run, faults)
+        outputs = run.skill.read_outputs()
+        run.skill.close()
+        return _finish(recorder, _report(outcome, evidence, run, outputs, began_sim_s))
+
+    def observe_only(self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str) -> Execution:
+        """Bring the target to rest and observe the world that a lost runner left behind.
+
+        Args:
+            session: Whose outcome is unknown.
+            epoch: A fresh one.
+            ended: How its execution ended, as far as is known.
+            evidence: Folder of its bundle; what is in it already stays.
+            reason: One sentence for people.
+
+        Raises:
+            ExecutionError: `TARGET_LOST` when the world cannot be observed either.
+        """
+        recorder = Recorder(self._workspace / evidence)
+        self._handle.begin(session.id, epoch)
+        self._handle.halt()
+        self._handle.settle(SETTLE_S)
+        outcome = Outcome(ended=ended, code=ended.upper(), message=reason)
+        return self._close_unmoved(session, outcome, recorder, evidence)
+
+    def _open(
+        self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
+    ) -> _Run:
+        """Take authority, observe, record, build the skill."""
+        handle = self._handle
+        observation = handle.begin(session.id, epoch)
+        initial = self._perception.perceive(observation, session.scene)
+        self._provide_model(session, recorder)
+        recorder.write_initial(observation, initial)
+        self._take_picture(recorder, files.PICTURE_BEFORE)
+        description = handle.describe()
+        context = SkillContext(
+            session=session,
+            profile=self._profile,
+            planner=Thinker(self._planner),
+            commands=CommandBuffer(
+                q_rad=np.clip(observation.target.q_rad, description.q_min_rad, description.q_max_rad),
+                gripper_width_m=_find_width(observation.target, self._profile.gripper.max_width_m),
+                acceleration_rad_s2=np.asarray(self._profile.arm.acceleration_rad_s2, dtype=np.float64),
+                n_steps=description.steps_per_command,
+                step_s=description.physics_step_s,
+            ),
+            situation=Situation(
+                handle.step, initial, lambda: self._perception.perceive(handle.observe(), session.scene)
+            ),
+            tracking_error_max_rad=float(np.asarray(self._limits.tracking_error_max.value)),
+        )
+        tree = build_tree(str(plan["tree"]), session.parameters, context, self._library, self._registry)
+        skill = TreeSkillRuntime(tree, context)
+        holds = HoldMonitor(session.hold, initial, session.target)
+        pulse = _Pulse(session=session, epoch=epoch, beat=beat)
+        loop = SessionLoop(
+            handle=handle,
+            context=context,
+            skill=skill,
+            holds=holds,
+            cancel=cancel,
+            clock=self._clock,
+            observers=(recorder, pulse),
+        )
+        return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, pulse=pulse)
+
+    def _halt(self, run: _Run) -> Outcome | None:
+        """Bring skill and target to rest; an outcome only when the target is lost."""
+        run.pulse.say("halting", run.loop.ticks, run.context.time_s)
+        try:
+            run.skill.halt()
+        except LeafError as error:
+            run.context.note("leaf_error", "LEAF_ERROR", leaf=error.path, message=str(error))
+        try:
+            self._handle.halt()
+            run.context.situation.advance(self._handle.settle(SETTLE_S))
+        except ExecutionError as error:
+            return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
+        return None
+
+    def _observe_end(self, run: _Run, outcome: Outcome) -> tuple[Outcome, tuple[FaultStruck, ...]]:
+        """Observe what is left and give authority back."""
+        if outcome.ended is Ended.TARGET_LOST:
+            return outcome, ()
+        run.pulse.say("observing", run.loop.ticks, run.context.time_s)
+        try:
+            return outcome, self._write_end(run.context.session, run.recorder)
+        except ExecutionError as error:
+            return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error)), ()
+
+    def _give_up(
+        self, session: Session, error: DefinitionError | ExecutionError, recorder: Recorder, evidence: str
+    ) -> Execution:
+        """Nothing was commanded: the tree is unsound, or there is no target."""
+        if isinstance(error, DefinitionError):
+            try:
+                outcome = Outcome(ended=Ended.SKILL_FAILED, code="TREE_INVALID", message=str(error))
+                return self._close_unmoved(session, outcome, recorder, evidence)
+            except ExecutionError as lost:
+                error = lost
+        outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
+        return _finish(recorder, _report(outcome, evidence))
+
+    def _close_unmoved(self, session: Session, outcome: Outcome, recorder: Recorder, evidence: str) -> Execution:
+        """Observe and give authority back after a session that commanded nothing."""
+        self._write_end(session, recorder)
+        return _finish(recorder, _report(outcome, evidence))
+
+    def _write_end(self, session: Session, recorder: Recorder) -> tuple[FaultStruck, ...]:
+        observation = self._handle.observe()
+        recorder.write_terminal(observation, self._perception.perceive(observation, session.scene))
+        self._take_picture(recorder, files.PICTURE_AFTER)
+        return self._handle.end().faults
+
+    def _write_course(self, run: _Run, faults: Sequence[FaultStruck]) -> None:
+        run.context.note("timing", "", **{name: round(ms, 3) for name, ms in run.loop.ms.items()})
+        run.recorder.write_course(
+            trace=run.skill.trace(),
+            events=run.context.events,
+            holds=run.holds.read_worst(),
+            faults=faults,
+            n_joints=len(self._profile.arm.joints),
+        )
+
+    def _provide_model(self, session: Session, recorder: Recorder) -> None:
+        """The scene model: written once an episode, shared by its later sessions."""
+        episode = session.scene.episode
+        if self._model_of is not None and self._model_of[0] == episode and recorder.link_model(self._model_of[1]):
+            return
+        self._handle.save_model(recorder.folder)
+        self._model_of = (episode, recorder.folder)
+
+    def _take_picture(self, recorder: Recorder, name: str) -> None:
+        cameras = self._handle.describe().cameras
+        if self._pictures and cameras:
+            recorder.write_picture(name, self._handle.render(cameras[0]).png)
+
+
+def _find_width(state: TargetState, max_width_m: float) -> float:
+    """The gripper's set-point at the start: what it stands at, or closed while it holds something and must squeeze."""
+    return 0.0 if state.holding else min(max(state.gripper_width_m, 0.0), max_width_m)
+
+
+def _report(
+    outcome: Outcome,
+    evidence: str,
+    run: _Run | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    began_sim_s: float = 0.0,
+) -> Execution:
+    """What is said of a session; without a run, nothing was commanded."""
+    return Execution(
+        ended=outcome.ended,
+        evidence=evidence,
+        outputs=dict(outputs or {}),
+        leaf=outcome.leaf,
+        code=outcome.code,
+        message=outcome.message,
+        sim_time_s=run.context.time_s - began_sim_s if run else 0.0,
+        interventions=sum(event.kind == "intervention" for event in run.context.events) if run else 0,
+        ticks=run.loop.ticks if run else 0,
+    )
+
+
+def _finish(recorder: Recorder, execution: Execution) -> Execution:
+    recorder.write_execution(execution)
+    return execution

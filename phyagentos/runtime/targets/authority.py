@@ -1,0 +1,62 @@
+"""Who may command a target: one session at a time, under an epoch that never runs backwards.
+
+Upstream: `world`. It decides from what the target itself has seen, so that a sender with an old belief is refused even
+when everything between it and the target is gone.
+"""
+
+from phyagentos.runtime.targets.wire import Command, Refused
+
+
+class Authority:
+    """The target's own memory of claims.
+
+    Attributes:
+        session: Who may command, empty when nobody may.
+    """
+
+    def __init__(self) -> None:
+        self.session = ""
+        self._epoch = 0
+        self._sequence = 0
+        self._epochs: dict[str, int] = {}
+        self._ended: set[tuple[str, int]] = set()
+
+    def begin(self, session: str, epoch: int) -> Refused | None:
+        """Grant authority, or say why not."""
+        if self.session and (session, epoch) != (self.session, self._epoch):
+            return Refused("NO_AUTHORITY", f"{self.session} has authority; it must end first")
+        if epoch < self._epochs.get(session, 0):
+            return Refused("STALE_TOKEN", f"epoch {epoch} of {session}; {self._epochs[session]} was seen already")
+        if (session, epoch) in self._ended:
+            return Refused("STALE_TOKEN", f"{session} has ended in epoch {epoch}")
+        self.session, self._epoch, self._sequence = session, epoch, 0
+        self._epochs[session] = epoch
+        return None
+
+    def check(self, session: str, epoch: int) -> Refused | None:
+        """Whether a request of this session may be carried out."""
+        if not self.session:
+            return Refused("NO_AUTHORITY", f"{session} has no authority; nobody has")
+        if session != self.session:
+            return Refused("NO_AUTHORITY", f"{self.session} has authority, not {session}")
+        if epoch != self._epoch:
+            return Refused("STALE_TOKEN", f"epoch {epoch}; authority was given for {self._epoch}")
+        return None
+
+    def admit(self, command: Command, time_s: float) -> Refused | None:
+        """Whether a command may be carried out now; it then counts as received."""
+        refused = self.check(command.session, command.epoch)
+        if refused is not None:
+            return refused
+        if command.sequence != self._sequence + 1:
+            return Refused("OUT_OF_SEQUENCE", f"number {command.sequence} after {self._sequence}")
+        if time_s > command.expires_at_s:
+            return Refused("EXPIRED", f"it is {time_s:.3f} s, the command expired at {command.expires_at_s:.3f} s")
+        self._sequence += 1
+        return None
+
+    def end(self) -> None:
+        """Take authority back; the same claim is never granted again."""
+        if self.session:
+            self._ended.add((self.session, self._epoch))
+        self.session = ""

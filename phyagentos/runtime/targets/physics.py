@@ -1,0 +1,248 @@
+"""One episode's physics: the compiled model, its state, stepping and looking.
+
+Upstream: `world`. Looking never touches the state that is stepped: what is seen is computed in a second MjData, so a run
+with more eyes has the same bits. Parameters of contact and integration: physics findings of this project, section 4.
+"""
+
+import hashlib
+from pathlib import Path
+
+import msgspec
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Entity, Pose, Region, TargetState
+from phyagentos.protocol.scenes import SceneSpec
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.targets.collision_matrix import compute_collision_matrix, exclude_pairs
+from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, build_robot, name_actuator
+from phyagentos.runtime.targets.scene import add_scene, draw_bodies, read_regions
+
+Array = NDArray[np.float64]
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+class Physics:
+    """A robot in a scene.
+
+    Args:
+        profile: The robot.
+        folder: Where its model lies.
+        spec: The scene.
+        seed: Of the scene.
+    """
+
+    def __init__(self, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> None:
+        placed = draw_bodies(spec, seed)
+        self.spec = self._build_spec(profile, folder, spec, seed)
+        self.model = self.spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.seen = mujoco.MjData(self.model)
+        self._profile = profile
+        self.entities = tuple(item.as_entity() for item in placed)
+        self.regions: tuple[Region, ...] = read_regions(spec, placed)
+        model = self.model
+        joints = [model.joint(name) for name in profile.arm.joints]
+        self.q_address = np.array([int(joint.qposadr[0]) for joint in joints])
+        self.v_address = np.array([int(joint.dofadr[0]) for joint in joints])
+        self.q_range = np.array([joint.range for joint in joints])  # (n_joints, 2)
+        self._servos = np.array([model.actuator(name_actuator(name)).id for name in profile.arm.joints])
+        self._gripper = model.actuator(GRIPPER_ACTUATOR).id
+        self._fingers = np.array([int(model.joint(name).qposadr[0]) for name in profile.gripper.joints])
+        self._pads = [model.geom(name).id for name in profile.gripper.pads]
+        self._tcp = model.site(profile.tcp).id
+        self._lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
+        self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
+        self._movable = {entity.name for entity in self.entities if entity.movable}
+        self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
+        self._joint_friction = np.array(model.dof_frictionloss)
+        self.model_sha256 = hashlib.sha256(self._read_model_bytes()).hexdigest()
+
+    def _build_spec(self, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> mujoco.MjSpec:
+        robot = build_robot(profile, folder)
+        robot.option.timestep = profile.physics_step_s
+        robot.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        robot.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        robot.option.impratio = 10.0
+        robot.visual.quality.shadowsize = 4096
+        robot.visual.headlight.ambient = [0.35, 0.35, 0.35]
+        robot.visual.headlight.diffuse = [0.25, 0.25, 0.25]
+        robot.visual.map.znear = 0.01
+        exclude_pairs(robot, compute_collision_matrix(profile, folder).excluded)
+        add_scene(robot, spec, draw_bodies(spec, seed))
+        return robot
+
+    def _read_model_bytes(self) -> bytes:
+        buffer = np.zeros(mujoco.mj_sizeModel(self.model), dtype=np.uint8)
+        mujoco.mj_saveModel(self.model, None, buffer)
+        return buffer.tobytes()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return float(self.data.time)
+
+    @property
+    def q_rad(self) -> Array:
+        """(n_joints,) measured joint positions."""
+        return np.array(self.data.qpos[self.q_address])
+
+    @property
+    def qd_rad_s(self) -> Array:
+        """(n_joints,) measured joint velocities."""
+        return np.array(self.data.qvel[self.v_address])
+
+    @property
+    def gripper_width_m(self) -> float:
+        """Opening between the pads."""
+        return float(self.data.qpos[self._fingers].sum())
+
+    def start(self, settle_s: float) -> None:
+        """Put the arm at home with an open gripper, and let things come to rest."""
+        home = np.array(self._profile.arm.home_rad)
+        width = self._profile.gripper.max_width_m
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self.q_address] = home
+        self.data.qpos[self._fingers] = width / len(self._fingers)
+        self.set_servos(home, np.zeros_like(home), width)
+        self.step(round(settle_s / self._profile.physics_step_s))
+
+    def restore(self, state: Array) -> None:
+        """Continue from a recorded state vector, bit for bit."""
+        mujoco.mj_setState(self.model, self.data, state, _STATE)
+
+    def read_state(self) -> Array:
+        """The mjSTATE_INTEGRATION vector."""
+        state = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
+        return state
+
+    def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
+        """Set-points of the next physics step; damping leads by kv/kp so that the servo does not lag."""
+        self.data.ctrl[self._servos] = q_rad + self._lead_s * qd_rad_s
+        self.data.ctrl[self._gripper] = gripper_width_m
+
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` physics steps."""
+        if count > 0:
+            mujoco.mj_step(self.model, self.data, count)
+
+    def look(self) -> None:
+        """Take in the present: poses and contacts of this moment, for the queries below."""
+        seen = self.seen
+        seen.time = self.data.time
+        seen.qpos[:] = self.data.qpos
+        seen.qvel[:] = self.data.qvel
+        mujoco.mj_kinematics(self.model, seen)
+        mujoco.mj_collision(self.model, seen)
+
+    def find_touching(self) -> dict[str, int]:
+        """Entities that touch a pad, with the number of pads (after `look`)."""
+        touched: dict[str, set[int]] = {}
+        for first, second in self.seen.contact.geom[: self.seen.ncon].tolist():
+            for pad, other in ((first, second), (second, first)):
+                entity = self._bodies.get(int(self.model.geom_bodyid[other]))
+                if pad in self._pads and entity is not None:
+                    touched.setdefault(entity.name, set()).add(pad)
+        return {name: len(pads) for name, pads in sorted(touched.items())}
+
+    def read_target(self, touching: dict[str, int]) -> TargetState:
+        """The arm's own state (after `look`)."""
+        rotation = self.seen.site_xmat[self._tcp]
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, rotation)
+        return TargetState(
+            q_rad=tuple(self.q_rad.tolist()),
+            qd_rad_s=tuple(self.qd_rad_s.tolist()),
+            gripper_width_m=self.gripper_width_m,
+            tcp=Pose(tuple(self.seen.site_xpos[self._tcp].tolist()), tuple(quaternion.tolist())),
+            holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
+        )
+
+    def read_entities(self, holder: str, holding: tuple[str, ...]) -> tuple[Entity, ...]:
+        """Ground truth of every thing (after `look`)."""
+        found = []
+        for body, entity in self._bodies.items():
+            pose = Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
+            dof = int(self.model.body_dofadr[body])
+            speed = float(np.linalg.norm(self.data.qvel[dof : dof + 3])) if self.model.body_dofnum[body] else 0.0
+            found.append(
+                msgspec.structs.replace(
+                    entity,
+                    pose=pose,
+                    speed_m_s=speed,
+                    held_by=holder if entity.name in holding else None,
+                    observed_at_s=self.time_s,
+                )
+            )
+        return tuple(found)
+
+    def find_position(self, name: str) -> Array:
+        """(3,) of a body's frame in the world, as of the latest physics step."""
+        return np.array(self.data.xpos[self.model.body(name).id])
+
+    def find_tcp(self) -> tuple[Array, Array]:
+        """(3,) position and (3, 3) rotation of the tool centre point, as of the latest physics step."""
+        return np.array(self.data.site_xpos[self._tcp]), np.array(self.data.site_xmat[self._tcp]).reshape(3, 3)
+
+    def is_held(self, name: str) -> bool:
+        """Whether every pad touched the body in the latest physics step."""
+        body = self.model.body(name).id
+        geoms = self.data.contact.geom[: self.data.ncon].tolist()
+        touched = {
+            pad
+            for first, second in geoms
+            for pad, other in ((first, second), (second, first))
+            if pad in self._pads and self.model.geom_bodyid[other] == body
+        }
+        return len(touched) == len(self._pads)
+
+    def find_clearance(self, point: Array, own: Array) -> float:
+        """Horizontal distance from a point to the nearest movable thing that is not the one at `own` [m]."""
+        others = [np.array(self.data.xpos[body]) for body, entity in self._bodies.items() if entity.movable]
+        distances = [np.linalg.norm((point - other)[:2]) for other in others if np.linalg.norm(own - other) > 1e-6]
+        return float(min(distances, default=1.0))
+
+    def pull(
+        self, name: str, wanted: Array, stiffness: float, damping: float, *, spin_damping: float, carries_weight: bool
+    ) -> None:
+        """Apply a hand's force to a body during the next physics step.
+
+        Args:
+            name: Of the body.
+            wanted: (3,) where the hand wants it [m].
+            stiffness: Per unit of mass [1/s^2].
+            damping: Per unit of mass [1/s].
+            spin_damping: Per unit of inertia [1/s].
+            carries_weight: Whether the hand also bears its weight.
+        """
+        body = self.model.body(name).id
+        dof = int(self.model.body_dofadr[body])
+        mass, inertia = float(self.model.body_subtreemass[body]), float(self.model.body_inertia[body].max())
+        velocity, spin = self.data.qvel[dof : dof + 3], self.data.qvel[dof + 3 : dof + 6]
+        force = mass * (stiffness * (wanted - self.data.xpos[body]) - damping * velocity)
+        if carries_weight:
+            force = force - mass * self.model.opt.gravity
+        rotation = self.data.xmat[body].reshape(3, 3)
+        self.data.xfrc_applied[body, :3] = force
+        self.data.xfrc_applied[body, 3:] = -spin_damping * inertia * (rotation @ spin)
+
+    def let_go(self, name: str) -> None:
+        """No hand on this body any more."""
+        self.data.xfrc_applied[self.model.body(name).id] = 0.0
+
+    def set_pad_friction(self, friction: tuple[float, float, float] | None) -> None:
+        """Friction (slide, spin, roll) of the finger pads; None for what the model says."""
+        for pad in self._pads:
+            self.model.geom_friction[pad] = self._pad_friction[pad] if friction is None else friction
+
+    def set_joint_friction(self, joint: str, torque_nm: float | None) -> None:
+        """Dry friction of a joint [Nm]; None for what the model says."""
+        dof = int(self.model.joint(joint).dofadr[0])
+        self.model.dof_frictionloss[dof] = self._joint_friction[dof] if torque_nm is None else torque_nm
+
+    def save(self, folder: Path) -> None:
+        """Write `scene.mjb` and `scene.xml`."""
+        mujoco.mj_saveModel(self.model, str(folder / "scene.mjb"), None)
+        (folder / "scene.xml").write_text(self.spec.to_xml(), encoding="utf-8")

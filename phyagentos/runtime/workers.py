@@ -1,0 +1,134 @@
+"""The processes of one target, as the watchdog holds them: the world, and the warm worker that commands it.
+
+Both are children with a pipe on their standard input: when the watchdog dies, they notice and end. Rejected: daemon
+threads (a crash of one would take the supervisor with it); multiprocessing.Process (forks locks and open journals).
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import IO, Any
+
+from phyagentos.runtime.dispatch import FromWorker, ToWorker, receive_answer, send
+
+
+def end_with_parent() -> None:
+    """In a child: end this process as soon as the parent's end of standard input is closed."""
+
+    def wait() -> None:
+        sys.stdin.buffer.read()
+        os._exit(0)
+
+    threading.Thread(target=wait, daemon=True, name="end-with-parent").start()
+
+
+class ChildProcess:
+    """A child that ends with its parent and logs to a file.
+
+    Args:
+        command: Arguments after the interpreter.
+        log: File that takes its output.
+        pass_fds: Open files that the child inherits.
+    """
+
+    def __init__(self, command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> None:
+        self._log: IO[bytes] = log.open("ab")
+        self._process = subprocess.Popen(
+            [sys.executable, *command],
+            stdin=subprocess.PIPE,
+            stdout=self._log,
+            stderr=self._log,
+            start_new_session=True,
+            pass_fds=tuple(pass_fds),
+        )
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    def is_alive(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
+
+    def stop(self, grace_s: float = 2.0) -> None:
+        """Close its input, so that it ends by itself; kill it when it does not."""
+        self._close_input()
+        try:
+            self._process.wait(grace_s)
+        except subprocess.TimeoutExpired:
+            self.kill()
+        self._log.close()
+
+    def kill(self) -> None:
+        """End it at once, with its whole process group."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._close_input()
+
+    def _close_input(self) -> None:
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+
+
+class Worker:
+    """The warm worker of one target and its world.
+
+    Args:
+        target: Name of the target.
+        world: Command line of the world process (arguments after the interpreter).
+        worker: Command line of the worker process; it is given `--control FD`.
+        logs: Folder for the output of both.
+    """
+
+    def __init__(self, target: str, *, world: Sequence[str], worker: Sequence[str], logs: Path) -> None:
+        self.target = target
+        self._world_command, self._worker_command, self._logs = tuple(world), tuple(worker), logs
+        self._world = self._start_world()
+        self._worker, self.connection = self._start_worker()
+
+    def _start_world(self) -> ChildProcess:
+        return ChildProcess(self._world_command, self._logs / f"world-{self.target}.log")
+
+    def _start_worker(self) -> "tuple[ChildProcess, Connection[Any, Any]]":
+        ours, theirs = Pipe()
+        fd = theirs.fileno()
+        command = (*self._worker_command, "--control", str(fd))
+        child = ChildProcess(command, self._logs / f"worker-{self.target}.log", pass_fds=(fd,))
+        theirs.close()
+        return child, ours
+
+    def send(self, message: ToWorker) -> None:
+        """Give an order; that a worker is gone shows at the next `receive`."""
+        with contextlib.suppress(OSError):
+            send(self.connection, message)
+
+    def receive(self) -> FromWorker | None:
+        """Take one answer, or None when the worker is gone."""
+        try:
+            return receive_answer(self.connection)
+        except (EOFError, OSError):
+            return None
+
+    def restart(self) -> None:
+        """Replace a lost or silent worker; the world goes on, unless it is lost too."""
+        self._worker.kill()
+        self.connection.close()
+        if not self._world.is_alive():
+            self._world = self._start_world()
+        self._worker, self.connection = self._start_worker()
+
+    def stop(self) -> None:
+        """End both processes."""
+        self.connection.close()
+        self._worker.stop()
+        self._world.stop()

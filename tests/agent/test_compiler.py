@@ -1,0 +1,84 @@
+"""Contracts: fully substituted, deduplicated, with seeds of their own."""
+
+import pytest
+
+from phyagentos.agent.compiler import Revision, SessionCompiler
+from phyagentos.agent.goal_graph import read_goal_graph
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.seeds import compute_seed
+from phyagentos.protocol.sessions import GoalId, SessionId
+
+GRAPH = """
+    goal: g
+    objective: o
+    scene: table
+    targets: {arm: any}
+    constraints: ["upright(bottle)"]
+    defaults: {timeout_s: 45, wall_timeout_s: 90, max_replans: 1}
+    sessions:
+      red:
+        skill: pick_and_place
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+        requires: ["not holding(arm, red_cube)"]
+        accept: ["inside( red_cube , red_tray )", "not moved(bottle)"]
+        timeout_s: 20
+      blue:
+        skill: pick_and_place
+        target: arm
+        objective: Put ${object} beside the red cube.
+        with: {object: blue_cube, destination: red_tray, near: "${red.outputs.place_site}"}
+        accept: ["at(blue_cube, ${red.outputs.place_site}, 0.2)"]
+      hand:
+        skill: pick
+        with: {object: yellow_cube}
+    """
+
+
+@pytest.fixture
+def compiler(write_graph, catalogue) -> SessionCompiler:
+    graph = read_goal_graph(write_graph(GRAPH), catalogue)
+    return SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7)
+
+
+def test_a_contract_holds_what_skill_node_and_goal_say_each_once(compiler):
+    session = compiler.compile_node("red", outputs={})
+    assert session.id == "g-7.red"
+    assert session.requires == ("visible(red_cube)", "not holding(panda, red_cube)")
+    assert session.accept == ("inside(red_cube, red_tray)", "not moved(bottle)")
+    assert session.hold == ("upright(bottle)",)
+    assert (session.limits.timeout_s, session.limits.wall_timeout_s) == (20, 90)
+    assert (session.scene.name, session.scene.seed, session.scene.episode) == ("table", 7, "g-7")
+    assert session.parameters == {"object": "red_cube", "destination": "red_tray", "speed": 1.0}
+    assert session.objective == "Pick and place: object red_cube, destination red_tray, speed 1."
+
+
+def test_the_word_target_becomes_the_target_of_the_session(compiler):
+    assert compiler.compile_node("hand", outputs={}).accept == ("holding(panda, yellow_cube)",)
+
+
+def test_outputs_fill_parameters_with_values_and_predicates_with_text(compiler):
+    session = compiler.compile_node("blue", outputs={"red": {"place_site": [0.5, 0.25, 0.0]}})
+    assert session.parameters["near"] == [0.5, 0.25, 0.0]
+    assert "at(blue_cube, (0.5, 0.25, 0), 0.2)" in session.accept
+    assert session.objective == "Put blue_cube beside the red cube."
+
+
+def test_a_missing_output_is_an_error_that_names_it(compiler):
+    with pytest.raises(DefinitionError, match=r"OUTPUT_MISSING: found no value for red\.outputs\.place_site"):
+        compiler.compile_node("blue", outputs={"red": {}})
+
+
+def test_a_preview_leaves_data_edges_as_they_are_written(compiler):
+    blue = next(session for session in compiler.preview() if session.node == "blue")
+    assert blue.parameters["near"] == "${red.outputs.place_site}"
+
+
+def test_every_attempt_has_a_seed_and_an_id_of_its_own(compiler):
+    revision = Revision(parent=SessionId("g-7.red"), strategy={"speed": 0.5}, requires=("visible(red_cube)",))
+    child = compiler.compile_node("red", outputs={}, attempt=1, revision=revision)
+    assert (child.id, child.parent, child.attempt) == ("g-7.red.r1", "g-7.red", 1)
+    assert child.seed == compute_seed(7, "node", "red", "attempt", 1)
+    assert child.seed != compiler.compile_node("red", outputs={}).seed
+    assert child.requires == ("visible(red_cube)",)
+    assert child.strategy == {"speed": 0.5}

@@ -1,0 +1,193 @@
+"""Goal graphs: what they expand to, and every problem of a bad one at its place."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.goal_graph import check_goal_graph, read_goal_graph, render_mermaid
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.library import Library, find_shipped_root
+
+GOOD = """
+    goal: good
+    objective: Everything at once.
+    scene: table
+    targets: {arm: panda, someone: any}
+    sessions:
+      red:
+        skill: pick_and_place
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+      beside:
+        skill: pick_and_place
+        target: someone
+        with: {object: blue_cube, destination: red_tray, near: "${red.outputs.place_site}"}
+      each:
+        foreach: {cube: [green_cube, yellow_cube]}
+        after: [red]
+        skill: pick_and_place
+        with: {object: "${cube}", destination: green_tray}
+        accept: ["inside(${cube}, green_tray)"]
+      last:
+        after: [each, "each-green_cube"]
+        skill: pick
+        with: {object: red_cube}
+    accept: ["count(inside(*, green_tray)) >= 2"]
+    """
+
+BAD = """
+    goal: bad
+    objective: Wrong in every way.
+    scene: tabel
+    targets: {arm: pandy}
+    constraints: ["upright(bottel)"]
+    sessions:
+      one:
+        skill: pick_and_plaze
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+      two:
+        skill: pick_and_place
+        target: nobody
+        with: {object: red_cube, destination: red_tray}
+      three:
+        after: [tow]
+        skill: pick_and_place
+        with: {objekt: red_cube, destination: [1, 2], speed: 7}
+        accept: ["insid(red_cube, red_tray)", "tilt(red_cube)"]
+      four:
+        skill: pick_and_place
+        with: {object: rd_cube, destination: red_tray, near: "${five.outputs.place_sight}"}
+      five:
+        skill: pick_and_place
+        with: {object: blue_cube, destination: "${red.outputs.place_site}"}
+      six:
+        foreach: {cube: [red_cube]}
+        skill: {guarantees: "open(${cube})"}
+        requires: ["visible(${cub})"]
+    """
+
+
+def test_a_graph_expands_fan_out_and_derives_edges_from_data(write_graph, catalogue):
+    graph = read_goal_graph(write_graph(GOOD), catalogue)
+    assert graph.order == ("red", "beside", "each-green_cube", "each-yellow_cube", "last")
+    assert graph.nodes["beside"].after == ("red",)
+    assert graph.nodes["last"].after == ("each-green_cube", "each-yellow_cube")
+    assert graph.nodes["each-green_cube"].spec.accept == ("inside(green_cube, green_tray)",)
+    assert graph.find_successors("red") == {"beside", "each-green_cube", "each-yellow_cube", "last"}
+    assert graph.choices["beside"].target == "panda"
+
+
+def test_every_problem_is_reported_with_file_line_and_column(write_graph, catalogue):
+    problems = check_goal_graph(write_graph(BAD), catalogue)
+    found = {(problem.code, problem.address.rpartition("graph.yaml:")[2]) for problem in problems}
+    assert found == {
+        ("UNKNOWN_SCENE", "3:1"),
+        ("UNKNOWN_TARGET", "4:11"),
+        ("UNKNOWN_SKILL", "8:5"),
+        ("UNKNOWN_TARGET", "13:5"),
+        ("UNKNOWN_NODE", "16:13"),
+        ("UNKNOWN_PARAMETER", "18:12"),
+        ("MISSING_PARAMETER", "18:5"),
+        ("INVALID_PARAMETER", "18:30"),
+        ("INVALID_PARAMETER", "18:51"),
+        ("UNKNOWN_PREDICATE", "19:14"),
+        ("NOT_COMPARED", "19:43"),
+        ("UNKNOWN_OUTPUT", "22:52"),
+        ("UNKNOWN_NODE", "25:31"),
+        ("NO_CANDIDATE", "28:5"),
+        ("UNKNOWN_REFERENCE", "29:16"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("code", "sentence"),
+    [
+        ("UNKNOWN_SCENE", r"found 'tabel'; expected table. Did you mean 'table'\?"),
+        ("UNKNOWN_TARGET", r"found 'pandy'; expected any, panda. Did you mean 'panda'\?"),
+        ("UNKNOWN_TARGET", r"found 'nobody'; expected any, arm, panda"),
+        ("UNKNOWN_SKILL", r"found 'pick_and_plaze'; .* Did you mean 'pick_and_place'\?"),
+        ("UNKNOWN_NODE", r"found 'tow'; .* Did you mean 'two'\?"),
+        ("UNKNOWN_NODE", r"found 'red' in \$\{red.outputs.place_site\}"),
+        ("UNKNOWN_PARAMETER", r"found 'objekt'; .* Did you mean 'object'\?"),
+        ("MISSING_PARAMETER", r"found no 'object' for skill 'pick_and_place'; expected entity"),
+        ("INVALID_PARAMETER", r"found \[1, 2\]; expected a name"),
+        ("INVALID_PARAMETER", r"found 7; expected at most 1.0"),
+        ("UNKNOWN_PREDICATE", r"found 'insid' at column 1 of 'insid\(red_cube, red_tray\)'.*Did you mean 'inside'\?"),
+        ("NOT_COMPARED", r"found 'tilt' at column 1"),
+        ("UNKNOWN_OUTPUT", r"found 'place_sight' of node 'five' .*expected place_site. Did you mean 'place_site'\?"),
+        ("UNKNOWN_REFERENCE", r"found \$\{cub\}; .*Did you mean 'cube'\?"),
+        ("NO_CANDIDATE", r"a skill that guarantees 'open\(red_cube\)'.*pick: it does not guarantee open\(red_cube\)"),
+    ],
+)
+def test_each_problem_says_what_was_found_what_is_possible_and_what_is_near(write_graph, catalogue, code, sentence):
+    problems = [str(p) for p in check_goal_graph(write_graph(BAD), catalogue) if p.code == code]
+    assert any(re.search(sentence, problem) for problem in problems), problems
+
+
+def test_an_unknown_entity_is_found_in_arguments_and_in_predicates(write_graph, catalogue):
+    text = GOOD.replace("object: red_cube, destination: red_tray}", "object: rd_cube, destination: red_tray}")
+    text = text.replace("inside(*, green_tray)", "inside(*, gren_tray)")
+    problems = check_goal_graph(write_graph(text), catalogue)
+    assert [problem.code for problem in problems] == ["UNKNOWN_ENTITY", "UNKNOWN_ENTITY"]
+    assert "'gren_tray' at column 17" in str(problems[0])
+    assert "Did you mean 'red_cube'?" in str(problems[1])
+
+
+def test_a_cycle_is_printed_as_the_cycle(write_graph, catalogue):
+    text = GOOD.replace("  red:\n", "  red:\n        after: [last]\n")
+    with pytest.raises(
+        DefinitionError, match=r"CYCLE: found .*last -> .*each-\w+ -> last|CYCLE: found red -> .* -> red"
+    ):
+        read_goal_graph(write_graph(text), catalogue)
+
+
+def test_an_unknown_key_is_refused_with_the_nearest_one(write_graph, catalogue):
+    text = GOOD.replace("after: [red]", "aftr: [red]")
+    with pytest.raises(DefinitionError, match=r"graph.yaml:\d+:5: UNKNOWN_KEY: found 'aftr'.*Did you mean 'after'\?"):
+        read_goal_graph(write_graph(text), catalogue)
+
+
+def test_an_output_of_the_wrong_type_is_refused(write_graph, catalogue):
+    text = GOOD.replace("destination: red_tray, near:", "destination:")
+    with pytest.raises(DefinitionError, match=r"output 'red\.outputs\.place_site', which is a point; expected a place"):
+        read_goal_graph(write_graph(text), catalogue)
+
+
+def test_a_reference_to_a_whole_fan_out_is_ambiguous(write_graph, catalogue):
+    text = GOOD.replace("${red.outputs.place_site}", "${each.outputs.place_site}")
+    with pytest.raises(DefinitionError, match=r"AMBIGUOUS_REFERENCE.*each-green_cube.outputs.place_site"):
+        read_goal_graph(write_graph(text), catalogue)
+
+
+def test_overrides_replace_single_values_and_are_checked_like_the_file(write_graph, catalogue):
+    graph = read_goal_graph(write_graph(GOOD), catalogue, {"defaults.max_replans": "5", "targets.arm": "panda"})
+    assert graph.max_replans("red") == 5
+    with pytest.raises(DefinitionError, match="UNKNOWN_TARGET: found 'ur5'"):
+        read_goal_graph(write_graph(GOOD), catalogue, {"targets.arm": "ur5"})
+
+
+def test_mermaid_shows_edges_outputs_and_states(write_graph, catalogue):
+    drawing = render_mermaid(read_goal_graph(write_graph(GOOD), catalogue), {"red": "done"})
+    assert 'n0 -- "place_site" --> n1' in drawing
+    assert "n0 --> n2" in drawing
+    assert "pick_and_place on panda<br/>done" in drawing
+    assert "classDef done" in drawing
+
+
+def test_nothing_to_accept_is_a_problem(write_graph, catalogue, tmp_path):
+    idle = catalogue.skills["pick"].model_copy(update={"guarantees": ()})
+    changed = replace(catalogue, skills={**catalogue.skills, "pick": idle})
+    with pytest.raises(DefinitionError, match=r"NOTHING_TO_ACCEPT.*what nobody can judge can never succeed"):
+        read_goal_graph(write_graph(GOOD), changed)
+
+
+def test_every_shipped_goal_graph_is_free_of_problems(monkeypatch):
+    monkeypatch.undo()
+    root = find_shipped_root()
+    catalogue = Catalogue.read(Library((root,)))
+    files = sorted((root / "goal_graphs").glob("*.yaml"))
+    assert files
+    assert [str(p) for file in files for p in check_goal_graph(file, catalogue)] == []

@@ -1,0 +1,315 @@
+"""Whole missions over the journal, with a runtime that moves a synthetic world."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.admission import Entry
+from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.journal import Journal
+from phyagentos.protocol.lifecycle import SessionState, Side
+from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.verdicts import Verdict
+
+from .conftest import Play, hold, make_world, put, remove, succeed
+
+TIDY = """
+    goal: tidy
+    objective: Red and green into their trays.
+    scene: table
+    targets: {arm: panda}
+    constraints: ["upright(bottle)"]
+    sessions:
+      red:
+        skill: pick_and_place
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+      green:
+        skill: pick_and_place
+        target: arm
+        with: {object: green_cube, destination: green_tray}
+    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]
+    """
+
+
+@pytest.fixture
+def tidy(write_graph) -> Path:
+    return write_graph(TIDY)
+
+
+def slip(world, session):
+    """The object is lost on the way."""
+    name = session.parameters["object"]
+    return Play(
+        world=put(world, name, (0.5, 0.1, 0.02)),
+        ended=Ended.SKILL_FAILED,
+        code="GRASP_LOST",
+        leaf="pick_and_place/place/verify_grasp",
+    )
+
+
+def test_a_mission_in_which_all_goes_well_ends_in_success(make_stage, tidy):
+    report = make_stage().pursue(tidy)
+    assert (report.verdict, report.exit_code) == ("success", 0)
+    assert report.goal == "tidy-7"
+    assert [session.id for session in report.sessions] == ["tidy-7.red", "tidy-7.green"]
+    assert report.first_attempt_success == {"red": True, "green": True}
+    assert [criterion.truth for criterion in report.criteria] == ["true", "true"]
+
+
+def test_a_lost_grasp_is_replanned_into_a_slower_child_and_the_parent_keeps_its_verdict(make_stage, tidy):
+    stage = make_stage({"red": slip})
+    report = stage.pursue(tidy)
+    assert report.verdict == "success"
+    assert [(s.id, s.state) for s in report.sessions] == [
+        ("tidy-7.red", "replanned"),
+        ("tidy-7.green", "succeeded"),
+        ("tidy-7.red.r1", "succeeded"),
+    ]
+    child = stage.runtime.ran[2]
+    assert (child.parent, child.attempt, child.strategy) == ("tidy-7.red", 1, {"speed": 0.5})
+    assert child.seed != stage.runtime.ran[0].seed
+    assert report.sessions[0].cause == "GRASP_LOST"
+    assert "verify_grasp" in report.sessions[0].reason
+    assert report.first_attempt_success == {"red": False, "green": True}
+    assert report.replans == 1
+
+
+def test_a_spent_budget_ends_in_failure_and_the_other_nodes_are_done(make_stage, tidy):
+    report = make_stage({"red": slip, "red.r1": slip, "red.r2": slip}).pursue(tidy)
+    assert (report.verdict, report.exit_code) == ("failure", 1)
+    assert report.nodes == {"red": "blocked", "green": "done"}
+    assert "The budget of 2 replans is spent" in report.sessions[-1].reason
+
+
+def test_a_removed_object_fails_without_another_attempt(make_stage, tidy):
+    def lose(world, session):
+        return Play(world=remove(world, "red_cube"), ended=Ended.SKILL_FAILED, code="GRASP_MISSED", leaf="pick/verify")
+
+    report = make_stage({"red": lose}).pursue(tidy)
+    assert (report.verdict, report.exit_code) == ("failure", 1)
+    assert (report.sessions[0].cause, report.sessions[0].state) == ("OBJECT_GONE", "failed")
+    assert len(report.sessions) == 2
+
+
+def test_a_skill_that_reports_success_and_moves_nothing_fails(make_stage, tidy):
+    report = make_stage({"red": lambda world, session: Play(world=world, ticks=0)}).pursue(tidy)
+    assert report.verdict == "failure"
+    assert report.sessions[0].ended == "completed"
+    assert (report.sessions[0].state, report.sessions[0].cause) == ("failed", "NOTHING_CHANGED")
+
+
+def test_a_failed_execution_that_met_the_objective_succeeds(make_stage, tidy):
+    def fail_but_achieve(world, session):
+        play = succeed(world, session)
+        return Play(world=play.world, ended=Ended.STALLED, code="STALLED", leaf="pick_and_place/retreat")
+
+    report = make_stage({"red": fail_but_achieve}).pursue(tidy)
+    assert report.verdict == "success"
+    assert (report.sessions[0].ended, report.sessions[0].verdict) == ("stalled", "success")
+    assert "does not change what was achieved" in report.sessions[0].reason
+
+
+def test_a_refused_first_session_blocks_its_node_and_the_exit_code_says_so(make_stage, tidy):
+    report = make_stage(refuse={"red": "ACTION_UNAVAILABLE: joint_torque"}).pursue(tidy)
+    assert (report.verdict, report.exit_code) == ("failure", 3)
+    assert "ACTION_UNAVAILABLE" in report.reason
+    assert report.nodes == {"red": "blocked", "green": "done"}
+
+
+def test_a_violated_constraint_that_cannot_be_undone_fails(make_stage, tidy):
+    def knock_over(world, session):
+        fallen = msgspec.structs.replace(
+            world.entities["bottle"], pose=Pose((0.8, 0, 0.03), (0.7071068, 0.7071068, 0, 0))
+        )
+        play = succeed(world, session)
+        return Play(world=msgspec.structs.replace(play.world, entities={**play.world.entities, "bottle": fallen}))
+
+    report = make_stage({"red": knock_over}).pursue(tidy)
+    assert report.sessions[0].cause == "CONSTRAINT_VIOLATED"
+    assert report.sessions[0].state == SessionState.FAILED
+    assert "upright(bottle) was false at 1.00 s" in report.sessions[0].reason
+
+
+CHAIN = """
+    goal: chain
+    objective: Red, then blue beside it, then two more.
+    scene: table
+    sessions:
+      red:
+        skill: {guarantees: "inside(red_cube, red_tray)"}
+      beside:
+        skill: pick_and_place
+        with: {object: blue_cube, destination: red_tray, near: "${red.outputs.place_site}"}
+        accept: ["near(blue_cube, red_cube, 0.12)"]
+      each:
+        foreach: {cube: [green_cube, yellow_cube]}
+        after: [beside]
+        skill: pick_and_place
+        with: {object: "${cube}", destination: green_tray}
+    accept: ["count(inside(*, green_tray)) >= 2"]
+    """
+
+
+def test_outputs_flow_along_data_edges_and_fan_out_waits(make_stage, write_graph):
+    stage = make_stage()
+    report = stage.pursue(write_graph(CHAIN))
+    assert report.verdict == "success"
+    assert [s.node for s in report.sessions] == ["red", "beside", "each-green_cube", "each-yellow_cube"]
+    place_site = stage.runtime.ran[1].parameters["near"]
+    assert place_site == [pytest.approx(0.55), pytest.approx(0.3), pytest.approx(0.03)]
+
+
+def test_nodes_behind_a_blocked_one_are_blocked_and_say_by_whom(make_stage, write_graph):
+    report = make_stage(refuse={"red": "no"}).pursue(write_graph(CHAIN))
+    assert set(report.nodes.values()) == {"blocked"}
+    assert len(report.sessions) == 1
+
+
+def test_a_node_whose_output_is_missing_is_blocked_with_the_reason(make_stage, write_graph):
+    def forget(world, session):
+        return Play(world=succeed(world, session).world)
+
+    stage = make_stage({"red": forget})
+    report = stage.pursue(write_graph(CHAIN))
+    assert report.verdict == "failure"
+    assert report.nodes["beside"] == "blocked"
+    assert "red.outputs.place_site" in report.reason
+
+
+def test_a_finished_node_that_the_world_undid_is_done_again_before_the_verdict(make_stage, tidy):
+    def undo_red(world, session):
+        play = succeed(world, session)
+        return Play(world=put(play.world, "red_cube", (0.4, 0.3, 0.02)), outputs=play.outputs)
+
+    stage = make_stage({"green": undo_red})
+    report = stage.pursue(tidy)
+    assert report.verdict == "success"
+    assert [(s.id, s.state) for s in report.sessions] == [
+        ("tidy-7.red", "succeeded"),
+        ("tidy-7.green", "succeeded"),
+        ("tidy-7.red.r1", "succeeded"),
+    ]
+    assert stage.runtime.ran[2].parent == "tidy-7.red"
+    assert report.replans == 1
+
+
+def test_a_lost_object_sends_the_node_that_held_it_to_work_again(make_stage, write_graph):
+    graph = write_graph(
+        """
+        goal: two_steps
+        objective: Pick, then place.
+        scene: table
+        sessions:
+          pick:
+            skill: pick
+            with: {object: red_cube}
+          place:
+            after: [pick]
+            skill: place
+            with: {object: red_cube, destination: red_tray}
+        accept: ["inside(red_cube, red_tray)"]
+        """
+    )
+
+    def drop(world, session):
+        lost = hold(put(world, "red_cube", (0.5, 0.1, 0.02)))
+        return Play(world=lost, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="place/verify_grasp")
+
+    report = make_stage({"place": drop}).pursue(graph)
+    assert report.verdict == "success"
+    assert [(s.id.split(".", 1)[1], s.state) for s in report.sessions] == [
+        ("pick", "succeeded"),
+        ("place", "replanned"),
+        ("pick.r1", "succeeded"),
+        ("place.r1", "succeeded"),
+    ]
+
+
+def test_a_second_goal_with_the_same_seed_gets_an_id_of_its_own(make_stage, tidy):
+    stage = make_stage()
+    mission = stage.make_mission()
+    first = mission.run(tidy, seed=7)
+    stage.runtime.world = make_world()
+    second = mission.run(tidy, seed=7)
+    third = mission.run(tidy, seed=8)
+    assert [first.goal, second.goal, third.goal] == ["tidy-7", "tidy-7-2", "tidy-8"]
+    assert second.verdict == "success"
+
+
+def test_an_agent_that_died_continues_from_the_records_without_submitting_again(make_stage, tidy):
+    class Death(Exception):
+        pass
+
+    class DiesAfter:
+        """Lets the runtime work, then dies before the verdicts are formed."""
+
+        def on_change(self, goal, ledger):
+            stage.runtime.on_change(goal, ledger)
+            if len(stage.runtime.ran) == 2:
+                raise Death
+
+    stage = make_stage({"red": slip})
+    with pytest.raises(Death):
+        stage.make_mission(observers=[DiesAfter()]).run(tidy, seed=7)
+    report = stage.pursue(tidy)
+    assert report.goal == "tidy-7"
+    assert report.verdict == "success"
+    assert [s.id for s in report.sessions] == ["tidy-7.red", "tidy-7.green", "tidy-7.red.r1"]
+
+
+def test_a_session_left_in_verifying_is_judged_again(make_stage, tidy):
+    stage = make_stage()
+
+    class InterruptedAgent:
+        def on_change(self, goal, ledger):
+            stage.runtime.on_change(goal, ledger)
+            if stage.runtime.ran:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stage.make_mission(observers=[InterruptedAgent()]).run(tidy, seed=9)
+    journal = Journal(stage.workspace.root, side=Side.AGENT, by="other", clock=SystemClock(), durable=False)
+    journal.commit([Entry("tidy-9.red", "verify", None, 1)])
+    report = stage.pursue(tidy, seed=9)
+    assert report.verdict == "success"
+    assert len(report.sessions) == 2
+
+
+def test_cancel_ends_every_session_and_the_exit_code_says_so(make_stage, tidy):
+    stage = make_stage()
+    stage.runtime.paused = True
+    mission = stage.make_mission()
+    mission.cancel()
+    report = mission.run(tidy, seed=7)
+    assert (report.verdict, report.exit_code) == ("cancelled", 130)
+    assert {session.state for session in report.sessions} == {"cancelled"}
+
+
+def test_a_dead_runtime_ends_the_mission_and_a_later_one_continues(make_stage, tidy):
+    stage = make_stage()
+    stage.runtime.paused = True
+    with pytest.raises(ExecutionError, match=r"nobody runs tidy-7\.red, tidy-7\.green"):
+        stage.make_mission(is_runtime_alive=lambda: False).run(tidy, seed=7)
+    stage.runtime.paused = False
+    stage.runtime.on_change(None, None)
+    assert stage.pursue(tidy).verdict == Verdict.SUCCESS
+
+
+def test_the_goal_fails_when_its_own_acceptance_is_not_met_although_every_node_is_done(make_stage, write_graph):
+    graph = write_graph(TIDY.replace('"inside(green_cube, green_tray)"]', '"inside(blue_cube, blue_tray)"]'))
+    report = make_stage().pursue(graph)
+    assert report.nodes == {"red": "done", "green": "done"}
+    assert (report.verdict, report.exit_code) == ("failure", 1)
+    assert "inside(blue_cube, blue_tray) is false" in report.reason
+
+
+def test_task_md_shows_the_verdict(make_stage, tidy):
+    stage = make_stage({"red": slip})
+    stage.pursue(tidy)
+    text = stage.workspace.task.read_text()
+    assert "tidy-7" in text
+    assert "success" in text

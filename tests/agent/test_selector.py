@@ -1,0 +1,74 @@
+"""The selector: by what a skill guarantees, and by what a target offers."""
+
+from dataclasses import replace
+
+import pytest
+
+from phyagentos.agent.goal_spec import Promise
+from phyagentos.agent.selector import select, unify
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.predicate_language import parse
+
+
+@pytest.mark.parametrize(
+    ("wanted", "offered", "bound"),
+    [
+        ("inside(a, b)", "inside(${object}, ${destination})", {"object": "a", "destination": "b"}),
+        ("near(a, b, 0.2)", "near(${x}, ${y}, ${d})", {"x": "a", "y": "b", "d": 0.2}),
+        ("at(a, (1, 2, 3))", "at(${x}, ${to})", {"x": "a", "to": [1.0, 2.0, 3.0]}),
+        ("not fallen(a)", "not fallen(${x})", {"x": "a"}),
+        ("tilt(a) < 0.2", "tilt(${x}) < 0.2", {"x": "a"}),
+        ("tilt(a) < 0.3", "tilt(${x}) < 0.2", None),
+        ("near(a, a)", "near(${x}, ${x})", {"x": "a"}),
+        ("near(a, b)", "near(${x}, ${x})", None),
+        ("inside(a, b)", "on(${x}, ${y})", None),
+        ("inside(a, b)", "inside(${x}, ${y}) or on(${x}, ${y})", None),
+        ("inside(*, b)", "inside(${x}, ${y})", None),
+    ],
+)
+def test_a_wanted_predicate_binds_the_variables_of_a_guarantee_or_does_not_fit(wanted, offered, bound):
+    assert unify(parse(wanted), parse(offered)) == bound
+
+
+def test_a_promise_finds_the_skill_and_binds_its_parameters_with_reasons(catalogue):
+    choice = select(Promise(guarantees="inside(red_cube, red_tray)"), "any", {}, catalogue)
+    assert (choice.skill, choice.target) == ("pick_and_place", "panda")
+    assert choice.parameters == {"object": "red_cube", "destination": "red_tray"}
+    assert "pick_and_place guarantees inside(${object}, ${destination})" in choice.reasons[0]
+    assert "panda offers what pick_and_place needs: entity_poses, joint_position, manipulation" in choice.reasons[1]
+    assert choice.rejected["place"] == (
+        "it must begin with holding(target, red_cube), which no earlier node brings about"
+    )
+
+
+def test_a_skill_that_must_hold_something_fits_behind_a_node_that_takes_hold_of_it(catalogue):
+    only_place = replace(catalogue, skills={"place": catalogue.skills["place"]})
+    wanted = Promise(guarantees="inside(red_cube, red_tray)")
+    choice = select(wanted, "panda", {}, only_place, established=["holding(panda, red_cube)"])
+    assert choice.skill == "place"
+    with pytest.raises(DefinitionError, match="it must begin with holding"):
+        select(wanted, "panda", {}, only_place, established=["holding(panda, blue_cube)"])
+
+
+def test_arguments_that_contradict_the_promise_rule_a_skill_out(catalogue):
+    with pytest.raises(DefinitionError, match=r"NO_CANDIDATE.*pick_and_place: it does not guarantee"):
+        select(Promise(guarantees="inside(red_cube, red_tray)"), "any", {"object": "blue_cube"}, catalogue)
+
+
+def test_a_promise_of_several_things_needs_them_all(catalogue):
+    wanted = Promise(guarantees="inside(red_cube, red_tray) and visible(red_cube)")
+    with pytest.raises(DefinitionError, match=r"pick_and_place: it does not guarantee visible\(red_cube\)"):
+        select(wanted, "any", {}, catalogue)
+
+
+def test_a_target_that_lacks_something_is_rejected_with_what_it_lacks(catalogue):
+    with pytest.raises(
+        DefinitionError, match=r"photograph on panda: panda lacks observation aerial_rgb, capability flight"
+    ):
+        select("photograph", "any", {"object": "red_cube"}, catalogue)
+
+
+def test_the_choice_does_not_depend_on_the_order_of_the_catalogue(catalogue):
+    turned = replace(catalogue, skills=dict(reversed(catalogue.skills.items())))
+    wanted = Promise(guarantees="inside(red_cube, red_tray)")
+    assert select(wanted, "any", {}, catalogue) == select(wanted, "any", {}, turned)

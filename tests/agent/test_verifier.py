@@ -1,0 +1,252 @@
+"""Verdicts, causes and revisions from synthetic evidence."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from phyagentos.agent.diagnosis import Cause, Layer, diagnose
+from phyagentos.agent.judges import PredicateJudge
+from phyagentos.agent.replanner import find_label, find_undone, revise
+from phyagentos.agent.verifier import History, SessionVerifier
+from phyagentos.protocol.evidence import Bundle, TraceEvent
+from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
+
+from .conftest import hold, make_world, put, remove
+
+BUDGET = History(replans=0, max_replans=2)
+AWAY = (0.5, 0.1, 0.02)
+IN_TRAY = (0.6, 0.3, 0.03)
+
+
+def make_session(**more: Any) -> Session:
+    facts: dict[str, Any] = {
+        "id": SessionId("g.red"),
+        "goal": GoalId("g"),
+        "node": "red",
+        "objective": "o",
+        "skill": "pick_and_place",
+        "target": "panda",
+        "parameters": {"destination": "red_tray", "object": "red_cube"},
+        "accept": ("inside(red_cube, red_tray)",),
+        "scene": Scene(name="table", seed=7, episode="g"),
+        "seed": 1,
+    }
+    return Session(**(facts | more))
+
+
+def make_bundle(after: Any = None, *, session: Session | None = None, **more: Any) -> Bundle:
+    execution = {"ended": Ended.COMPLETED, "evidence": "e", "ticks": 100} | more.pop("execution", {})
+    facts: dict[str, Any] = {
+        "folder": Path("e"),
+        "session": session or make_session(),
+        "execution": Execution(**execution),
+        "before": make_world(),
+        "after": after,
+        "holds": (),
+        "trace": (),
+        "events": (),
+    }
+    return Bundle(**(facts | more))
+
+
+def failed(code: str, leaf: str = "pick/verify") -> dict[str, Any]:
+    return {"ended": Ended.SKILL_FAILED, "code": code, "leaf": leaf}
+
+
+def test_success_needs_every_criterion_to_be_true():
+    session = make_session(accept=("inside(red_cube, red_tray)", "not moved(blue_cube)"))
+    bundle = make_bundle(put(make_world(), "red_cube", IN_TRAY), session=session)
+    attempt = SessionVerifier().judge(bundle, BUDGET)
+    assert attempt.verdict is Verdict.SUCCESS
+    assert [(c.text, c.truth, c.evidence) for c in attempt.criteria] == [
+        ("inside(red_cube, red_tray)", Truth.TRUE, "environment_after.json"),
+        ("not moved(blue_cube)", Truth.TRUE, "environment_after.json"),
+    ]
+    assert (attempt.cause, attempt.sensing) == ("", "truth")
+
+
+def test_a_contract_without_criteria_is_never_a_success():
+    bundle = make_bundle(put(make_world(), "red_cube", IN_TRAY), session=make_session(accept=()))
+    attempt = SessionVerifier().judge(bundle, BUDGET)
+    assert attempt.verdict is Verdict.FAILURE
+    assert "the contract has no criterion, so nothing can be accepted" in attempt.reason
+
+
+def test_unknown_is_never_a_success():
+    session = make_session(accept=("inside(red_cube, red_tray)", "open(drawer)"))
+    attempt = SessionVerifier().judge(make_bundle(put(make_world(), "red_cube", IN_TRAY), session=session), BUDGET)
+    assert attempt.verdict is Verdict.REPLAN
+    assert attempt.cause == Cause.EVIDENCE_MISSING
+    assert "open(drawer) is unknown: drawer is not in the snapshot" in attempt.reason
+
+
+def test_a_hold_condition_without_a_sample_is_unknown():
+    session = make_session(hold=("upright(bottle)",))
+    attempt = SessionVerifier().judge(make_bundle(put(make_world(), "red_cube", IN_TRAY), session=session), BUDGET)
+    assert attempt.verdict is not Verdict.SUCCESS
+    assert "upright(bottle) is unknown: it was never sampled" in attempt.reason
+
+
+@pytest.mark.parametrize(
+    ("after", "execution", "cause", "layer", "verdict"),
+    [
+        (put(make_world(), "red_cube", AWAY), failed("GRASP_LOST"), Cause.GRASP_LOST, Layer.EXECUTION, Verdict.REPLAN),
+        (make_world(), failed("GRASP_MISSED"), Cause.GRASP_MISSED, Layer.EXECUTION, Verdict.REPLAN),
+        (put(make_world(), "red_cube", AWAY), failed("GRASP_MISSED"), Cause.OBJECT_MOVED, Layer.WORLD, Verdict.REPLAN),
+        (remove(make_world(), "red_cube"), failed("GRASP_MISSED"), Cause.OBJECT_GONE, Layer.WORLD, Verdict.FAILURE),
+        (make_world(), failed("NO_PATH_FOUND"), Cause.NO_PLAN, Layer.PLANNING, Verdict.REPLAN),
+        (make_world(), failed("TOO_WIDE"), Cause.IMPOSSIBLE, Layer.PLANNING, Verdict.FAILURE),
+        (make_world(), failed("SOMETHING_OF_A_PLUGIN"), Cause.UNKNOWN, Layer.EXECUTION, Verdict.REPLAN),
+        (make_world(), {"ended": Ended.STALLED, "leaf": "pick/move"}, Cause.STALLED, Layer.EXECUTION, Verdict.REPLAN),
+        (make_world(), {"ended": Ended.TIMED_OUT}, Cause.TIMED_OUT, Layer.RUNTIME, Verdict.REPLAN),
+        (make_world(), {"ended": Ended.RUNNER_LOST}, Cause.RUNNER_LOST, Layer.RUNTIME, Verdict.REPLAN),
+        (make_world(), {"ended": Ended.SAFETY_STOP, "code": "GUARD"}, Cause.SAFETY_STOP, Layer.SAFETY, Verdict.REPLAN),
+        (make_world(), {"ticks": 0}, Cause.NOTHING_CHANGED, Layer.ACCEPTANCE, Verdict.FAILURE),
+        (make_world(), {}, Cause.WITHOUT_EFFECT, Layer.ACCEPTANCE, Verdict.REPLAN),
+        (put(make_world(), "red_cube", AWAY), {}, Cause.PLACED_WRONG, Layer.ACCEPTANCE, Verdict.REPLAN),
+        (None, {"ended": Ended.RUNNER_LOST}, Cause.EVIDENCE_MISSING, Layer.EVIDENCE, Verdict.FAILURE),
+    ],
+)
+def test_the_cause_comes_from_evidence_and_decides_whether_another_attempt_is_worth_it(
+    after, execution, cause, layer, verdict
+):
+    bundle = make_bundle(after, execution=execution)
+    attempt = SessionVerifier().judge(bundle, BUDGET)
+    assert (attempt.cause, attempt.verdict) == (cause.value, verdict)
+    assert diagnose(bundle, attempt.criteria).layer is layer
+    assert attempt.reason.startswith(f"{layer}: ")
+
+
+def test_a_spent_budget_turns_a_replan_into_a_failure():
+    bundle = make_bundle(make_world(), execution=failed("GRASP_MISSED"))
+    attempt = SessionVerifier().judge(bundle, History(replans=2, max_replans=2))
+    assert attempt.verdict is Verdict.FAILURE
+    assert attempt.reason.endswith("The budget of 2 replans is spent.")
+
+
+def test_fingers_that_closed_on_air_are_a_missed_grasp_although_the_skill_completed():
+    session = make_session(skill="pick", accept=("holding(panda, red_cube)",), parameters={"object": "red_cube"})
+    attempt = SessionVerifier().judge(make_bundle(make_world(), session=session), BUDGET)
+    assert (attempt.verdict, attempt.cause) == (Verdict.REPLAN, Cause.GRASP_MISSED)
+    assert "panda holds nothing with fingers 0.0800 m apart" in attempt.reason
+
+
+def test_the_reason_names_the_leaf_and_the_number_that_decided():
+    trace = (
+        TraceEvent(
+            tick=5,
+            time_s=1.0,
+            path="pick/verify",
+            leaf="verify_grasp",
+            status="FAILURE",
+            code="GRASP_MISSED",
+            message="the fingers touch red_cube from neither side",
+            numbers={"width_m": 0.0004},
+        ),
+    )
+    attempt = SessionVerifier().judge(make_bundle(make_world(), execution=failed("GRASP_MISSED"), trace=trace), BUDGET)
+    assert "pick/verify ended skill_failed with GRASP_MISSED" in attempt.reason
+    assert "from neither side (width_m 0.0004)" in attempt.reason
+
+
+def _violated() -> Criterion:
+    return Criterion(text="upright(bottle)", kind="hold", truth=Truth.FALSE, at_s=2.5, because="it leans 40 degrees")
+
+
+def test_a_violated_constraint_is_replanned_slower_when_the_world_has_recovered():
+    session = make_session(hold=("upright(bottle)",))
+    after = put(make_world(), "red_cube", IN_TRAY)
+    bundle = make_bundle(after, session=session, holds=(_violated(),), execution={"ended": Ended.SAFETY_STOP})
+    attempt = SessionVerifier().judge(bundle, BUDGET)
+    assert (attempt.verdict, attempt.cause) == (Verdict.REPLAN, Cause.CONSTRAINT_VIOLATED)
+    assert "upright(bottle) was false at 2.50 s: it leans 40 degrees" in attempt.reason
+    assert revise(bundle, attempt).strategy == {"speed": 0.5}
+
+
+def test_judges_of_others_are_weighed_like_the_own_ones():
+    class Sceptic:
+        def judge(self, bundle: Bundle) -> list[Criterion]:
+            return [Criterion(text="upright(bottle)", kind="accept", truth=Truth.FALSE, because="the picture shows it")]
+
+    verifier = SessionVerifier(judges=(PredicateJudge(), Sceptic()), name="sceptic/1")
+    attempt = verifier.judge(make_bundle(put(make_world(), "red_cube", IN_TRAY)), BUDGET)
+    assert attempt.verdict is not Verdict.SUCCESS
+    assert attempt.verifier == "sceptic/1"
+
+
+# -- revisions ---------------------------------------------------------------------------------------------------------
+
+
+def _planned(leaf: str, *labels: str) -> TraceEvent:
+    return TraceEvent(
+        tick=1, time_s=0.0, path=f"a/{leaf}", leaf=leaf, status="SUCCESS", numbers={"labels": list(labels)}
+    )
+
+
+def _moved(label: str) -> TraceEvent:
+    return TraceEvent(tick=2, time_s=1.0, path="a/move_to", leaf="move_to", status="SUCCESS", numbers={"label": label})
+
+
+TRACE = (
+    _planned("plan_grasp", "yaw+000", "yaw+090"),
+    _moved("yaw+090"),
+    _planned("plan_place", "site2.yaw+000", "site1.yaw+000"),
+    _moved("site1.yaw+000"),
+)
+
+
+def _revise(cause: Cause, **more: Any) -> Any:
+    session = make_session(**more)
+    bundle = make_bundle(put(make_world(), "red_cube", AWAY), session=session, trace=TRACE)
+    return revise(bundle, Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value))
+
+
+def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
+    bundle = make_bundle(make_world(), trace=TRACE)
+    assert find_label(bundle, "plan_grasp") == "yaw+090"
+    assert find_label(bundle, "plan_place") == "site1.yaw+000"
+    assert find_label(make_bundle(make_world()), "plan_grasp") is None
+
+
+@pytest.mark.parametrize(
+    ("cause", "before", "after"),
+    [
+        (Cause.GRASP_MISSED, {}, {"avoid_grasps": ["yaw+090"]}),
+        (Cause.GRASP_LOST, {}, {"avoid_grasps": ["yaw+090"], "speed": 0.5}),
+        (
+            Cause.GRASP_LOST,
+            {"speed": 0.3, "avoid_grasps": ["yaw+000"]},
+            {"avoid_grasps": ["yaw+000", "yaw+090"], "speed": 0.25},
+        ),
+        (Cause.PLACED_WRONG, {}, {"avoid_sites": ["site1.yaw+000"], "speed": 0.5}),
+        (Cause.OBJECT_MOVED, {}, {}),
+        (Cause.NO_PLAN, {"avoid_grasps": ["yaw+000"], "speed": 0.5}, {"speed": 0.5}),
+        (Cause.TIMED_OUT, {}, {}),
+    ],
+)
+def test_the_strategy_answers_the_cause(cause, before, after):
+    revision = _revise(cause, strategy=before)
+    assert dict(revision.strategy) == after
+    assert revision.parent == "g.red"
+
+
+def test_the_child_requires_to_see_the_object_and_not_that_it_stands_where_it_stood():
+    revision = _revise(Cause.OBJECT_MOVED, requires=("at(red_cube, (0.4, 0.3, 0.02), 0.03)", "upright(bottle)"))
+    assert revision.requires == ("upright(bottle)", "visible(red_cube)")
+    assert any("no longer required" in reason for reason in revision.reasons)
+
+
+def test_a_finished_node_is_undone_only_by_lasting_facts_that_nobody_changed_on_purpose():
+    finished = {
+        "a": make_session(accept=("inside(red_cube, red_tray)",)),
+        "b": make_session(accept=("holding(panda, blue_cube)",), parameters={"object": "blue_cube"}),
+        "c": make_session(accept=("inside(green_cube, green_tray)",), parameters={"object": "green_cube"}),
+        "d": make_session(accept=("inside(green_cube, blue_tray)",), parameters={"object": "green_cube"}),
+    }
+    order = ["a", "b", "c", "d"]
+    now = put(put(hold(make_world()), "red_cube", AWAY), "green_cube", (0.6, -0.3, 0.03))
+    undone = find_undone(finished, order, now, make_world())
+    assert list(undone) == ["a"]
+    assert "inside(red_cube, red_tray) no longer holds" in undone["a"]

@@ -1,0 +1,111 @@
+"""The rules of the house that no linter knows."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "phyagentos"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+OWN_PYTHON = sorted(
+    path
+    for folder in ("phyagentos", "tests", "examples", "benchmarks", "skills")
+    for path in (ROOT / folder).rglob("*.py")
+)
+MAX_LINES = 400
+BANNED_STEMS = {"utils", "util", "helpers", "helper", "misc", "common"}
+BODY_LIBRARIES = {"mujoco", "mink", "ompl", "toppra", "casadi", "py_trees", "numba"}
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("path", OWN_PYTHON, ids=name_of)
+def test_no_file_is_longer_than_four_hundred_lines(path):
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= MAX_LINES, f"{name_of(path)} has {lines} lines: split it by concept"
+
+
+@pytest.mark.parametrize("path", OWN_PYTHON, ids=name_of)
+def test_no_module_is_named_after_nothing(path):
+    assert path.stem not in BANNED_STEMS, f"{name_of(path)}: put the function next to its user"
+
+
+@pytest.mark.parametrize("path", [path for path in MODULES if path.name == "__init__.py"], ids=name_of)
+def test_every_package_root_holds_a_docstring_only(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree), f"{name_of(path)}: say what the package is"
+    rest = [node for node in tree.body[1:] if not _is_version(node)]
+    assert not rest, f"{name_of(path)}: importing a package must not load anything"
+
+
+def _is_version(node):
+    return isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__version__"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_every_public_name_of_the_package_is_documented(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    silent = [] if ast.get_docstring(tree) else ["the module"]
+    silent += [
+        node.name
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        and not node.name.startswith("_")
+        and not ast.get_docstring(node)
+    ]
+    assert not silent, f"{name_of(path)}: no docstring: {', '.join(silent)}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_no_code_is_left_unfinished(path):
+    text = path.read_text(encoding="utf-8")
+    for word in ("TODO", "FIXME", "XXX", "HACK"):
+        assert word not in text, f"{name_of(path)}: {word}"
+
+
+def loaded_by(*modules: str) -> set[str]:
+    """Top-level names in `sys.modules` of a fresh interpreter after importing `modules`."""
+    code = f"import {', '.join(modules)}, sys; print(*sorted({{name for name in sys.modules}}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    return set(done.stdout.split())
+
+
+def modules_of(package: str) -> list[str]:
+    paths = sorted((PACKAGE / package).rglob("*.py"))
+    names = [path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".") for path in paths]
+    return [name.removesuffix(".__init__") for name in names if not name.endswith("__main__")]
+
+
+def test_the_agent_plane_loads_no_body():
+    loaded = loaded_by(*modules_of("agent"))
+    assert not loaded & BODY_LIBRARIES
+    assert not {name for name in loaded if name.startswith("phyagentos.runtime")}
+
+
+def test_the_runtime_plane_loads_no_goal_graph():
+    loaded = loaded_by(*modules_of("runtime"))
+    assert "networkx" not in loaded
+    assert not {name for name in loaded if name.startswith("phyagentos.agent")}
+
+
+def test_the_boundary_loads_neither_plane_nor_simulator():
+    loaded = loaded_by(*modules_of("protocol"))
+    assert not loaded & (BODY_LIBRARIES | {"networkx"})
+    assert not {name for name in loaded if name.startswith(("phyagentos.agent", "phyagentos.runtime"))}
+
+
+def test_the_command_line_loads_no_plane_before_it_needs_one():
+    loaded = loaded_by("phyagentos.cli.app")
+    assert not loaded & (BODY_LIBRARIES | {"networkx", "numpy"})
+    assert not {name for name in loaded if name.startswith(("phyagentos.agent", "phyagentos.runtime"))}
+
+
+def test_the_import_contracts_hold():
+    linter = Path(sys.executable).parent / "lint-imports"
+    done = subprocess.run([linter, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,128 @@
+"""The command line, called in this process; and a journal, written as both planes would."""
+
+import sys
+from dataclasses import dataclass
+
+import msgspec
+import pytest
+
+from phyagentos.cli.app import main
+from phyagentos.cli.progress import RunFold
+from phyagentos.clock import ManualClock
+from phyagentos.protocol.journal import Entry, Journal
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.sessions import Ended, Execution, Scene, Session
+from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
+from phyagentos.protocol.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Result:
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def paos(monkeypatch, capsys):
+    def call(*arguments: object) -> Result:
+        monkeypatch.setenv("PAOS_DEBUG", "0")  # and forget what --debug sets
+        monkeypatch.setattr(sys, "argv", ["paos", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        streams = capsys.readouterr()
+        return Result(int(ended.value.code or 0), streams.out, streams.err)
+
+    return call
+
+
+GOAL = "tidy-7"
+NODES = {
+    "red": {"objective": "red cube into red tray", "skill": "pick_and_place", "target": "arm", "after": []},
+    "blue": {"objective": "blue beside red", "skill": "pick_and_place", "target": "arm", "after": ["red"]},
+}
+
+
+class Run:
+    """Both planes' pens on one journal."""
+
+    def __init__(self, root) -> None:
+        self.workspace = Workspace.create(root, Library(()))
+        self.clock = ManualClock()
+        self.pens = {
+            side: Journal(self.workspace.root, side=side, by=side.value, clock=self.clock, durable=False)
+            for side in Side
+        }
+        self.fold = RunFold(self.workspace.heartbeats)
+
+    def write(self, side: Side, id: str, ev: str, epoch: int | None = None, /, **body: object) -> None:
+        self.clock.advance(1.0)
+        self.pens[side].commit([Entry(id, ev, body or None, epoch)])
+        self.fold.apply(self.pens[Side.OPERATOR].read_new())
+
+    def begin(self) -> None:
+        self.write(Side.AGENT, f"goal:{GOAL}", "goal_submitted", graph="tidy", seed=7, objective="Tidy up.")
+        self.write(Side.AGENT, f"goal:{GOAL}", "goal_compiled", nodes=NODES, accept=[], constraints=[])
+        self.write(Side.AGENT, f"node:{GOAL}/red", "node_ready")
+
+    def submit(self, node: str, parent: str | None = None) -> str:
+        attempt = 1 if parent else 0
+        session = Session(
+            id=f"{GOAL}.{node}" + (f".r{attempt}" if parent else ""),
+            goal=GOAL,
+            node=node,
+            parent=parent,
+            attempt=attempt,
+            objective="red cube into red tray",
+            skill="pick_and_place",
+            target="panda",
+            parameters={},
+            accept=("inside(red_cube, red_tray)",),
+            scene=Scene(name="tabletop", seed=7, episode="e"),
+            seed=1,
+        )
+        self.write(Side.AGENT, session.id, "submit", **msgspec.to_builtins(session))
+        return session.id
+
+    def execute(self, id: str) -> None:
+        self.write(Side.RUNTIME, id, "claim")
+        self.write(Side.RUNTIME, id, "start", 1)
+        execution = Execution(
+            ended=Ended.SKILL_FAILED,
+            evidence=f"evidence/{id}",
+            code="GRASP_LOST",
+            leaf="pick_and_place/place/lower",
+            sim_time_s=6.5,
+        )
+        self.write(Side.RUNTIME, id, "finish", 1, execution=msgspec.to_builtins(execution))
+
+    def judge(self, id: str, verdict: Verdict, truth: Truth) -> None:
+        self.write(Side.AGENT, id, "verify")
+        criterion = Criterion(
+            text="inside(red_cube, red_tray)", kind="accept", truth=truth, measured={"distance_m": 0.31}
+        )
+        attempt = Attempt(verdict=verdict, criteria=(criterion,), cause="" if truth is Truth.TRUE else "GRASP_LOST")
+        trigger = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}[verdict]
+        self.write(Side.AGENT, id, trigger, attempt=msgspec.to_builtins(attempt))
+
+    def end(self, verdict: str) -> None:
+        self.write(Side.AGENT, f"goal:{GOAL}", "goal_verdict", verdict=verdict, criteria=[], reason="because")
+
+
+@pytest.fixture
+def run(tmp_path):
+    return Run(tmp_path / "w")
+
+
+@pytest.fixture
+def replanned(run):
+    run.begin()
+    first = run.submit("red")
+    run.execute(first)
+    run.judge(first, Verdict.REPLAN, Truth.FALSE)
+    child = run.submit("red", parent=first)
+    run.execute(child)
+    run.judge(child, Verdict.SUCCESS, Truth.TRUE)
+    run.write(Side.AGENT, f"node:{GOAL}/red", "node_done")
+    return run

@@ -1,0 +1,86 @@
+"""Every way a command can end has its own code, and no traceback unless asked for."""
+
+import pytest
+
+from phyagentos.cli import showing
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.planes import Plane
+from phyagentos.clock import SystemClock
+
+
+def test_help_and_version_succeed(paos):
+    assert paos("--help").code == ExitCode.GOAL_MET
+    version = paos("--version")
+    assert version.code == ExitCode.GOAL_MET
+    assert version.out.startswith("phyagentos ")
+
+
+def test_an_unknown_command_is_invalid_input(paos):
+    result = paos("fly")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "fly" in result.err
+    assert result.out == ""
+
+
+def test_a_missing_graph_names_what_would_have_been_found(paos):
+    result = paos("run", "tidy_tabel")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "tidy_tabel: UNKNOWN_FILE: found no such file; expected a path, or one of:" in result.err
+    assert "Did you mean 'tidy_table'?" in result.err
+    assert "Traceback" not in result.err
+
+
+def test_an_unknown_override_is_invalid_input(paos):
+    result = paos("compile", "tidy_table", "--set", "arm=panda")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "--set arm: expected targets.ROLE=NAME" in result.err
+
+
+def fail() -> None:
+    raise ZeroDivisionError("planted")
+
+
+def test_a_defect_of_this_program_is_one_line(paos, monkeypatch):
+    monkeypatch.setitem(showing._NAMES, showing.Kind.LEAVES, fail)
+    result = paos("list", "leaves")
+    assert result.code == ExitCode.INTERNAL_ERROR
+    assert result.err == "paos: ZeroDivisionError: planted. Add --debug for the traceback.\n"
+
+
+def test_debug_shows_the_traceback(paos, monkeypatch):
+    monkeypatch.setitem(showing._NAMES, showing.Kind.LEAVES, fail)
+    monkeypatch.delenv("PAOS_DEBUG", raising=False)
+    result = paos("--debug", "list", "leaves")
+    assert result.code == ExitCode.INTERNAL_ERROR
+    assert "Traceback (most recent call last)" in result.err
+
+
+def test_ctrl_c_is_130(paos, monkeypatch):
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(showing._NAMES, showing.Kind.LEAVES, interrupt)
+    assert paos("list", "leaves").code == ExitCode.INTERRUPTED
+
+
+def test_why_in_a_folder_that_is_no_workspace_says_so(paos, tmp_path):
+    result = paos("why", "red", "--workspace", tmp_path)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "NOT_A_WORKSPACE" in result.err
+
+
+def test_a_plane_is_stopped_with_everything_it_printed_in_its_log(tmp_path):
+    plane = Plane("agent", ["no_such_graph", "--workspace", str(tmp_path / "w")], tmp_path)
+    clock = SystemClock()
+    while plane.find_exit_code() is None:
+        clock.sleep(0.02)
+    plane.stop(clock)
+    assert plane.find_exit_code() == ExitCode.INVALID_INPUT
+    assert "no_such_graph: UNKNOWN_FILE" in plane.log.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("word", ["lifecycle", "schema", "list", "tree", "lint", "compile", "init", "run", "why"])
+def test_every_command_explains_itself(paos, word):
+    result = paos(word, "--help")
+    assert result.code == ExitCode.GOAL_MET
+    assert "Usage:" in result.out

@@ -1,0 +1,79 @@
+"""`paos why` and `paos cancel`: from the records of a workspace, without writing a record."""
+
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.protocol.environment import Entity, Environment, Pose
+from phyagentos.protocol.evidence import AFTER, BEFORE, TRACE, TraceEvent, write_json, write_lines
+from phyagentos.protocol.mailbox import take_signals
+
+
+def observe(time_s: float, x_m: float) -> Environment:
+    cube = Entity(name="red_cube", kind="cube", pose=Pose(position_m=(x_m, 0.0, 0.02)), observed_at_s=time_s)
+    return Environment(time_s=time_s, scene="s", episode="e", revision=1, sensing="truth", entities={"red_cube": cube})
+
+
+def leave_evidence(run, id: str) -> None:
+    folder = run.workspace.evidence / id
+    folder.mkdir()
+    write_json(folder / BEFORE, observe(0.0, 0.4))
+    write_json(folder / AFTER, observe(6.5, 0.5))
+    failure = TraceEvent(
+        tick=300,
+        time_s=6.1,
+        path="pick_and_place/place/lower",
+        leaf="move_linear",
+        status="FAILURE",
+        code="GRASP_LOST",
+        message="the fingers touch red_cube from neither side",
+        numbers={"width_m": 0.00125},
+    )
+    write_lines(folder / TRACE, [failure])
+
+
+def test_why_names_verdict_criteria_layer_and_child(replanned, paos):
+    leave_evidence(replanned, "tidy-7.red")
+    text = paos("why", "red", "--workspace", replanned.workspace.root).out
+    assert text.startswith("tidy-7.red: replanned\n")
+    assert "execution   skill_failed GRASP_LOST: 6.50 s simulated" in text
+    assert "verdict     replan, sensing truth" in text
+    assert "✗ accept inside(red_cube, red_tray): distance_m 0.31" in text
+    assert "layer       execution" in text
+    assert "child       tidy-7.red.r1" in text
+
+
+def test_why_names_the_leaf_and_the_number_that_decided(replanned, paos):
+    leave_evidence(replanned, "tidy-7.red")
+    text = paos("why", "red", "--workspace", replanned.workspace.root).out
+    assert "leaf        pick_and_place/place/lower at 6.10 s: GRASP_LOST" in text
+    assert "numbers     width_m 0.00125" in text
+
+
+def test_why_of_a_session_that_never_ran_says_so(run, paos):
+    run.begin()
+    run.submit("red")
+    assert "execution   none: it has not run" in paos("why", "red", "--workspace", run.workspace.root).out
+
+
+def test_an_unknown_session_names_the_nearest(replanned, paos):
+    result = paos("why", "rad", "--workspace", replanned.workspace.root)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "rad: no such session; expected tidy-7.red, tidy-7.red.r1" in result.err
+    assert "Did you mean 'red'?" in result.err
+
+
+def test_cancel_leaves_a_signal_for_one_session(replanned, paos):
+    result = paos("cancel", "red.r1", "--workspace", replanned.workspace.root)
+    assert result.code == ExitCode.GOAL_MET
+    (signal,) = take_signals(replanned.workspace.signals)
+    assert (signal.kind, signal.session, signal.by) == ("cancel", "tidy-7.red.r1", "paos cancel")
+
+
+def test_cancel_all_needs_no_session(run, paos):
+    paos("cancel", "all", "--workspace", run.workspace.root)
+    assert [signal.session for signal in take_signals(run.workspace.signals)] == ["*"]
+
+
+def test_looking_changes_nothing(replanned, paos):
+    leave_evidence(replanned, "tidy-7.red")
+    before = {path: path.read_bytes() for path in replanned.workspace.root.rglob("*") if path.is_file()}
+    paos("why", "red", "--workspace", replanned.workspace.root)
+    assert {path: path.read_bytes() for path in replanned.workspace.root.rglob("*") if path.is_file()} == before

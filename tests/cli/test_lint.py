@@ -1,0 +1,151 @@
+"""`paos lint`: every problem of every file, with its place, what was found, what is possible, the nearest name."""
+
+from pathlib import Path
+
+import pytest
+
+from phyagentos.cli.lint import FileKind, find_kind
+from phyagentos.cli.outcome import ExitCode
+
+ROOT = Path(__file__).resolve().parents[2]
+GRAPH = """\
+goal: broken
+objective: Nothing of this can run.
+scene: tabletop/cubes_and_trays
+targets: {arm: panda}
+colour: red
+sessions:
+  red:
+    skill: pick_and_plase
+    target: arm
+    with: {object: red_cube, destination: red_tray}
+    accept: ["insde(red_cube, red_tray)"]
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(name: str, text: str) -> Path:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_everything_that_ships_is_clean(paos):
+    folders = ["goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol", "examples/01_yaml_skill"]
+    result = paos("lint", *[ROOT / folder for folder in folders])
+    assert (result.code, result.err) == (ExitCode.GOAL_MET, "")
+
+
+def test_an_unknown_key_is_refused_with_its_place(paos, write):
+    path = write("goal_graphs/broken.yaml", GRAPH)
+    result = paos("lint", path)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"{path}:5:1: UNKNOWN_KEY: found 'colour'; expected " in result.err
+    assert "objective" in result.err
+
+
+def test_all_problems_of_a_graph_are_reported_at_once(paos, write):
+    path = write("goal_graphs/broken.yaml", GRAPH.replace("colour: red\n", ""))
+    result = paos("lint", path)
+    assert f"{path}:7:5: UNKNOWN_SKILL: found 'pick_and_plase'" in result.err
+    assert "Did you mean 'pick_and_place'?" in result.err
+    assert "UNKNOWN_PREDICATE: found 'insde' at column 1" in result.err
+    assert "Did you mean 'inside'?" in result.err
+    assert "1 file checked, 2 problems" in result.err
+
+
+def test_problems_of_several_files_are_reported_in_their_order(paos, write):
+    first = write("a.yaml", "goal: [")
+    second = write("b.yaml", "goal: x\ngoal: y\n")
+    result = paos("lint", first, second)
+    lines = result.err.splitlines()
+    assert lines[0].startswith(f"{first}:")
+    assert "YAML_SYNTAX" in lines[0]
+    assert lines[1] == f"{second}:2:1: DUPLICATE_KEY: found 'goal'"
+    assert lines[-1] == "2 files checked, 2 problems"
+
+
+def test_a_file_of_no_kind_names_the_kinds(paos, write):
+    result = paos("lint", write("shopping.yaml", "tre: [milk]\n"))
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "shopping.yaml:1:1: UNKNOWN_KIND: found top-level keys tre" in result.err
+    assert "Did you mean 'tree'?" in result.err
+
+
+def test_a_missing_file_is_invalid_input(paos, tmp_path):
+    result = paos("lint", tmp_path / "nowhere.yaml")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "nowhere.yaml: UNREADABLE_FILE" in result.err
+
+
+def test_a_document_is_checked_in_its_yaml_blocks(paos, write):
+    path = write("SESSIONS.md", "# Sessions\n\n## one\n\n```yaml\nstate: pending\nstate: running\n```\n")
+    result = paos("lint", path)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"{path}:7:1: DUPLICATE_KEY: found 'state'" in result.err
+
+
+def test_a_perception_pipeline_may_only_use_sensors_that_exist(paos, write):
+    write("sensors.yaml", (ROOT / "protocol/sensors.yaml").read_text(encoding="utf-8"))
+    path = write(
+        "perception.yaml",
+        "sensing: truth\npipelines:\n  world:\n    sensors: [simulator_stat]\n    produces: [entity_poses]\n",
+    )
+    result = paos("lint", path)
+    assert f"{path}:4:15: UNKNOWN_SENSOR: found 'simulator_stat'" in result.err
+    assert "Did you mean 'simulator_state'?" in result.err
+
+
+def test_an_unsourced_limit_is_refused(paos, write):
+    text = (ROOT / "protocol/safety.yaml").read_text(encoding="utf-8")
+    first = next(line for line in text.splitlines() if "source:" in line)
+    head, _, _ = first.partition("source:")
+    path = write("safety.yaml", text.replace(first, f"{head}source: ''", 1) if "{" not in first else text)
+    if "{" in first:
+        pytest.skip("limits are written in flow style")
+    result = paos("lint", path)
+    assert "UNSOURCED_LIMIT" in result.err
+
+
+SKILL = """\
+---
+skill: dance
+description: Nothing.
+tree: pick_and_plaice
+parameters:
+  object: {type: entity}
+guarantees: ["inside(${objekt}, red_tray)"]
+---
+# Dance
+"""
+
+
+def test_a_skill_is_checked_against_its_parameters_and_trees(paos, write):
+    path = write("skills/dance/SKILL.md", SKILL)
+    result = paos("lint", path)
+    assert f"{path}:4:1: UNKNOWN_TREE: found 'pick_and_plaice'" in result.err
+    assert "Did you mean 'pick_and_place'?" in result.err
+    assert "UNKNOWN_PARAMETER: found '${objekt}'" in result.err
+    assert "Did you mean 'object'?" in result.err
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        ("x.yaml", "goal: x\n", FileKind.GOAL_GRAPH),
+        ("x.yaml", "tree: x\n", FileKind.TREE),
+        ("x.yaml", "scene: x\n", FileKind.SCENE),
+        ("trees/x.yaml", "a: [", FileKind.TREE),
+        ("sensors.yaml", "", FileKind.SETTINGS),
+        ("skills/x/SKILL.md", "", FileKind.SKILL),
+        ("LOG.md", "", FileKind.DOCUMENT),
+        ("README.md", "", None),
+        ("x.yaml", "- 1\n", None),
+    ],
+)
+def test_a_kind_is_found_by_name_then_keys_then_folder(write, name, text, kind):
+    assert find_kind(write(name, text)) is kind

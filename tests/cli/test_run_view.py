@@ -1,0 +1,161 @@
+"""What `paos run` shows and reports, read from a real journal that a test wrote as the planes would."""
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from phyagentos.cli import console as console_module
+from phyagentos.cli.console import RunConsole, build_progress_table
+from phyagentos.cli.mission_run import Interrupts, ask_for_end, choose_workspace
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.progress import compute_depth
+from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
+from phyagentos.protocol.heartbeats import Heartbeat, write_heartbeat
+from phyagentos.protocol.ledger import Ledger
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.mailbox import take_signals
+
+GOAL = "tidy-7"
+
+
+def test_rows_follow_the_graph_and_children_follow_their_parents(replanned):
+    rows = replanned.fold.rows()
+    assert [(row.name, row.state, row.depth) for row in rows] == [
+        ("red", "replanned", 0),
+        ("red.r1", "succeeded", 0),
+        ("blue", "waiting", 1),
+    ]
+
+
+def test_depth_is_the_longest_way():
+    after = {"a": (), "b": ("a",), "c": ("a", "b")}
+    assert [compute_depth(name, after) for name in after] == [0, 1, 2]
+
+
+def test_wall_time_of_a_session_is_the_time_between_its_records(replanned):
+    assert replanned.fold.rows()[0].wall_s == pytest.approx(5.0)  # submit, then five records a second apart
+
+
+def test_the_active_leaf_and_its_time_are_shown(run):
+    run.begin()
+    id = run.submit("red")
+    run.write(Side.RUNTIME, id, "claim")
+    run.write(Side.RUNTIME, id, "start", 1)
+    beat = Heartbeat(target="panda", pid=1, session=id, sim_time_s=3.24, leaf="pick/lift", phase="executing")
+    write_heartbeat(run.workspace.heartbeats, beat)
+    text = io.StringIO()
+    Console(file=text, width=100).print(build_progress_table("tidy", run.fold.rows()))
+    assert "executing pick/lift" in text.getvalue()
+    assert "3.2 s" in text.getvalue()
+
+
+def test_without_a_terminal_every_change_is_one_line_said_once(replanned, monkeypatch):
+    stream = io.StringIO()
+    monkeypatch.setattr(console_module.sys, "stderr", stream)
+    with RunConsole("tidy") as console:
+        console.show(replanned.fold)
+        console.show(replanned.fold)
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == "red: replanned  GRASP_LOST"
+    assert lines[1] == "    ✗ inside(red_cube, red_tray)  distance_m 0.31"
+    assert len([line for line in lines if line.startswith("red.r1: succeeded")]) == 1
+
+
+def test_quiet_says_nothing(replanned, monkeypatch):
+    stream = io.StringIO()
+    monkeypatch.setattr(console_module.sys, "stderr", stream)
+    with RunConsole("tidy", quiet=True) as console:
+        console.show(replanned.fold)
+    assert stream.getvalue() == ""
+
+
+def test_the_report_is_one_json_value_with_every_judgement(replanned):
+    replanned.end("success")
+    code = compute_exit_code(replanned.fold)
+    report = build_report(replanned.fold, workspace=replanned.workspace.root, wall_s=2.0, exit_code=code)
+    data = json.loads(render_json(report))
+    assert (data["exit_code"], data["goal"]["verdict"]) == (0, "success")
+    assert [session["id"] for session in data["goal"]["sessions"]] == [f"{GOAL}.red", f"{GOAL}.red.r1"]
+    assert data["goal"]["sessions"][0]["criteria"][0]["measured"] == {"distance_m": 0.31}
+    assert data["goal"]["first_attempt_success"] == {"red": False, "blue": False}
+
+
+def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
+    picture = replanned.workspace.evidence / f"{GOAL}.red" / "after.png"
+    picture.parent.mkdir()
+    picture.write_bytes(b"")
+    replanned.end("failure")
+    report = build_report(
+        replanned.fold, workspace=replanned.workspace.root, wall_s=2.0, exit_code=ExitCode.GOAL_NOT_MET
+    )
+    text = io.StringIO()
+    print_report(report, replanned.fold, Console(file=text, width=160))
+    assert "goal tidy-7: not met  because" in text.getvalue()
+    assert "6.5 s" in text.getvalue()
+    assert "1 of 1 criteria hold" in text.getvalue()
+    assert str(picture) in text.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code"), [("success", ExitCode.GOAL_MET), ("failure", ExitCode.GOAL_NOT_MET)], ids=["met", "not met"]
+)
+def test_the_verdict_decides_the_exit_code(run, verdict, code):
+    run.begin()
+    run.end(verdict)
+    assert compute_exit_code(run.fold) is code
+
+
+def test_a_run_without_a_verdict_is_an_internal_error(run):
+    run.begin()
+    assert compute_exit_code(run.fold) is ExitCode.INTERNAL_ERROR
+
+
+def test_a_goal_that_preflight_rejected_has_its_own_code(run):
+    run.begin()
+    id = run.submit("red")
+    run.write(Side.RUNTIME, id, "claim")
+    run.write(Side.RUNTIME, id, "reject", 1, reason="UNKNOWN_SKILL")
+    run.end("failure")
+    assert compute_exit_code(run.fold) is ExitCode.REJECTED
+
+
+def test_a_finished_goal_of_an_earlier_run_is_not_this_one(run):
+    run.begin()
+    run.end("success")
+    run.fold.forget_finished_goals()
+    assert run.fold.goal is None
+    run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
+    assert run.fold.goal.id == "tidy-8"
+
+
+def test_the_first_interrupt_asks_both_planes_for_an_end(run):
+    run.begin()
+    run.submit("red")
+    ask_for_end(run.fold, run.pens[Side.OPERATOR], run.workspace, run.clock)
+    signal = take_signals(run.workspace.signals)[0]
+    assert (signal.kind, signal.session) == ("cancel", "*")
+    ledger = Ledger()
+    for record in run.pens[Side.AGENT].read_new():
+        ledger.apply(record)
+    assert ledger.goals[GOAL].is_cancelled
+
+
+def test_interrupts_are_counted_and_the_handlers_given_back():
+    import signal
+
+    before = signal.getsignal(signal.SIGINT)
+    with Interrupts().counted() as interrupts:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        assert interrupts.count == 2
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_new_workspace_is_chosen_every_time(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = choose_workspace("tidy", 7)
+    assert first.as_posix() == "workspaces/tidy-7-1"
+    first.mkdir(parents=True)
+    assert choose_workspace("tidy", 7).as_posix() == "workspaces/tidy-7-2"

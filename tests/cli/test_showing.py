@@ -1,0 +1,129 @@
+"""What there is can be listed and drawn without starting anything."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import jsonschema
+import pytest
+import yaml
+
+from phyagentos.cli import schemas
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.protocol.lifecycle import SESSION_TRANSITIONS
+
+ROOT = Path(__file__).resolve().parents[2]
+SCHEMAS = ROOT / "protocol" / "schemas"
+
+
+def test_the_statechart_that_is_printed_is_the_table(paos):
+    result = paos("lifecycle", "--mermaid")
+    assert result.out.startswith("stateDiagram-v2\n")
+    arrows = re.findall(r"^    (\w+) --> (\w+): (\w+)", result.out, re.MULTILINE)
+    expected = {(source, row.dest, row.trigger) for row in SESSION_TRANSITIONS for source in row.sources}
+    assert set(arrows) == {(str(source), str(dest), trigger) for source, dest, trigger in expected}
+
+
+def test_the_statechart_in_the_docs_is_the_table(paos):
+    text = (ROOT / "docs/lifecycle.md").read_text(encoding="utf-8")
+    assert paos("lifecycle", "--mermaid").out.strip() in text
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("graphs", "tidy_table"),
+        ("leaves", "verify_grasp"),
+        ("predicates", "inside(a, b)"),
+        ("scenes", "tabletop/cubes_and_trays"),
+        ("skills", "pick_and_place"),
+        ("targets", "panda"),
+        ("trees", "pick_and_place"),
+    ],
+)
+def test_names_are_listed_one_a_line(paos, kind, name):
+    result = paos("list", kind)
+    assert result.code == ExitCode.GOAL_MET
+    assert name in result.out.splitlines()
+
+
+def test_a_tree_is_drawn_with_its_subtrees(paos):
+    text = paos("tree", "show", "pick_and_place").out
+    assert "▣ pick " in text
+    assert "lift · move_linear" in text
+
+
+def test_a_tree_as_mermaid_has_one_edge_fewer_than_nodes(paos):
+    text = paos("tree", "show", "pick_and_place", "--mermaid").out
+    nodes = re.findall(r"^    n\d+[\[(]", text, re.MULTILINE)
+    edges = re.findall(r"^    n\d+ --> n\d+$", text, re.MULTILINE)
+    assert len(nodes) == len(edges) + 1 > 15
+
+
+def test_a_tree_as_svg_is_well_formed_and_names_every_leaf(paos, tmp_path):
+    path = tmp_path / "tree.svg"
+    assert paos("tree", "show", ROOT / "trees/pick_and_place.yaml", "--svg", path).code == ExitCode.GOAL_MET
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    texts = [element.text or "" for element in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert any("verify_grasp" in text for text in texts)
+
+
+def test_an_unknown_tree_names_the_nearest(paos):
+    result = paos("tree", "show", "pick_and_plaec")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "Did you mean 'pick_and_place'?" in result.err
+
+
+def test_a_tree_that_contains_itself_is_not_drawn_for_ever(paos, tmp_path):
+    path = tmp_path / "trees" / "loop.yaml"
+    path.parent.mkdir()
+    path.write_text("tree: loop\ndescription: Round.\nroot: {subtree: {tree: loop}}\n", encoding="utf-8")
+    result = paos("tree", "show", path)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"{path}:3:8: CYCLE: found loop -> loop" in result.err
+
+
+@pytest.mark.parametrize("kind", schemas.names_of_schemas())
+def test_the_shipped_schema_is_up_to_date(kind):
+    shipped = (SCHEMAS / f"{kind}.schema.json").read_text(encoding="utf-8")
+    assert shipped == schemas.render_schema(kind), "run `make schemas`"
+
+
+def test_no_schema_is_shipped_that_nothing_makes():
+    assert sorted(path.name.removesuffix(".schema.json") for path in SCHEMAS.glob("*")) == schemas.names_of_schemas()
+
+
+AUTHORED = [
+    *((path, "goal_graph") for path in sorted((ROOT / "goal_graphs").glob("*.yaml"))),
+    *((path, "tree") for path in sorted((ROOT / "trees").rglob("*.yaml"))),
+    *((path, "scene") for path in sorted((ROOT / "scenes").rglob("*.yaml"))),
+    *((path, "target") for path in sorted((ROOT / "robots").rglob("target.yaml"))),
+    *((path, "faults") for path in sorted((ROOT / "faults").glob("*.yaml"))),
+    *((ROOT / "protocol" / f"{kind}.yaml", kind) for kind in ("safety", "sensors", "perception", "runtime_contract")),
+]
+
+
+@pytest.mark.parametrize(("path", "kind"), AUTHORED, ids=lambda value: getattr(value, "stem", value))
+def test_an_editor_accepts_what_the_reader_accepts(path, kind):
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    jsonschema.validate(data, json.loads(schemas.render_schema(kind)))
+
+
+def test_an_editor_refuses_an_unknown_key():
+    data = yaml.safe_load((ROOT / "goal_graphs/tidy_table.yaml").read_text(encoding="utf-8")) | {"colour": "red"}
+    with pytest.raises(jsonschema.ValidationError, match="'colour' was unexpected"):
+        jsonschema.validate(data, json.loads(schemas.render_schema("goal_graph")))
+
+
+def test_an_unknown_schema_names_the_nearest(paos):
+    result = paos("schema", "goal_grap")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "Did you mean 'goal_graph'?" in result.err
+
+
+def test_the_module_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "phyagentos", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("phyagentos ")

@@ -1,0 +1,80 @@
+"""The wheel carries everything that lies outside the package, and works in an empty folder."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("trees", "goal_graphs", "skills", "scenes", "robots", "protocol", "faults")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    pytest.importorskip("hatchling")
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    return next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def site(wheel, tmp_path_factory):
+    """An installation without the checkout: the wheel's files, and nothing else of this project."""
+    folder = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def paos(site, folder, *arguments):
+    command = [sys.executable, "-m", "phyagentos", *map(str, arguments)]
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_the_wheel_carries_every_authored_file(wheel, folder):
+    carried = set(zipfile.ZipFile(wheel).namelist())
+    shipped = [path for path in (ROOT / folder).rglob("*") if path.suffix in {".yaml", ".md", ".xml", ".json"}]
+    missing = [
+        name for path in shipped if f"phyagentos/share/{(name := path.relative_to(ROOT).as_posix())}" not in carried
+    ]
+    assert shipped
+    assert not missing
+
+
+def test_the_wheel_carries_the_scaffold_and_the_type_marker(wheel):
+    carried = zipfile.ZipFile(wheel).namelist()
+    assert "phyagentos/cli/scaffold/goal_graphs/first.yaml" in carried
+    assert "phyagentos/py.typed" in carried
+
+
+def test_an_empty_folder_and_the_wheel_are_enough_to_begin(site, tmp_path):
+    begun = paos(site, tmp_path, "init", "x")
+    assert begun.returncode == 0, begun.stderr
+    linted = paos(site, tmp_path, "lint", "x")
+    assert linted.returncode == 0, linted.stderr
+    named = paos(site, tmp_path, "compile", "tidy_table")
+    assert named.returncode == 0, named.stderr
+
+
+def test_the_installed_package_is_used_and_not_the_checkout(site, tmp_path):
+    code = "import phyagentos.protocol.library as l; print(l.find_shipped_root())"
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == str(site / "phyagentos" / "share")
+
+
+@pytest.mark.journey
+def test_a_new_place_runs_to_a_met_goal_from_the_wheel(site, tmp_path):
+    paos(site, tmp_path, "init", "x")
+    done = paos(site, tmp_path, "run", "x/goal_graphs/first.yaml", "--no-pictures", "--quiet")
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,54 @@
+"""Example 2: a package of new leaves, installed as anybody would, found through its entry points."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples" / "02_leaf_package"
+INSTALL = ["-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target"]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Environment of a machine on which the package is installed."""
+    pytest.importorskip("hatchling")
+    site = tmp_path_factory.mktemp("site")
+    source = tmp_path_factory.mktemp("source") / "package"
+    subprocess.run(["cp", "-r", str(EXAMPLE), str(source)], check=True)  # building must not litter the checkout
+    subprocess.run([sys.executable, *INSTALL, str(site), str(source)], check=True, timeout=120)
+    return os.environ | {"PYTHONPATH": str(site), "PIP_NO_INDEX": "1"}
+
+
+def paos(environment, folder, *arguments):
+    command = [sys.executable, "-m", "phyagentos", *map(str, arguments)]
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
+
+
+def test_its_leaf_is_known_by_name(installed, tmp_path):
+    assert "choose_nearest" in paos(installed, tmp_path, "list", "leaves").stdout.splitlines()
+
+
+def test_its_skill_tree_and_graph_are_found(installed, tmp_path):
+    assert "tidy_nearest" in paos(installed, tmp_path, "list", "skills").stdout.splitlines()
+    assert "choose_nearest" in paos(installed, tmp_path, "tree", "show", "tidy_nearest").stdout
+    compiled = paos(installed, tmp_path, "compile", "nearest")
+    assert compiled.returncode == 0, compiled.stderr
+    assert "first: tidy_nearest(" in compiled.stdout
+
+
+def test_its_files_lint_clean_where_it_is_installed(installed, tmp_path):
+    linted = paos(installed, tmp_path, "lint", EXAMPLE)
+    assert linted.returncode == 0, linted.stderr
+
+
+def test_where_it_is_not_installed_its_leaf_is_an_unknown_name(tmp_path):
+    tree = EXAMPLE / "nearest_first/library/trees/tidy_nearest.yaml"
+    linted = paos(os.environ.copy(), tmp_path, "lint", tree)
+    assert linted.returncode == 2
+    assert "UNKNOWN_LEAF: found 'choose_nearest'" in linted.stderr

@@ -1,0 +1,39 @@
+"""Example 1: a skill out of existing leaves, YAML alone."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples" / "01_yaml_skill"
+
+
+def paos(*arguments, cwd=ROOT):
+    command = [sys.executable, "-m", "phyagentos", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
+
+
+def test_it_holds_no_python():
+    assert not list(EXAMPLE.rglob("*.py"))
+
+
+def test_it_lints_clean():
+    linted = paos("lint", EXAMPLE)
+    assert (linted.returncode, linted.stderr) == (0, "")
+
+
+def test_its_tree_is_drawn_with_the_trees_that_ship():
+    drawn = paos("tree", "show", EXAMPLE / "trees/show_and_place.yaml")
+    assert drawn.returncode == 0, drawn.stderr
+    assert "plan_grasp" in drawn.stdout
+    assert "hold_up · move_home" in drawn.stdout
+
+
+@pytest.mark.journey
+def test_it_runs_to_a_met_goal(tmp_path):
+    graph = EXAMPLE / "goal_graphs/show.yaml"
+    done = paos("run", graph, "--workspace", tmp_path / "w", "--no-pictures", "--quiet")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "show_and_place" in (tmp_path / "w" / "SESSIONS.md").read_text(encoding="utf-8")

@@ -1,0 +1,115 @@
+"""Stop requests as files: each arrives once, and what cannot be read is kept with the reason."""
+
+import os
+import re
+import threading
+
+import pytest
+
+from phyagentos.clock import ManualClock
+from phyagentos.protocol.mailbox import Signal, drop_signal, take_signals
+
+
+def make_old(path):
+    os.utime(path, (1, 1))
+
+
+def test_a_signal_arrives_once_and_is_kept(tmp_path, clock):
+    path = drop_signal(tmp_path, Signal(kind="cancel", session="g.red", by="ann", reason="supper"), clock)
+
+    assert take_signals(tmp_path) == [
+        Signal(kind="cancel", session="g.red", by="ann", reason="supper", at=clock.wall_iso())
+    ]
+    assert take_signals(tmp_path) == []
+    assert not path.exists()
+    assert (tmp_path / "done" / path.name).exists()
+
+
+def test_signals_come_in_the_order_they_were_dropped(tmp_path, clock):
+    for reason in "abc":
+        drop_signal(tmp_path / "new", Signal(kind="cancel", reason=reason), clock)  # the same instant
+    clock.advance(1)
+    drop_signal(tmp_path, Signal(kind="estop", reason="d"), clock)
+
+    assert [signal.reason for signal in take_signals(tmp_path / "new")] == ["a", "b", "c", "d"]
+    assert len(list((tmp_path / "done").iterdir())) == 4
+
+
+@pytest.mark.parametrize("text", ["kind: cancel\nsession: g.red\n", '{"kind": "cancel", "session": "g.red"}'])
+def test_any_tool_can_drop_one(tmp_path, text):
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "by-hand").write_text(text)
+
+    assert take_signals(tmp_path) == [Signal(kind="cancel", session="g.red")]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("kind: cancle\n", r"Invalid enum value 'cancle'.*Did you mean 'cancel'"),
+        ("kind: [", "while parsing a flow"),
+        ("", "Expected `object`"),
+        ("kind: cancel\nsesion: x\n", "unknown field `sesion`"),
+        ("\x00\x01", "special characters are not allowed"),
+    ],
+)
+def test_what_cannot_be_read_is_put_aside_with_the_reason(tmp_path, text, reason):
+    (tmp_path / "new").mkdir()
+    path = tmp_path / "new" / "by-hand.yaml"
+    path.write_text(text)
+    assert take_signals(tmp_path) == []
+    assert path.exists(), "somebody may still be writing it"
+
+    make_old(path)
+    assert take_signals(tmp_path) == []
+
+    assert (tmp_path / "rejected" / "by-hand.yaml").read_text() == text
+    told = (tmp_path / "rejected" / "by-hand.yaml.reason.txt").read_text()
+    assert re.search(f"by-hand.yaml: .*{reason}", told, re.DOTALL)
+    assert "cancel, pause, resume, estop" in told
+    assert list((tmp_path / "new").iterdir()) == []
+
+
+def test_a_file_that_is_finished_late_is_taken(tmp_path):
+    (tmp_path / "new").mkdir()
+    path = tmp_path / "new" / "slow"
+    path.touch()
+    assert take_signals(tmp_path) == []
+    path.write_text("kind: estop\n")
+
+    assert take_signals(tmp_path) == [Signal(kind="estop")]
+
+
+def test_the_same_name_twice_loses_neither(tmp_path):
+    (tmp_path / "new").mkdir()
+    for text in ("kind: pause", "kind: resume"):
+        (tmp_path / "new" / "stop").write_text(text)
+        take_signals(tmp_path)
+
+    assert (tmp_path / "done" / "stop").read_text() == "kind: pause"
+    assert (tmp_path / "done" / "stop.1").read_text() == "kind: resume"
+
+
+def test_a_folder_in_the_wrong_place_stops_nobody(tmp_path, clock):
+    (tmp_path / "new" / "oops").mkdir(parents=True)
+    drop_signal(tmp_path, Signal(kind="cancel"), clock)
+
+    assert [signal.kind for signal in take_signals(tmp_path)] == ["cancel"]
+
+
+def test_no_folder_means_no_signals(tmp_path):
+    assert take_signals(tmp_path / "missing") == []
+
+
+def test_two_takers_never_get_the_same_one(tmp_path):
+    clock = ManualClock()
+    for number in range(100):
+        drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
+    taken = [[], []]
+    threads = [threading.Thread(target=lambda i=i: taken[i].extend(take_signals(tmp_path))) for i in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert sorted(int(signal.reason) for each in taken for signal in each) == list(range(100))

@@ -1,0 +1,313 @@
+"""What a person reads after a run: what was asked, who did it, what was seen, why the verdict fell as it did."""
+
+import re
+
+import msgspec
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.document import iter_blocks
+from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, Region, Shape, ShapeKind, TargetState
+from phyagentos.protocol.environment_view import read_environment, render_environment
+from phyagentos.protocol.journal import Entry
+from phyagentos.protocol.ledger import GoalStatus, Ledger, NodeState, NodeStatus
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.log_view import LINES_SHOWN, describe_record, render_log
+from phyagentos.protocol.markdown import publish
+from phyagentos.protocol.schema import parse_yaml
+from phyagentos.protocol.session_view import FINISHED_SHOWN, render_sessions
+from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
+from phyagentos.protocol.tasks import render_graph, render_tasks
+from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
+from phyagentos.protocol.views import Views
+from phyagentos.protocol.workspace import Workspace
+
+EXECUTION = Execution(
+    ended=Ended.SKILL_FAILED,
+    evidence="evidence/tidy-7.red",
+    leaf="pick_and_place/verify_grasp",
+    code="GRASP_LOST",
+    message="the fingers closed to 0.001 m",
+    sim_time_s=9.2,
+    ticks=460,
+    interventions=2,
+)
+ATTEMPT = Attempt(
+    verdict=Verdict.REPLAN,
+    criteria=(
+        Criterion(
+            text="inside(red_cube, red_tray)",
+            kind="accept",
+            truth=Truth.FALSE,
+            measured={"distance_m": 0.312345},
+            evidence="environment_after.json",
+            because="it lies 0.31 m beside the tray",
+        ),
+    ),
+    cause="GRASP_LOST",
+    reason="verify_grasp measured 0.001 m | less than the cube",
+)
+
+
+@pytest.fixture
+def run(open_journal, submit):
+    """One goal of two nodes: the first was replanned and its child waits."""
+    agent, runtime = open_journal(by="mission"), open_journal(Side.RUNTIME, "watchdog")
+    nodes = {"red": {"objective": "the red cube", "skill": "pick_and_place"}, 'blue "x"': {"after": ["red"]}}
+    agent.commit(
+        [
+            Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7, "objective": "Tidy the table"}),
+            Entry("goal:tidy-7", "goal_compiled", {"nodes": nodes, "accept": ["count(inside(*, red_tray)) >= 1"]}),
+            Entry("node:tidy-7/red", "node_ready"),
+            submit(),
+        ]
+    )
+    runtime.commit([Entry("tidy-7.red", "claim"), Entry("tidy-7.red", "start", epoch=1)])
+    runtime.commit([Entry("tidy-7.red", "finish", {"execution": EXECUTION}, 1)])
+    child = {"child": "tidy-7.red.r1", "parent": "tidy-7.red", "reason": "the cube slipped"}
+    agent.commit(
+        [
+            Entry("tidy-7.red", "verify"),
+            Entry("tidy-7.red", "replan", {"attempt": ATTEMPT}),
+            Entry("node:tidy-7/red", "child_of", child),
+            Entry("node:tidy-7/red", "budget_spent"),
+            submit("tidy-7.red.r1", parent="tidy-7.red", attempt=1, strategy={"avoid_grasps": [3]}),
+        ]
+    )
+    return agent
+
+
+@pytest.fixture
+def ledger(run):
+    ledger = Ledger()
+    for record in run.read_new():
+        ledger.apply(record)
+    return ledger
+
+
+def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger):
+    text = render_sessions(ledger)
+    section = text[text.index("## tidy-7.red\n") :]
+
+    for fact in (
+        "**Asked:** Put the red cube into the red tray (`pick_and_place` on `panda`; object = red_cube",
+        "**Done by:** watchdog, epoch 1",
+        "skill failed at `pick_and_place/verify_grasp` (GRASP_LOST): the fingers closed to 0.001 m; 9.20 s simulated",
+        "2 safety interventions",
+        "[evidence/tidy-7.red](evidence/tidy-7.red)",
+        "**Verdict 1:** replan (GRASP_LOST): verify_grasp measured 0.001 m",
+        "| `inside(red_cube, red_tray)` | accept | **no** | it lies 0.31 m beside the tray | distance_m = 0.3123 |",
+    ):
+        assert fact in section
+    assert "**Revises:** `tidy-7.red`; differently: avoid_grasps [3]" in text
+    assert text.startswith("---\nview: 12\n---\n")
+    assert text.count("stateDiagram-v2") == 1
+    assert text.endswith("<!-- end of view -->\n")
+
+
+def test_the_blocks_of_sessions_are_the_fold(ledger):
+    blocks = {block.name: block for block in iter_blocks(render_sessions(ledger))}
+
+    assert list(blocks) == ["tidy-7.red.r1", "tidy-7.red"]
+    for id, block in blocks.items():
+        data = parse_yaml(block.yaml, "SESSIONS.md", block.line).data
+        assert msgspec.convert(data, SessionStatus) == ledger.sessions[id]
+
+
+def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit):
+    agent = open_journal()
+    agent.commit([submit(f"s{number}") for number in range(120)])
+    agent.commit([Entry(f"s{number}", "cancel") for number in range(100)])
+    ledger = Ledger()
+    for record in agent.read_new():
+        ledger.apply(record)
+    text = render_sessions(ledger)
+    names = [block.name for block in iter_blocks(text)]
+
+    assert names == [f"s{n}" for n in range(100, 120)] + [f"s{n}" for n in range(99, 99 - FINISHED_SHOWN, -1)]
+    assert "50 older sessions are in the journal." in text
+
+
+def test_a_block_that_did_not_change_is_not_rendered_again(ledger, monkeypatch):
+    cache = {}
+    first = render_sessions(ledger, cache)
+    monkeypatch.setattr("phyagentos.protocol.session_view.render_session", lambda status: "rendered again\n")
+
+    assert render_sessions(ledger, cache) == first
+    assert "rendered again" in render_sessions(ledger)
+
+
+def test_the_log_tells_the_story_in_order(run):
+    ledger, lines = Ledger(), []
+    for record in run.read_new():
+        ledger.apply(record)
+        lines.append(describe_record(record, ledger))
+    text = render_log([line for line in lines if line], ledger.seq)
+    told = [line for line in text.splitlines() if line.startswith("- ")]
+
+    assert [re.sub(r"^- \d\d:\d\d:\d\d ", "", line)[:60] for line in told] == [
+        "**tidy-7** (mission) goal asked for: Tidy the table, seed 7",
+        "**tidy-7** (mission) compiled into 2 nodes",
+        "**tidy-7/red** (mission) ready",
+        "**tidy-7.red** (mission) asks: Put the red cube into the red",
+        "**tidy-7.red** (watchdog) claimed, epoch 1",
+        "**tidy-7.red** (watchdog) passed preflight, running",
+        "**tidy-7.red** (watchdog) execution skill failed at `pick_an",
+        "**tidy-7.red** (mission) verdict replan (GRASP_LOST): verify",
+        "**tidy-7/red** (mission) continues as tidy-7.red.r1, child o",
+        "**tidy-7/red** (mission) a replan was paid for",
+        "**tidy-7.red.r1** (mission) asks: Put the red cube into the ",
+    ]
+
+
+def test_a_long_log_shows_its_end():
+    text = render_log([f"- {number}\n" for number in range(LINES_SHOWN + 5)], 9)
+
+    assert "5 older lines are not shown" in text
+    assert "\n- 4\n" not in text
+    assert "\n- 5\n- 6\n" in text
+
+
+def test_a_task_shows_goal_nodes_criteria_and_verdict(run, ledger):
+    verdict = {"verdict": "success", "reason": "both cubes are in", "criteria": ATTEMPT.criteria}
+    for record in run.commit([Entry("goal:tidy-7", "goal_verdict", verdict)]):
+        ledger.apply(record)
+    text = render_tasks(ledger)
+
+    for fact in (
+        "## tidy-7\n",
+        "**Asked:** Tidy the table (graph `tidy`, seed 7,",
+        ": both cubes are in",
+        "**Replans:** 1",
+        "`count(inside(*, red_tray)) >= 1`",
+        "| red | active | the red cube |  | tidy-7.red (replanned), tidy-7.red.r1 (pending) |  |",
+        "| `inside(red_cube, red_tray)` | accept | **no** |",
+    ):
+        assert fact in text
+    (block,) = iter_blocks(text)
+    assert msgspec.convert(parse_yaml(block.yaml, "TASK.md").data, GoalStatus) == ledger.goals["tidy-7"]
+
+
+def test_a_workspace_without_goals_says_so():
+    assert "No goal has been submitted yet." in render_tasks(Ledger())
+    assert "No session has been submitted yet." in render_sessions(Ledger())
+
+
+def test_the_graph_is_quoted_mermaid_coloured_by_state():
+    nodes = {"end": NodeStatus(state=NodeState.DONE, sessions=("a", "b"))}
+    nodes['a "b" <c>; `d` #e'] = NodeStatus(after=("end", "elsewhere"))
+    lines = render_graph(GoalStatus(id="g", nodes=nodes)).splitlines()
+
+    assert lines[:4] == [
+        "flowchart TD",
+        '    n0["<b>end</b><br/>done<br/>1 revised"]:::done',
+        '    n1["<b>a #quot;b#quot; #lt;c#gt;#59; #96;d#96; #35;e</b><br/>waiting"]:::waiting',
+        "    n0 --> n1",
+    ]
+    assert {line.split()[1] for line in lines[4:]} == set(NodeState)
+    for line in lines[4:]:
+        assert re.fullmatch(r"    classDef \w+ fill:#[0-9a-f]{6},stroke:#[0-9a-f]{6},color:#[0-9a-f]{6}", line)
+
+
+def test_views_follow_the_journal_at_a_readable_rate(tmp_path, run, submit, clock):
+    workspace = Workspace.create(tmp_path / "w", Library(()))
+    views = Views(workspace, run.folder, clock)
+
+    assert views.refresh() is True
+    assert views.refresh() is False
+    run.commit([submit("late")])
+    assert views.refresh() is False
+    clock.advance(0.25)
+    assert views.refresh() is True
+    run.commit([Entry("late", "cancel", {"reason": "too late"})])
+    views.close()
+
+    assert "## late\n" in workspace.sessions_document.read_text()
+    assert "**late** (mission) cancelled: too late" in workspace.log.read_text()
+    assert "## tidy-7\n" in workspace.task.read_text()
+    assert views.ledger.sessions["late"].state == "cancelled"
+
+
+def test_publishing_replaces_a_document_as_a_whole(tmp_path):
+    path = tmp_path / "LOG.md"
+    publish(path, "old")
+    with path.open() as reader:
+        publish(path, "new")
+        assert reader.read() == "old"
+
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+ENVIRONMENT = Environment(
+    time_s=12.5,
+    scene="tabletop/cubes_and_trays",
+    episode="tidy-7",
+    revision=3,
+    sensing="truth",
+    entities={
+        "red_cube": Entity(
+            name="red_cube",
+            kind="cube",
+            color="red",
+            pose=Pose((0.5, 0.1, 0.42)),
+            shapes=(Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),),
+            speed_m_s=1e-7,
+            observed_at_s=12.5,
+        ),
+        "blue_cube": Entity(name="blue_cube", kind="cube", pose=Pose(), held_by="panda"),
+        "red_tray": Entity(
+            name="red_tray",
+            kind="tray",
+            pose=Pose((0.5, 0.1, 0.4)),
+            interior=Interior(center_m=(0, 0, 0.03), half_m=(0.1, 0.1, 0.03)),
+        ),
+        "wall": Entity(name="wall", kind="wall", pose=Pose(), movable=False),
+    },
+    regions={"shelf": Region(name="shelf", pose=Pose((1.0, 0.0, 0.5)), half_m=(0.1, 0.2, 0.3))},
+    targets={
+        "panda": TargetState(
+            q_rad=(0.1,) * 7, qd_rad_s=(0.0,) * 7, gripper_width_m=0.0397, tcp=Pose(), holding=("blue_cube",)
+        )
+    },
+)
+
+
+def test_the_environment_comes_back_as_it_was(tmp_path):
+    path = tmp_path / "ENVIRONMENT.md"
+    publish(path, render_environment(ENVIRONMENT))
+
+    assert read_environment(path) == ENVIRONMENT
+
+
+def test_the_environment_tells_where_things_are():
+    text = render_environment(ENVIRONMENT)
+
+    assert "| red_cube | red cube | inside red_tray | 0.500 0.100 0.420 |" in text
+    assert "| blue_cube | cube | held by panda |" in text
+    assert "| wall | wall | fixed |" in text
+    assert "| shelf | 1.000 0.000 0.500 | 0.100 0.200 0.300 |" in text
+    assert "| panda | 0.000 0.000 0.000 | 0.0397 | blue_cube |" in text
+
+
+def test_two_snapshots_differ_in_the_lines_that_changed():
+    moved = msgspec.structs.replace(ENVIRONMENT.entities["red_cube"], visible=False)
+    later = msgspec.structs.replace(ENVIRONMENT, entities=ENVIRONMENT.entities | {"red_cube": moved})
+    before, after = (render_environment(each).splitlines() for each in (ENVIRONMENT, later))
+
+    changed = sorted(set(after) - set(before))
+
+    assert [line.split()[0 if line.startswith(" ") else 1] for line in changed] == ['"red_cube":', "red_cube"]
+
+
+def test_an_environment_that_nobody_observed_says_so(tmp_path):
+    path = tmp_path / "ENVIRONMENT.md"
+    with pytest.raises(DefinitionError, match=r"ENVIRONMENT_UNREADABLE: found .*No such file"):
+        read_environment(path)
+    path.write_text("# The world\n\nNothing has been observed yet.\n")
+    with pytest.raises(DefinitionError, match=r"found no block of data.*with its first observation"):
+        read_environment(path)
+    path.write_text(render_environment(ENVIRONMENT).replace('"time_s": 12.5', '"time_s": "noon"'))
+    with pytest.raises(DefinitionError, match=r"Expected `float`, got `str`"):
+        read_environment(path)

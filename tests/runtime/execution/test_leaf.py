@@ -1,0 +1,151 @@
+"""The contract of a leaf: sealed tick, coded failures, wrapped exceptions, interruptions that are told."""
+
+import pytest
+from py_trees.ports import get_ports_registry
+
+from phyagentos.errors import DefinitionError
+from phyagentos.runtime.execution.leaf import Leaf, LeafError, PortInformation, Status
+from phyagentos.runtime.execution.registry import LeafRegistry, register_file
+
+
+class Twice(Leaf):
+    """Runs one tick, then succeeds."""
+
+    INPUT_PORTS = {"gain": PortInformation(data_type=float, required=False, description="Unused.")}
+    OUTPUT_PORTS = {"level": PortInformation(data_type=float, required=False, description="A number.")}
+
+    halted = 0
+
+    def on_start(self):
+        return Status.RUNNING
+
+    def on_running(self):
+        self.write("level", 3)
+        return self.succeed("done", ticks=2)
+
+    def on_halted(self):
+        self.halted += 1
+
+
+class Returns(Leaf):
+    """Answers what it is told."""
+
+    INPUT_PORTS = {}
+    OUTPUT_PORTS = {}
+    answer = None
+
+    def on_start(self):
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+@pytest.fixture
+def leaf():
+    leaf = Twice("twice", context=None, path="root/twice")
+    leaf.setup_ports(subtree_namespace="/test")
+    yield leaf
+    for client in leaf.blackboards:
+        client.unregister(clear=True)
+
+
+def test_the_first_tick_starts_and_later_ones_run(leaf):
+    leaf.tick_once()
+    assert leaf.status is Status.RUNNING
+    leaf.tick_once()
+
+    assert (leaf.status, leaf.message, leaf.numbers) == (Status.SUCCESS, "done", {"ticks": 2})
+
+
+def test_a_whole_number_is_written_as_a_number(leaf):
+    leaf.tick_once()
+    leaf.tick_once()
+
+    assert leaf.get_last_output("level") == 3.0
+    assert isinstance(leaf.get_last_output("level"), float)
+
+
+def test_an_optional_port_without_data_reads_as_none(leaf):
+    assert leaf.find("gain") is None
+
+
+def test_an_interruption_is_told_once_and_only_while_active(leaf):
+    leaf.stop(Status.INVALID)
+    assert leaf.halted == 0
+    leaf.tick_once()
+    leaf.stop(Status.INVALID)
+    leaf.stop(Status.INVALID)
+
+    assert leaf.halted == 1
+
+
+@pytest.mark.parametrize("answer", [None, True, "SUCCESS", Status.INVALID])
+def test_an_answer_that_is_no_status_is_an_error_with_the_path(answer):
+    leaf = Returns("returns", None, "root/returns")
+    leaf.answer = answer
+
+    with pytest.raises(LeafError, match=r"leaf root/returns: TypeError: answered .*; expected SUCCESS, FAILURE"):
+        leaf.tick_once()
+
+
+def test_an_exception_carries_the_leafs_path_and_its_cause():
+    leaf = Returns("returns", None, "root/returns")
+    leaf.answer = ZeroDivisionError("by zero")
+
+    with pytest.raises(LeafError, match=r"leaf root/returns: ZeroDivisionError: by zero") as caught:
+        leaf.tick_once()
+    assert isinstance(caught.value.cause, ZeroDivisionError)
+
+
+def test_leaves_stay_out_of_the_process_wide_registry():
+    assert "Twice" not in get_ports_registry()
+
+
+def test_a_name_is_given_once():
+    registry = LeafRegistry()
+    registry.register("twice", Twice)
+    registry.register("twice", Twice)
+
+    with pytest.raises(DefinitionError, match=r"DUPLICATE_LEAF: found 'twice', already .*Twice"):
+        registry.register("twice", Returns)
+
+
+def test_only_leaves_can_be_registered():
+    with pytest.raises(DefinitionError, match=r"NOT_A_LEAF: .*expected a subclass of execution.leaf.Leaf"):
+        LeafRegistry().register("text", str)
+
+
+def test_an_unknown_leaf_is_refused_with_the_nearest_name():
+    registry = LeafRegistry()
+    registry.register("twice", Twice)
+
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_LEAF: found 'twic'; expected twice. Did you mean 'twice'\?"):
+        registry.get("twic")
+
+
+def test_a_skills_own_leaves_are_loaded_from_its_folder(tmp_path):
+    path = tmp_path / "behaviours.py"
+    path.write_text(
+        "from phyagentos.runtime.execution.leaf import Leaf, Status\n"
+        "class Nod(Leaf):\n"
+        "    INPUT_PORTS = {}\n"
+        "    OUTPUT_PORTS = {}\n"
+        "    def on_start(self):\n"
+        "        return Status.SUCCESS\n"
+        "def register(registry):\n"
+        "    registry.register('nod', Nod)\n"
+    )
+    registry = LeafRegistry()
+
+    register_file(registry, path)
+
+    assert registry.names() == ["nod"]
+
+
+@pytest.mark.parametrize(("text", "reason"), [("x = 1", "AttributeError"), ("import nothing_at_all", "ModuleNotFound")])
+def test_a_broken_behaviours_file_is_named_with_the_reason(tmp_path, text, reason):
+    path = tmp_path / "behaviours.py"
+    path.write_text(text)
+
+    with pytest.raises(DefinitionError, match=rf"behaviours.py: BROKEN_BEHAVIOURS: found {reason}"):
+        register_file(LeafRegistry(), path)

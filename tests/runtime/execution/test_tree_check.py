@@ -1,0 +1,151 @@
+"""An authored tree is checked as a whole; each finding says file, line, column, what was found and what is possible."""
+
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.library import Library, find_shipped_root
+from phyagentos.protocol.trees import read_tree
+from phyagentos.runtime.execution.tree_check import check_tree
+
+
+@pytest.fixture
+def check(tmp_path, registry):
+    """Check a tree given by its `children`; further trees may lie beside it."""
+    (tmp_path / "trees").mkdir()
+
+    def check(children, header="inputs: {object: {type: entity}}", **others):
+        body = f"tree: mine\ndescription: A tree.\n{header}\nroot:\n  sequence:\n    children:\n"
+        (tmp_path / "trees" / "mine.yaml").write_text(body + "".join(f"      - {child}\n" for child in children))
+        for name, text in others.items():
+            (tmp_path / "trees" / f"{name}.yaml").write_text(text)
+        library = Library((tmp_path, find_shipped_root()))
+        return [str(problem) for problem in check_tree("mine", library, registry)]
+
+    return check
+
+
+def test_a_sound_tree_has_no_problem(check):
+    assert check(["locate: {object: $object}", "open_gripper"]) == []
+
+
+def test_an_unknown_leaf_is_named_with_its_place_and_the_nearest_one(check):
+    (problem,) = check(["open_gripper", "locat: {object: $object}"])
+
+    assert "mine.yaml:8:9: UNKNOWN_LEAF: found 'locat'; expected attach, close_gripper" in problem
+    assert problem.endswith("Did you mean 'locate'?")
+
+
+def test_an_unknown_port_is_named_with_those_that_exist(check):
+    (problem,) = check(["locate: {object: $object, poze: $pose}"])
+
+    assert "mine.yaml:7:35: UNKNOWN_PORT: found 'poze'; expected object, pose. Did you mean 'pose'?" in problem
+
+
+def test_a_missing_required_port_is_named(check):
+    (problem,) = check(["locate"])
+
+    assert "mine.yaml:7:9: MISSING_PORT: found locate without 'object'" in problem
+
+
+def test_a_literal_of_another_type_is_refused(check):
+    (problem,) = check(["wait: {seconds: soon}"])
+
+    assert "mine.yaml:7:16: WRONG_TYPE: found 'soon'; expected type float" in problem
+
+
+def test_a_whole_number_passes_as_a_number(check):
+    assert check(["wait: {seconds: 1}"]) == []
+
+
+def test_a_key_that_nothing_writes_is_named_with_those_that_are_written(check):
+    (problem,) = check(["locate: {object: $objekt}"])
+
+    assert "UNWRITTEN_KEY: found '$objekt', which nothing writes; expected $object. Did you mean 'object'?" in problem
+
+
+def test_a_key_of_another_type_is_refused(check):
+    (problem,) = check(["locate: {object: $object, pose: $pose}", "move_linear: {approach: $pose}"])
+
+    assert "WRONG_TYPE: found '$pose' of type Pose; expected type Approach" in problem
+
+
+def test_a_literal_at_an_output_is_refused(check):
+    (problem,) = check(["locate: {object: $object, pose: here}"])
+
+    assert "NOT_A_KEY: found 'here'; expected a key such as '$pose' to write to" in problem
+
+
+def test_an_unknown_subtree_is_named(check):
+    (problem,) = check(["subtree: {tree: pik, with: {object: $object}}"])
+
+    assert "mine.yaml:7:19: UNKNOWN_TREE: found 'pik'; expected carry_level" in problem
+    assert problem.endswith("Did you mean 'pick'?")
+
+
+def test_ports_of_a_subtree_are_checked_like_those_of_a_leaf(check):
+    problems = check(["subtree: {tree: pick, with: {objekt: $object}}"])
+
+    assert any("mine.yaml:7:38: UNKNOWN_PORT: found 'objekt'; expected approach, object" in p for p in problems)
+    assert any("MISSING_PORT: found pick without 'object'" in p for p in problems)
+
+
+def test_a_tree_that_contains_itself_is_shown_as_the_cycle(check):
+    other = "tree: other\ndescription: A tree.\nroot: {subtree: {tree: mine, with: {object: red_cube}}}\n"
+
+    problems = check(["subtree: {tree: other}"], other=other)
+
+    assert any("RECURSION: found mine -> other -> mine" in problem for problem in problems)
+
+
+def test_a_condition_is_parsed_and_its_keys_are_checked(check):
+    problems = check(['condition: "holding(target, ${objekt})"', 'condition: "holdin(target, red_cube)"'])
+
+    assert any("UNWRITTEN_KEY: found '${objekt}', which nothing writes" in problem for problem in problems)
+    assert any("mine.yaml:8:9: UNKNOWN_PREDICATE: found 'holdin'" in problem for problem in problems)
+
+
+def test_an_output_that_nothing_writes_is_refused(check):
+    (problem,) = check(["open_gripper"], header="outputs: {site: {type: point}}")
+
+    assert "mine.yaml:3:11: UNWRITTEN_OUTPUT: found 'site'" in problem
+
+
+def test_all_problems_come_at_once(check):
+    assert len(check(["locat", "wait: {seconds: soon}", "locate", "retry: {attempts: 0, child: open_gripper}"])) == 1
+    assert len(check(["locat", "wait: {seconds: soon}", "locate"])) == 3
+
+
+@pytest.mark.parametrize(
+    ("child", "message"),
+    [
+        ("retry: {child: open_gripper}", r"mine.yaml:7:9: MISSING_KEY: found nothing; expected key 'attempts'"),
+        ("retry: {attempts: 0, child: open_gripper}", r"mine.yaml:7:17: INVALID_VALUE: found 0"),
+        ("timeout: {second: 2, child: open_gripper}", r"UNKNOWN_KEY: found 'second'.*Did you mean 'seconds'"),
+        ("parallel: {policy: some, children: [wait]}", r"INVALID_VALUE: found 'some'; expected 'all' or 'one'"),
+        ("{locate: {}, wait: {}}", r"NOT_A_NODE: found a mapping with keys locate, wait; expected a mapping with one"),
+        ("sequence: {children: []}", r"INVALID_VALUE.*at least 1 item"),
+        ("locate: [red_cube]", r"NOT_A_WIRING: found \['red_cube'\]; expected a mapping of ports"),
+        ('condition: ""', r"NOT_A_PREDICATE"),
+    ],
+)
+def test_structural_errors_say_where_and_what_is_possible(tmp_path, child, message):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"tree: mine\ndescription: A tree.\n\nroot:\n  sequence:\n    children:\n      - {child}\n")
+
+    with pytest.raises(DefinitionError, match=message):
+        read_tree(path)
+
+
+def test_siblings_of_the_same_leaf_get_different_names(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("tree: mine\ndescription: A tree.\nroot: {sequence: {children: [wait, wait, wait]}}\n")
+
+    assert [child.name for child in read_tree(path).root.children] == ["wait", "wait.2", "wait.3"]
+
+
+def test_a_tree_under_another_name_than_its_file_is_refused(tmp_path):
+    path = tmp_path / "yours.yaml"
+    path.write_text("tree: mine\ndescription: A tree.\nroot: wait\n")
+
+    with pytest.raises(DefinitionError, match=r"NAME_MISMATCH: found 'mine'; expected the file's name 'yours'"):
+        read_tree(path)

@@ -1,0 +1,153 @@
+"""The robot's models: chain, spheres, scenes, shapes; they agree with MuJoCo and with each other."""
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.runtime.motion.planning_scene import PlanningScenes
+from phyagentos.runtime.motion.poses import compute_matrix, compute_rotation_angle, interpolate_poses, point_tool_down
+from phyagentos.runtime.motion.requests import Payload, World
+from phyagentos.runtime.motion.robot_model import build_robot_model
+from phyagentos.runtime.motion.shapes import compute_bounds, compute_depth_below
+from phyagentos.runtime.motion.sphere_checker import SphereChecker
+
+pytestmark = pytest.mark.motion
+
+
+def draw_postures(planner, count, seed=0):
+    robot = planner.robot
+    return np.random.default_rng(seed).uniform(robot.q_min_rad, robot.q_max_rad, (count, len(robot.q_min_rad)))
+
+
+def test_the_chain_agrees_with_mujoco(planner):
+    data = mujoco.MjData(planner.robot.model)
+    for q in draw_postures(planner, 20):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(planner.robot.model, data)
+        T = planner._chain.compute_tcp(q)
+
+        assert T[:3, 3] == pytest.approx(data.site("tcp").xpos, abs=1e-9)
+        assert T[:3, :3].reshape(9) == pytest.approx(data.site("tcp").xmat, abs=1e-9)
+
+
+def test_screening_and_mink_both_reach_a_pose_within_tolerance(planner, home):
+    target = point_tool_down(0.4, np.array((0.5, 0.1, 0.2)))
+    screened = planner._chain.solve(target, home)
+    polished = planner._kinematics.solve(target, home)
+
+    for q in (screened, polished):
+        reached = planner._chain.compute_tcp(q)
+        assert np.linalg.norm(reached[:3, 3] - target[:3, 3]) < 1.1e-4
+        assert compute_rotation_angle(reached[:3, :3].T @ target[:3, :3]) < 1.1e-3
+
+
+def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, home):
+    start = planner._chain.compute_tcp(home)
+    down, away = start.copy(), start.copy()
+    down[2, 3] -= 0.2
+    away[0, 3] += 1.0
+    line = planner._kinematics.solve_line(home, down)
+    tips = planner._chain.compute_tcp_path(line)[:, :3, 3]
+
+    assert len(line) == 21
+    assert np.abs(tips[:, :2] - start[:2, 3]).max() < 1.5e-4
+    assert planner._kinematics.solve_line(home, away) is None
+
+
+@pytest.mark.parametrize("payload", [None, Payload("cube0", Pose((0.0, 0.0, 0.0)))])
+def test_spheres_call_nothing_free_that_touches_the_world(planner, build, payload):
+    scene = PlanningScenes(planner.robot).get_scene(build.scene(1), payload)
+    checker = SphereChecker(planner._spheres.build_arrays(scene))
+    exact, spheres = (
+        np.array([check(q) for q in draw_postures(planner, 2000)]) for check in (scene.is_free, checker.is_free)
+    )
+
+    assert 0.1 < exact.mean() < 0.9
+    assert (spheres & ~exact).sum() <= 0.005 * spheres.sum()
+    assert (exact & ~spheres).sum() <= 0.06 * exact.sum()
+
+
+def test_an_edge_through_a_wall_is_blocked_for_both_checkers(planner, build, home):
+    wall = build.fixed("wall", (0.5, 0.0, 0.35), build.box((0, 0, 0), (0.25, 0.01, 0.35)))
+    scene = PlanningScenes(planner.robot).get_scene(World((wall,)))
+    checker = SphereChecker(planner._spheres.build_arrays(scene))
+    left, right = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (0.9, -0.9))
+
+    for check in (scene, checker):
+        assert check.is_free(left)
+        assert check.is_free(right)
+        assert not check.edge_is_free(left, right)
+        assert not check.path_is_free(np.array((left, right)))
+
+
+def test_a_new_pose_needs_no_new_model_and_a_held_thing_is_no_obstacle(planner, build, home):
+    tip = planner._chain.compute_tcp(home)[:3, 3]
+    near, far = (World((build.cube("cube", *tip[:2], half=0.05, z=float(z)),)) for z in (tip[2], 0.02))
+    scenes = PlanningScenes(planner.robot)
+
+    assert {pair[1] for pair in scenes.get_scene(near).find_contacts(home)} == {"cube"}
+    assert scenes.get_scene(far).find_contacts(home) == []
+    assert scenes.get_scene(near) is scenes.get_scene(far)
+    assert scenes.get_scene(near, Payload("cube", Pose())).find_contacts(home) == []
+
+
+def test_what_is_held_collides_in_the_place_of_the_hand(planner, build, home):
+    tip = planner._chain.compute_tcp(home)[:3, 3]
+    shelf = build.fixed("shelf", (tip[0], tip[1], tip[2] - 0.08), build.box((0, 0, 0), (0.1, 0.1, 0.01)))
+    world = World((shelf, build.cube("cube", 0.4, 0.3, half=0.03)))
+    scenes = PlanningScenes(planner.robot)
+    low = Payload("cube", Pose((0.0, 0.0, 0.05)))
+
+    assert scenes.get_scene(world).find_contacts(home) == []
+    assert scenes.get_scene(world, low).find_contacts(home) == [("payload", "shelf")]
+
+
+def test_depth_and_bounds_of_a_lying_cylinder(planner):
+    shapes = (Shape(ShapeKind.CYLINDER, (0.03, 0.1), Pose((0.0, 0.0, 0.1))),)
+    upright, lying = np.eye(3), compute_matrix(Pose(quaternion_wxyz=(0.5**0.5, 0.5**0.5, 0.0, 0.0)))[:3, :3]
+    center, half = compute_bounds(shapes)
+
+    assert center.tolist() == pytest.approx([0.0, 0.0, 0.1])
+    assert half.tolist() == pytest.approx([0.03, 0.03, 0.1])
+    assert compute_depth_below(shapes, upright) == pytest.approx(0.0)
+    assert compute_depth_below(shapes, lying) == pytest.approx(0.03)
+
+
+def test_interpolated_poses_turn_and_move_evenly():
+    start, end = point_tool_down(0.0, np.zeros(3)), point_tool_down(1.0, np.array((0.0, 0.0, 0.1)))
+    poses = interpolate_poses(start, end, 0.05, 0.1)
+    turns = [compute_rotation_angle(a[:3, :3].T @ b[:3, :3]) for a, b in pairwise(poses)]
+
+    assert len(poses) == 11
+    assert turns == pytest.approx([0.1] * 10, abs=1e-6)
+    assert poses[-1] == pytest.approx(end, abs=1e-9)
+
+
+def test_a_profile_that_names_an_absent_site_is_refused_with_the_known_ones(planner, profile_file):
+    profile = planner.robot.profile.model_copy(update={"tcp": "tpc"})
+
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_SITE: found no site 'tpc'.*Did you mean 'tcp'\?"):
+        build_robot_model(profile, profile_file.parent)
+
+
+def test_a_bottle_is_taken_below_its_top_and_a_wide_box_is_too_wide(planner, build, home):
+    from phyagentos.runtime.motion.requests import FindGrasps
+
+    bottle = Entity(
+        name="bottle",
+        kind="bottle",
+        pose=Pose((0.5, 0.0, 0.1)),
+        shapes=(Shape(ShapeKind.CYLINDER, (0.025, 0.1)),),
+    )
+    crate = build.cube("crate", 0.4, 0.3, half=0.06)
+    world = World((bottle, crate))
+    held = planner.answer(FindGrasps(world=world, object="bottle", q_rad=home, seed=1)).approaches[0]
+    refused = planner.answer(FindGrasps(world=world, object="crate", q_rad=home, seed=1))
+
+    assert held.tcp_end.position_m == pytest.approx((0.5, 0.0, 0.18))
+    assert refused.code == "TOO_WIDE"
+    assert "crate is wider than the gripper opens (0.08 m)" in refused.message

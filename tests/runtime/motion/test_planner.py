@@ -1,0 +1,240 @@
+"""Whole pick and place requests: found, within limits, free of contact, repeatable."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.protocol.environment import Pose
+from phyagentos.runtime.motion.planning_scene import PlanningScenes
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    FindGrasps,
+    FindLine,
+    FindPlacements,
+    Motion,
+    NoPlan,
+    Payload,
+    PlanMove,
+    World,
+)
+from phyagentos.runtime.motion.timing import JointLimits, compute_excess
+
+pytestmark = pytest.mark.motion
+
+HELD = Payload("cube0", Pose(quaternion_wxyz=(0.0, 1.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_pick_and_place_is_found_stays_within_the_limits_and_touches_nothing(planner, picker, build, home, seed):
+    world = build.scene(seed)
+    motions, _, _ = picker.pick_and_place(world, "cube0", "tray", home, seed)
+
+    limits = JointLimits.from_profile(planner.robot.profile)
+    for start, motion, _ in motions:
+        trajectory = motion.trajectory
+        assert compute_excess(start, trajectory.q_rad, trajectory.qd_rad_s, limits) < 1.0
+        assert len(trajectory.q_rad) % limits.steps_per_command == 0
+        assert not trajectory.qd_rad_s[-1].any()
+    for start, motion, payload in (motions[0], motions[3]):
+        scene = PlanningScenes(planner.robot).get_scene(world, payload)
+        assert scene.find_first_blocked(np.vstack((start, motion.trajectory.q_rad))) is None
+
+
+def test_three_cubes_find_room_in_one_tray_one_after_the_other(picker, build, home):
+    world, q = build.scene(3), home
+    for cube in ("cube0", "cube1", "cube2"):
+        _, world, q = picker.pick_and_place(world, cube, "tray", q, 3)
+
+    tray = build.entity(world, "tray")
+    placed = [build.entity(world, cube).pose.position_m for cube in ("cube0", "cube1", "cube2")]
+    for x, y, z in placed:
+        assert abs(x - tray.pose.position_m[0]) < 0.075
+        assert abs(y - tray.pose.position_m[1]) < 0.075
+        assert z == pytest.approx(0.025, abs=1e-6)
+
+
+def test_a_tray_for_two_still_has_room_after_the_first(picker, build, home):
+    world = World((build.tray("narrow", 0.5, 0.25, 0.065, 0.095), build.cube("a", 0.5, -0.1), build.cube("b", 0.4, -0.1)))
+    _, world, q = picker.pick_and_place(world, "a", "narrow", home, 1)
+    _, world, _ = picker.pick_and_place(world, "b", "narrow", q, 1)
+
+    a, b = (np.array(build.entity(world, name).pose.position_m) for name in "ab")
+    assert 0.045 < np.linalg.norm(a - b) < 0.17
+
+
+def test_the_same_request_gives_the_same_bits_in_any_order_and_in_a_fresh_planner(planner, build, home, profile_file):
+    first, second = (FindGrasps(world=build.scene(s), object="cube1", q_rad=home, seed=s) for s in (5, 6))
+    goals = home + np.array(((0.9, 0.3, 0.0, 0.2, 0.0, 0.4, 0.0), (1.2, 0.6, 0.0, 0.3, 0.0, 0.4, 0.0)))
+    move = PlanMove(world=build.scene(7), q_rad=home, goals_rad=goals, seed=7)
+    requests = [first, second, move]
+
+    forward = [planner.answer(request) for request in requests]
+    backward = [planner.answer(request) for request in reversed(requests)]
+    fresh = [type(planner).open(profile_file).answer(request) for request in requests]
+
+    assert isinstance(forward[2], Motion)
+    for a, b, c in zip(forward, reversed(backward), fresh, strict=True):
+        assert encode(a) == encode(b) == encode(c)
+
+
+def encode(answer):
+    if isinstance(answer, Approaches):
+        return [(approach.label, approach.tcp_end, approach.line_rad.tobytes()) for approach in answer.approaches]
+    return answer.goal, answer.trajectory.q_rad.tobytes(), answer.trajectory.qd_rad_s.tobytes(), answer.details
+
+
+def test_another_seed_may_go_another_way(planner, build, home):
+    wall = build.fixed("wall", (0.5, 0.0, 0.35), build.box((0, 0, 0), (0.25, 0.01, 0.35)))
+    goals = (home + np.array((0.9, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)))[None]
+    start = home + np.array((-0.9, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0))
+    motions = [
+        planner.answer(PlanMove(world=World((wall,)), q_rad=start, goals_rad=goals, seed=seed)) for seed in (1, 2)
+    ]
+
+    assert [motion.details["iterations"] > 0 for motion in motions] == [True, True]
+    assert motions[0].trajectory.q_rad.tobytes() != motions[1].trajectory.q_rad.tobytes()
+
+
+def test_half_speed_takes_about_twice_as_long(planner, build, home):
+    request = PlanMove(world=World(()), q_rad=home, goals_rad=home[None] + 0.4, seed=1)
+    full, half = (planner.answer(msgspec.structs.replace(request, speed=speed)) for speed in (1.0, 0.5))
+
+    assert len(half.trajectory.q_rad) / len(full.trajectory.q_rad) == pytest.approx(2.0, rel=0.05)
+
+
+def test_an_arm_that_is_there_already_holds_for_one_period(planner, home):
+    motion = planner.answer(PlanMove(world=World(()), q_rad=home, goals_rad=home[None], seed=1))
+
+    assert np.array_equal(motion.trajectory.q_rad, np.repeat(home[None], 10, axis=0))
+    assert not motion.trajectory.qd_rad_s.any()
+
+
+def test_goals_inside_a_wall_are_refused_with_the_pair_that_touches(planner, build, home):
+    x, y, z = planner._chain.compute_tcp(home)[:3, 3]
+    wall = build.fixed("wall", (x, y + 0.3, z), build.box((0, 0, 0), (0.3, 0.05, 0.3)))
+    goal = home + np.array((0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    answer = planner.answer(PlanMove(world=World((wall,)), q_rad=home, goals_rad=goal[None], seed=1))
+
+    assert isinstance(answer, NoPlan)
+    assert answer.code == "IN_COLLISION"
+    assert all(reason.endswith("|wall") for reason in answer.rejected)
+    assert "goal postures" in answer.message
+
+
+def test_an_arm_in_contact_is_told_so_and_may_ignore_the_entity(planner, build, home):
+    x, y, z = planner._chain.compute_tcp(home)[:3, 3]
+    world = World((build.cube("stone", x, y, half=0.05, z=float(z)),))
+    request = PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=1)
+    answer = planner.answer(request)
+    ignoring = planner.answer(msgspec.structs.replace(request, ignore=("stone",)))
+
+    assert answer.code == "IN_COLLISION"
+    assert "already touches" in answer.message
+    assert isinstance(ignoring, Motion)
+
+
+def test_an_unknown_entity_is_answered_with_the_nearest_name(planner, build, home):
+    answer = planner.answer(FindGrasps(world=build.scene(0), object="cube9", q_rad=home, seed=1))
+
+    assert answer.code == "UNKNOWN_ENTITY"
+    assert "Did you mean 'cube" in answer.message
+
+
+def test_a_cancelled_request_is_answered_so(planner, build, home):
+    answer = planner.answer(FindGrasps(world=build.scene(0), object="cube0", q_rad=home, seed=1), lambda: True)
+
+    assert answer.code == "CANCELLED"
+
+
+@pytest.fixture
+def impossible(build, home):
+    """A move from one side of a high wall to the other, with a lid over the gap for the arm's column."""
+    world = World(
+        (
+            build.fixed("front", (0.75, 0.0, 0.8), build.box((0, 0, 0), (0.6, 0.01, 0.8))),
+            build.fixed("back", (-0.75, 0.0, 0.8), build.box((0, 0, 0), (0.6, 0.01, 0.8))),
+            build.fixed("lid", (0.0, 0.0, 0.9), build.box((0, 0, 0), (0.16, 0.16, 0.01))),
+        )
+    )
+    start, goal = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (0.9, -0.9))
+    return PlanMove(world=world, q_rad=start, goals_rad=goal[None], seed=1)
+
+
+def test_a_search_without_a_way_can_be_cancelled(planner, impossible):
+    calls = 0
+
+    def cancel_later():
+        nonlocal calls
+        calls += 1
+        return calls > 200
+
+    assert planner.answer(impossible, cancel_later).code == "CANCELLED"
+    assert calls < 210
+
+
+def test_a_search_without_a_way_ends_with_its_budget(planner, impossible, monkeypatch):
+    monkeypatch.setattr("phyagentos.runtime.motion.path.ITERATIONS", 300)
+    answer = planner.answer(impossible)
+
+    assert answer.code == "NO_PATH_FOUND"
+    assert "No path to any of 1 goals" in answer.message
+
+
+def test_a_grasp_label_that_is_avoided_is_not_offered_again(planner, build, home):
+    world = World((build.cube("cube", 0.5, 0.0, 0.3),))
+    request = FindGrasps(world=world, object="cube", q_rad=home, seed=1, count=8)
+    offered = {approach.label for approach in planner.answer(request).approaches}
+    nearest = planner.answer(request).approaches[0].label
+    again = planner.answer(msgspec.structs.replace(request, avoid=(nearest,)))
+
+    assert offered <= {"yaw+000", "yaw+090", "yaw+180", "yaw+270"}
+    assert nearest not in {approach.label for approach in again.approaches}
+
+
+def test_a_full_tray_has_no_free_site_and_a_far_one_is_out_of_reach(planner, build, home):
+    near, far = build.tray("near", 0.5, 0.2, 0.035, 0.035), build.tray("far", 1.5, 0.2)
+    world = World((near, far, build.cube("cube0", 0.4, -0.2), build.cube("other", 0.5, 0.2)))
+    full = planner.answer(FindPlacements(world=world, payload=HELD, destination="near", q_rad=home, seed=1))
+    distant = planner.answer(FindPlacements(world=world, payload=HELD, destination="far", q_rad=home, seed=1))
+
+    assert (full.code, distant.code) == ("NO_FREE_SITE", "NO_IK")
+    assert full.rejected["occupied"] > 0
+    assert distant.rejected["ik"] > 0
+
+
+def test_a_cube_is_put_on_another_and_near_a_point(planner, build, home):
+    world = World((build.tray("tray", 0.5, 0.3), build.cube("cube0", 0.4, -0.2), build.cube("base", 0.5, 0.0)))
+    on = FindPlacements(world=world, payload=HELD, destination="base", relation="on", q_rad=home, seed=1)
+    point = (0.53, 0.33, 0.02)
+    near = FindPlacements(world=world, payload=HELD, destination="tray", q_rad=home, seed=1, near=point)
+
+    assert planner.answer(on).approaches[0].site.position_m == pytest.approx((0.5, 0.0, 0.06), abs=1e-6)
+    site = planner.answer(near).approaches[0].site.position_m
+    assert np.linalg.norm(np.array(site)[:2] - point[:2]) < 0.03
+
+
+def test_things_are_put_into_a_region_on_the_table(planner, build, home):
+    answer = planner.answer(
+        FindPlacements(world=build.scene(0), payload=HELD, destination="front_right", q_rad=home, seed=0)
+    )
+
+    x, y, z = answer.approaches[0].site.position_m
+    assert abs(x - 0.4) < 0.1
+    assert abs(y + 0.42) < 0.06
+    assert z == pytest.approx(0.02, abs=1e-6)
+
+
+def test_a_lift_may_begin_in_contact_but_not_run_into_another_thing(planner, build, home):
+    world = build.scene(0)
+    grasp = planner.answer(FindGrasps(world=world, object="cube0", q_rad=home, seed=0)).approaches[0]
+    q = grasp.line_rad[-1]
+    x, y, z = grasp.tcp_end.position_m
+    up, aside = (Pose((x, y + dy, z + 0.05), grasp.tcp_end.quaternion_wxyz) for dy in (0.0, -0.1))
+    pillar = build.fixed("pillar", (x, y - 0.17, z + 0.1), build.box((0, 0, 0), (0.02, 0.02, 0.2)))
+    lift = FindLine(world=world, q_rad=q, waypoints=(up,), seed=0, payload=HELD)
+    blocked = msgspec.structs.replace(lift, waypoints=(up, aside), world=World((*world.entities, pillar)))
+
+    line = planner.answer(lift).approaches[0].line_rad
+    assert planner._chain.compute_tcp(line[-1])[2, 3] == pytest.approx(z + 0.05, abs=2e-4)
+    assert planner.answer(blocked).code == "IN_COLLISION"
+    assert any(reason.endswith("|pillar") for reason in planner.answer(blocked).rejected)

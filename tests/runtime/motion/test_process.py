@@ -1,0 +1,106 @@
+"""The planner process: the same answers as in this process, cancelled in time, replaced when lost."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from phyagentos.runtime.motion.process import LocalPlanner, PlannerProcess
+from phyagentos.runtime.motion.requests import Approaches, FindGrasps, NoPlan
+
+pytestmark = pytest.mark.motion
+
+PATIENCE_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def process(profile_file):
+    process = PlannerProcess(profile_file)
+    yield process
+    process.close()
+
+
+@pytest.fixture
+def request_of_cube(build, home):
+    return FindGrasps(world=build.scene(0), object="cube0", q_rad=home, seed=3)
+
+
+def ask(planner, request):
+    planner.submit(request)
+    assert planner.wait(PATIENCE_S)
+    return planner.poll()
+
+
+def test_another_process_answers_with_the_same_bits(process, planner, request_of_cube):
+    there, here = ask(process, request_of_cube), ask(LocalPlanner(planner), request_of_cube)
+
+    assert isinstance(there, Approaches)
+    assert [a.label for a in there.approaches] == [a.label for a in here.approaches]
+    for a, b in zip(there.approaches, here.approaches, strict=True):
+        assert np.array_equal(a.line_rad, b.line_rad)
+
+
+def test_a_second_request_before_the_answer_is_refused(process, request_of_cube):
+    process.submit(request_of_cube)
+    with pytest.raises(RuntimeError, match="one request at a time"):
+        process.submit(request_of_cube)
+    assert process.wait(PATIENCE_S)
+    assert isinstance(process.poll(), Approaches)
+    assert process.poll() is None
+
+
+def test_a_cancelled_request_is_answered_so_and_the_next_one_works(process, request_of_cube):
+    process.submit(request_of_cube)
+    process.cancel()
+    answer = None
+    while answer is None:
+        process.wait(1.0)
+        answer = process.poll()
+
+    assert isinstance(answer, NoPlan)
+    assert answer.code == "CANCELLED"
+    assert isinstance(ask(process, request_of_cube), Approaches)
+
+
+def test_a_planner_that_does_not_listen_is_replaced(process, request_of_cube):
+    assert isinstance(ask(process, request_of_cube), Approaches)
+    deaf = process.pid
+    os.kill(deaf, signal.SIGSTOP)
+    process.submit(request_of_cube)
+    process.cancel()
+    answer = None
+    while answer is None:
+        process.wait(1.0)
+        answer = process.poll()
+
+    assert answer.code == "CANCELLED"
+    assert "replaced" in answer.message
+    assert process.pid != deaf
+
+
+def test_a_lost_planner_is_reported_and_replaced(process, request_of_cube):
+    assert isinstance(ask(process, request_of_cube), Approaches)
+    lost = process.pid
+    process.submit(request_of_cube)
+    os.kill(lost, signal.SIGKILL)
+    answer = ask_again(process)
+
+    assert answer.code == "PLANNER_LOST"
+    assert "-9" in answer.message
+    assert process.pid != lost
+    assert isinstance(ask(process, request_of_cube), Approaches)
+
+
+def ask_again(process):
+    assert process.wait(PATIENCE_S)
+    return process.poll()
+
+
+def test_the_local_planner_honours_cancel(planner, request_of_cube):
+    local = LocalPlanner(planner)
+    local.submit(request_of_cube)
+    local.cancel()
+
+    assert local.poll().code == "CANCELLED"
+    assert local.poll() is None

@@ -1,0 +1,116 @@
+"""Timing and shaping: limits, rest at both ends, exact goals, degenerate paths, spilling."""
+
+import numpy as np
+import pytest
+
+from phyagentos.protocol.environment import Pose
+from phyagentos.runtime.motion.path import densify
+from phyagentos.runtime.motion.poses import compute_pose
+from phyagentos.runtime.motion.requests import FindLine, NoPlan, ShapeTransport, TimeLine, World
+from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
+
+pytestmark = pytest.mark.motion
+
+
+@pytest.fixture
+def limits(planner):
+    return JointLimits.from_profile(planner.robot.profile)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_paths_respect_the_limits_by_finite_differences(limits, home, seed):
+    rng = np.random.default_rng(seed)
+    rows = densify(home + np.cumsum(rng.normal(0.0, 0.3, (6, len(home))), axis=0), 0.12)
+    trajectory = time_path(rows, limits)
+
+    assert 0.5 < compute_excess(rows[0], trajectory.q_rad, trajectory.qd_rad_s, limits) <= 0.98
+    assert np.array_equal(trajectory.q_rad[-1], rows[-1])
+    assert not trajectory.qd_rad_s[-1].any()
+
+
+def test_a_straight_motion_is_near_the_time_optimum(limits, home):
+    trajectory = time_path(densify(np.array((home, home + 1.0)), 0.12), limits)
+    v, a = 0.9 * limits.velocity_rad_s.min(), 0.7 * limits.acceleration_rad_s2.min()
+    bound_s = 1.0 / v + v / a
+
+    assert bound_s <= len(trajectory.q_rad) * limits.step_s < 1.15 * bound_s
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-5, 3e-4])
+def test_a_path_that_hardly_moves_ends_at_its_goal_at_rest(limits, home, distance):
+    trajectory = time_path(np.array((home, home + distance)), limits)
+
+    assert np.array_equal(trajectory.q_rad[-1], home + distance)
+    assert compute_excess(home, trajectory.q_rad, trajectory.qd_rad_s, limits) < 1.0
+    assert not trajectory.qd_rad_s[-1].any()
+
+
+def test_repeated_waypoints_do_no_harm(limits, home):
+    rows = densify(np.array((home, home + 0.5)), 0.12)
+    repeated = np.repeat(rows, 3, axis=0)
+
+    assert np.array_equal(time_path(repeated, limits).q_rad, time_path(rows, limits).q_rad)
+    assert len(drop_duplicates(repeated)) == len(rows)
+
+
+def test_a_slow_line_takes_longer(planner, home):
+    rows = densify(np.array((home, home + 0.3)), 0.05)
+    slow, fast = (len(planner.answer(TimeLine(waypoints_rad=rows, speed=s)).trajectory.q_rad) for s in (0.1, 0.4))
+
+    assert slow > 2 * fast
+
+
+@pytest.fixture(scope="module")
+def carried(planner):
+    """Rows of a level line with a corner."""
+    start = planner._chain.compute_tcp(planner.robot.home_rad)
+    waypoints = []
+    for offset in ((0.1, 0.2, 0.0), (0.2, 0.3, -0.1)):
+        pose = start.copy()
+        pose[:3, 3] += offset
+        waypoints.append(compute_pose(pose))
+    line = FindLine(world=World(()), q_rad=planner.robot.home_rad, waypoints=tuple(waypoints), seed=1)
+    return planner.answer(line).approaches[0].line_rad
+
+
+@pytest.mark.parametrize("tilt_max", [0.05, 0.08, 0.15])
+def test_a_shaped_transport_keeps_the_vessel_level_where_toppra_spills(planner, limits, carried, tilt_max):
+    motion = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=tilt_max))
+    plain = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=tilt_max, method="toppra"))
+
+    assert motion.details["solver"] == "Solve_Succeeded"
+    assert motion.details["worst_tilt_rad"] <= tilt_max < plain.details["worst_tilt_rad"]
+    assert motion.details["unshaped_worst_tilt_rad"] == plain.details["worst_tilt_rad"]
+    assert np.array_equal(motion.trajectory.q_rad[-1], carried[-1])
+    assert compute_excess(carried[0], motion.trajectory.q_rad, motion.trajectory.qd_rad_s, limits) < 1.0
+
+
+def test_shaping_beats_slowing_the_whole_motion_down(planner, carried):
+    details = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=0.08)).details
+    uniform_s = details["unshaped_duration_s"] * np.sqrt(np.tan(details["unshaped_worst_tilt_rad"]) / np.tan(0.08))
+
+    assert details["duration_s"] < 0.85 * uniform_s
+
+
+def test_a_shaped_motion_starts_without_a_step_of_acceleration(planner, carried):
+    trajectory = planner.answer(ShapeTransport(waypoints_rad=carried)).trajectory
+    qdd = np.diff(trajectory.qd_rad_s, axis=0, prepend=np.zeros((1, carried.shape[1]))) / trajectory.step_s
+
+    assert np.abs(qdd[0]).max() < 0.2 * np.abs(qdd).max()
+
+
+def test_a_path_that_tips_the_vessel_itself_is_refused(planner, home):
+    tipped = home.copy()
+    tipped[5] += 0.5
+    answer = planner.answer(ShapeTransport(waypoints_rad=densify(np.array((home, tipped)), 0.05)))
+
+    assert isinstance(answer, NoPlan)
+    assert answer.code == "TILT"
+    assert "tilts the vessel by 0.5" in answer.message
+
+
+def test_a_line_through_a_pose_out_of_reach_is_refused(planner, home):
+    answer = planner.answer(FindLine(world=World(()), q_rad=home, waypoints=(Pose((2.0, 0.0, 0.5)),), seed=1))
+
+    assert answer.code == "NO_IK"
+    assert "waypoint 0" in answer.message

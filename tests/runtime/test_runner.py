@@ -1,0 +1,370 @@
+"""The runner: whatever a skill does, the target is halted and observed, and evidence is left."""
+
+import msgspec
+import numpy as np
+import pytest
+import yaml
+from py_trees.blackboard import Blackboard
+
+from phyagentos.protocol import evidence
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.evidence import TraceEvent, read_bundle
+from phyagentos.protocol.library import Library, find_shipped_root
+from phyagentos.protocol.sessions import Ended, Limits
+from phyagentos.runtime.execution.leaf import Leaf, Status
+from phyagentos.runtime.targets import wire
+
+
+@pytest.fixture
+def plant(tmp_path):
+    """A library with one more tree."""
+
+    def plant(children, header=""):
+        (tmp_path / "trees").mkdir(exist_ok=True)
+        listed = "".join(f"      - {child}\n" for child in children)
+        text = f"tree: planted\ndescription: A tree.\n{header}root:\n  sequence:\n    children:\n{listed}"
+        (tmp_path / "trees" / "planted.yaml").write_text(text)
+        return Library((tmp_path, find_shipped_root()))
+
+    return plant
+
+
+@pytest.fixture
+def session(build_session):
+    return build_session(skill="planted", parameters={})
+
+
+class Boast(Leaf):
+    """Reports success and does nothing."""
+
+    INPUT_PORTS = {}
+    OUTPUT_PORTS = {}
+
+    def on_start(self):
+        return self.succeed("everything went very well")
+
+
+class Crash(Leaf):
+    """Begins to move, then raises."""
+
+    INPUT_PORTS = {}
+    OUTPUT_PORTS = {}
+
+    def on_start(self):
+        commands = self.context.commands
+        rows = commands.q_rad + 1e-4 * np.arange(1, commands.n_steps + 1)[:, None]
+        commands.set_arm(rows, np.full_like(rows, 0.01))
+        return Status.RUNNING
+
+    def on_running(self):
+        raise ZeroDivisionError("by zero")
+
+
+class Reckless(Leaf):
+    """Commands a jump."""
+
+    INPUT_PORTS = {}
+    OUTPUT_PORTS = {}
+
+    def on_start(self):
+        commands = self.context.commands
+        rows = np.tile(commands.q_rad + 0.5, (commands.n_steps, 1))
+        commands.set_arm(rows, np.zeros_like(rows))
+        return Status.RUNNING
+
+
+class Idle(Leaf):
+    """Runs for ever without doing anything."""
+
+    INPUT_PORTS = {}
+    OUTPUT_PORTS = {}
+
+    def on_start(self):
+        return Status.RUNNING
+
+    def on_running(self):
+        return Status.RUNNING
+
+
+def was_halted(target):
+    kinds = [type(request) for request in target.requests]
+    last_command = max((i for i, kind in enumerate(kinds) if kind is wire.Command), default=-1)
+    return wire.Halt in kinds[last_command + 1 :] and kinds[-1] is wire.End
+
+
+def test_a_motion_is_planned_commanded_and_recorded(build_bench, build_session):
+    bench = build_bench()
+    bench.target.q = bench.target.q + 0.3
+    execution = bench.run(build_session(skill="home", parameters={}))
+
+    assert execution.ended is Ended.COMPLETED
+    assert bench.target.q == pytest.approx(bench.target.profile.arm.home_rad)
+    assert execution.ticks == len(bench.target.commands()) > 10
+    assert was_halted(bench.target)
+
+
+def test_pick_and_place_runs_through_its_leaves_in_order(build_bench, build_session, doubles, profile):
+    cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+    bench = build_bench(doubles.PerfectTarget(profile, cubes, graspable="red_cube"), doubles.ScriptedPlanner(polls=3))
+    session = build_session()
+    execution = bench.run(session)
+
+    assert execution.ended is Ended.COMPLETED, execution
+    assert execution.outputs == {"place_site": [0.5, 0.0, 0.02]}
+    trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
+    done = [event.path.split("/", 1)[1] for event in trace if event.status == "SUCCESS" and event.path.count("/") == 2]
+    assert done == [
+        "pick/open_gripper", "pick/locate", "pick/plan_grasp", "pick/hover", "pick/lower", "pick/close_gripper",
+        "pick/verify_grasp", "pick/lift", "pick/verify_lift", "place/attach", "place/plan_place", "place/carry",
+        "place/verify_grasp", "place/lower", "place/open_gripper", "place/detach", "place/retreat",
+    ]  # fmt: skip
+
+
+def test_thinking_does_not_advance_simulated_time_and_leaves_no_trace(build_bench, build_session, doubles, profile):
+    traces, commands = [], []
+    for polls in (0, 50):
+        cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+        target = doubles.PerfectTarget(profile, cubes, graspable="red_cube")
+        bench = build_bench(target, doubles.ScriptedPlanner(polls=polls))
+        execution = bench.run(build_session())
+        traces.append((bench.workspace / execution.evidence / evidence.TRACE).read_bytes())
+        commands.append(np.vstack([command.q_rad for command in target.commands()]))
+        assert (bench.planner.waits > 0) == (polls > 0)
+
+    assert traces[0] == traces[1]
+    assert np.array_equal(commands[0], commands[1])
+
+
+def test_a_session_leaves_a_complete_bundle(build_bench, build_session, doubles, profile):
+    cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+    bench = build_bench(doubles.PerfectTarget(profile, cubes, graspable="red_cube"))
+    session = build_session(hold=("exists(red_tray)",))
+    execution = bench.run(session)
+    folder = bench.workspace / execution.evidence
+
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        [
+            evidence.CONTRACT,
+            evidence.SCENE_MODEL,
+            evidence.SCENE_XML,
+            evidence.INITIAL,
+            evidence.TERMINAL,
+            evidence.BEFORE,
+            evidence.AFTER,
+            evidence.TRACE,
+            evidence.TRAJECTORY,
+            evidence.EVENTS,
+            evidence.HOLDS,
+            evidence.FAULTS,
+            evidence.FINGERPRINT,
+            evidence.EXECUTION,
+        ]
+    )
+    bundle = read_bundle(folder, session, execution)
+    assert bundle.before.time_s == 0.0
+    assert bundle.after.time_s > 1.0
+    assert [(criterion.text, criterion.truth) for criterion in bundle.holds] == [("exists(red_tray)", "true")]
+    contract = yaml.safe_load((folder / evidence.CONTRACT).read_text())
+    assert contract["session"]["id"] == session.id
+    assert contract["adapter_plan"] == {"tree": "pick_and_place"}
+    with np.load(folder / evidence.TRAJECTORY) as arrays:
+        assert arrays["q_commanded"].shape == arrays["q_measured"].shape == (execution.ticks, 7)
+    with np.load(folder / evidence.INITIAL) as arrays:
+        assert set(arrays.files) == {"state", "time", "qpos", "qvel", "act"}
+
+
+def test_sessions_of_one_episode_share_the_scene_model(build_bench, session, plant):
+    bench = build_bench(library=plant(["wait: {seconds: 0.1}"]))
+    first = bench.run(session)
+    second = bench.run(msgspec.structs.replace(session, id="tidy-1.blue"))
+
+    models = [(bench.workspace / e.evidence / evidence.SCENE_MODEL).stat().st_ino for e in (first, second)]
+    assert models[0] == models[1]
+    assert sum(isinstance(request, wire.SaveModel) for request in bench.target.requests) == 1
+
+
+def test_leaves_that_report_success_and_move_nothing_complete_with_nothing_moved(build_bench, session, plant, registry):
+    registry.register("boast", Boast)
+    bench = build_bench(library=plant(["boast", "boast"]))
+    execution = bench.run(session)
+
+    assert (execution.ended, execution.ticks) == (Ended.COMPLETED, 0)
+    folder = bench.workspace / execution.evidence
+    before, after = (
+        msgspec.json.decode((folder / name).read_bytes(), type=Environment)
+        for name in (evidence.BEFORE, evidence.AFTER)
+    )
+    assert before.entities == after.entities
+
+
+def test_a_leaf_that_raises_ends_the_session_with_its_path_and_the_target_halted(build_bench, session, plant, registry):
+    registry.register("crash", Crash)
+    bench = build_bench(library=plant(["crash"]))
+    execution = bench.run(session)
+
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "LEAF_ERROR")
+    assert execution.leaf == "planted/crash"
+    assert "ZeroDivisionError: by zero" in execution.message
+    assert was_halted(bench.target)
+
+
+def test_a_refused_command_never_reaches_the_wire_and_is_recorded(build_bench, session, plant, registry):
+    registry.register("reckless", Reckless)
+    bench = build_bench(library=plant(["reckless"]))
+    execution = bench.run(session)
+
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "JOINT_VELOCITY")
+    assert execution.interventions == 1
+    assert bench.target.commands() == []
+    assert was_halted(bench.target)
+    events = read_bundle(bench.workspace / execution.evidence, session, execution).events
+    (intervention,) = [event for event in events if event.kind == "intervention"]
+    assert (intervention.code, intervention.details["where"]) == ("JOINT_VELOCITY", "joint 1")
+    assert intervention.details["found"] > intervention.details["limit"]
+
+
+def test_a_cancellation_halts_the_target_and_the_planner(build_bench, build_session, doubles):
+    planner = doubles.ScriptedPlanner(polls=10**6)
+    bench = build_bench(planner=planner)
+    bench.target.q = bench.target.q + 0.3
+    execution = bench.run(
+        build_session(skill="home", parameters={}), cancel=lambda: "cancelled" if planner.waits > 5 else None
+    )
+
+    assert (execution.ended, execution.code) == (Ended.CANCELLED, "CANCELLED")
+    assert planner.cancelled == 1
+    assert was_halted(bench.target)
+
+
+def test_the_contracts_time_limit_counts_simulated_time(build_bench, session, plant):
+    bench = build_bench(library=plant(["wait: {seconds: 100}"]))
+    execution = bench.run(msgspec.structs.replace(session, limits=Limits(timeout_s=0.5)))
+
+    assert (execution.ended, execution.leaf) == (Ended.TIMED_OUT, "planted/wait")
+    assert len(bench.target.commands()) == 25
+
+
+def test_a_tree_that_neither_moves_nor_thinks_is_stalled(build_bench, session, plant, registry):
+    registry.register("idle", Idle)
+    execution = build_bench(library=plant(["idle"])).run(session)
+
+    assert (execution.ended, execution.code) == (Ended.STALLED, "NO_PROGRESS")
+
+
+def test_a_motor_that_does_not_follow_ends_the_session_as_stalled(build_bench, build_session):
+    bench = build_bench()
+    bench.target.q = bench.target.q + 0.5
+    bench.target.stuck_joint = 2
+    execution = bench.run(build_session(skill="home", parameters={}))
+
+    assert (execution.ended, execution.code, execution.leaf) == (Ended.STALLED, "STALLED", "home/move_home")
+
+
+def test_a_grasp_on_air_fails_with_its_code(build_bench, build_session):
+    execution = build_bench().run(build_session())
+
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "GRASP_MISSED")
+    assert execution.leaf == "pick_and_place/pick/verify_grasp"
+    assert "touch red_cube from neither side" in execution.message
+
+
+def test_an_object_that_leaves_the_fingers_on_the_way_is_a_lost_grasp(build_bench, build_session, doubles, profile):
+    cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
+    target = doubles.PerfectTarget(profile, cubes, graspable="red_cube")
+    bench = build_bench(target)
+
+    def drop(request):
+        if "FindPlacements" in type(request).__name__:
+            target.graspable = None
+        return doubles.compute_answer(request)
+
+    bench.planner._answer = drop
+    execution = bench.run(build_session())
+
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "GRASP_LOST")
+    assert execution.leaf == "pick_and_place/place/carry"
+    assert was_halted(target)
+
+
+def test_a_refusal_of_the_planner_is_the_leafs_failure(build_bench, build_session, doubles):
+    bench = build_bench(planner=doubles.ScriptedPlanner(answer=doubles.refuse))
+    session = build_session()
+    execution = bench.run(session)
+
+    assert (execution.code, execution.message) == ("NO_PATH_FOUND", "the wall is in the way")
+    trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
+    (failed,) = [event for event in trace if event.code == "NO_PATH_FOUND"]
+    assert failed.numbers == {"rejected": {"ik": 3}}
+
+
+def test_a_violated_hold_condition_stops_the_session(build_bench, session, plant):
+    bench = build_bench(library=plant(["wait: {seconds: 5}"]))
+    bench.target.entities.pop("red_cube")
+    execution = bench.run(msgspec.structs.replace(session, hold=("exists(red_cube)",)))
+
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED")
+    assert (execution.ticks, execution.interventions) == (5, 1)
+
+
+def test_a_timeout_of_the_tree_interrupts_and_brakes_before_the_next_leaf(build_bench, session, plant):
+    tree = "fallback: {children: [{timeout: {seconds: 0.3, child: move_home}}, {wait: {seconds: 0.1}}]}"
+    bench = build_bench(library=plant([tree]))
+    bench.target.q = bench.target.q + 0.5
+    execution = bench.run(session)
+
+    assert execution.ended is Ended.COMPLETED, execution
+    velocities = np.vstack([command.qd_rad_s for command in bench.target.commands()])
+    assert np.abs(velocities).max() > 0.1
+    assert (np.abs(np.diff(velocities, axis=0)) / 0.002 <= np.array([15, 7.5, 10, 12.5, 15, 20, 20]) * 1.01).all()
+    assert not velocities[-1].any()
+
+
+def test_a_tree_with_problems_ends_before_anything_moves(build_bench, session, plant):
+    bench = build_bench(library=plant(["locat"]))
+    execution = bench.run(session)
+
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "TREE_INVALID")
+    assert "UNKNOWN_LEAF: found 'locat'" in execution.message
+    assert bench.target.commands() == []
+    assert isinstance(bench.target.requests[-1], wire.End)
+
+
+def test_a_session_leaves_nothing_on_the_blackboard(build_bench, build_session):
+    Blackboard.clear()
+    build_bench().run(build_session())
+
+    assert Blackboard.storage == {}
+
+
+def test_the_heartbeat_tells_phase_and_active_leaf(build_bench, build_session, doubles):
+    bench = build_bench(planner=doubles.ScriptedPlanner(polls=5))
+    bench.target.q = bench.target.q + 0.3
+    bench.run(build_session(skill="home", parameters={}))
+
+    phases = [beat["phase"] for beat in bench.beats]
+    assert list(dict.fromkeys(phases)) == ["thinking", "executing", "halting", "observing"]
+    assert {beat["leaf"] for beat in bench.beats if beat["phase"] == "thinking"} == {"home/move_home"}
+
+
+def test_the_trace_counts_commands_and_simulated_time_only(build_bench, build_session):
+    bench = build_bench()
+    bench.target.q = bench.target.q + 0.3
+    execution = bench.run(build_session(skill="home", parameters={}))
+    lines = (bench.workspace / execution.evidence / evidence.TRACE).read_bytes().splitlines()
+    trace = [msgspec.json.decode(line, type=TraceEvent) for line in lines]
+
+    assert [event.tick for event in trace] == sorted(event.tick for event in trace)
+    assert trace[-1].tick == execution.ticks
+    assert trace[-1].time_s == pytest.approx(0.02 * execution.ticks)
+
+
+def test_after_a_lost_runner_the_target_is_halted_and_the_world_observed(build_bench, build_session):
+    bench = build_bench()
+    bench.handle.load(build_session().scene)
+    execution = bench.runner.observe_only(
+        build_session(), 2, ended=Ended.RUNNER_LOST, evidence="evidence/x", reason="the worker died"
+    )
+
+    assert (execution.ended, execution.message, execution.ticks) == (Ended.RUNNER_LOST, "the worker died", 0)
+    assert (bench.workspace / "evidence" / "x" / evidence.AFTER).exists()
+    assert was_halted(bench.target)
