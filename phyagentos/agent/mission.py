@@ -58,6 +58,7 @@ class Mission:
         clock: For waiting and for wall times of the report.
         verifier: Judges the sessions.
         observers: Told of every change.
+        publishes_task: Whether TASK.md is rendered here; off where another process renders the views.
         is_runtime_alive: Asked while waiting; False ends the mission instead of waiting for ever.
     """
 
@@ -69,11 +70,13 @@ class Mission:
         clock: Clock,
         verifier: SessionVerifier | None = None,
         observers: Sequence[MissionObserver] = (),
+        publishes_task: bool = True,
         is_runtime_alive: Callable[[], bool] = lambda: True,
     ) -> None:
         self._workspace, self._journal, self._clock = workspace, journal, clock
         self._verifier = verifier or SessionVerifier()
         self._observers = observers
+        self._publishes_task = publishes_task
         self._is_runtime_alive = is_runtime_alive
         self._cancelled = threading.Event()
         self._next_publish_s = 0.0
@@ -221,7 +224,8 @@ class Mission:
     def _publish(self, *, at_once: bool = False) -> None:
         """TASK.md, when something changed and it is time."""
         now_s = self._clock.now_s()
-        if self.ledger.seq == self._published_seq or (now_s < self._next_publish_s and not at_once):
+        is_early = now_s < self._next_publish_s and not at_once
+        if not self._publishes_task or is_early or self.ledger.seq == self._published_seq:
             return
         publish(self._workspace.task, render_tasks(self.ledger))
         self._published_seq = self.ledger.seq

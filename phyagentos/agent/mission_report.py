@@ -3,6 +3,9 @@
 Upstream: the fold of the journal at the end of a mission. Everything in it can be computed again from the records.
 """
 
+import re
+from collections.abc import Sequence
+
 import msgspec
 
 from phyagentos.protocol.ledger import GoalStatus, Ledger
@@ -11,6 +14,9 @@ from phyagentos.protocol.sessions import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.verdicts import Criterion, Verdict
 
 CANCELLED = "cancelled"
+
+_CODE = re.compile(r"\b[A-Z]+(?:_[A-Z]+)+\b")
+_OF_WORLD = frozenset({"PRECONDITION_UNMET", "ENTITY_UNKNOWN"})  # what preflight finds in the world, not on paper
 
 
 class SessionReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,7 +59,8 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
         sessions: In the order of submission.
         first_attempt_success: Node -> whether its first session succeeded.
         replans: Budget spent.
-        was_rejected: Whether preflight refused the first session of a node.
+        was_rejected: Whether preflight refused the first session of a node, for another reason than that the world
+            had changed since the goal began (a thing was removed): that is an objective not met.
         wall_s: Wall time of the mission [s].
     """
 
@@ -97,9 +104,17 @@ def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionRepo
             name: name in firsts and firsts[name].state == SessionState.SUCCEEDED for name in goal.nodes
         },
         replans=goal.replans,
-        was_rejected=any(status.state == SessionState.REJECTED for status in firsts.values()),
+        was_rejected=any(_was_refused(status, sessions) for status in firsts.values()),
         wall_s=wall_s,
     )
+
+
+def _was_refused(status: SessionStatus, sessions: Sequence[SessionStatus]) -> bool:
+    if status.state != SessionState.REJECTED:
+        return False
+    codes = set(_CODE.findall(status.reason))
+    has_begun = any(other.execution is not None for other in sessions)
+    return not (has_begun and codes and codes <= _OF_WORLD)
 
 
 def report_session(status: SessionStatus) -> SessionReport:

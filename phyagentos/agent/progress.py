@@ -21,7 +21,7 @@ from phyagentos.protocol.admission import Entry, GoalEvent
 from phyagentos.protocol.evidence import Bundle
 from phyagentos.protocol.ledger import GoalStatus, Ledger, NodeState
 from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
-from phyagentos.protocol.sessions import GoalId, Session, SessionStatus
+from phyagentos.protocol.sessions import GoalId, Session, SessionId, SessionStatus
 from phyagentos.protocol.verdicts import Attempt, Verdict
 
 _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}
@@ -125,13 +125,13 @@ class GoalRun:
         verdict = Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)
         return [*verify, verdict, *consequences]
 
-    def _continue(self, node: str, bundle: Bundle, attempt: Attempt) -> list[Entry]:
+    def _continue(self, node: str, bundle: Bundle, attempt: Attempt, *, restores: bool = True) -> list[Entry]:
         """The child of a session, or first the restoration of what it needs and an earlier node had achieved."""
         revision = revise(bundle, attempt)
         child = self._compile(node, {}, revision)
         if isinstance(child, str):
             return [self._say_of(node, GoalEvent.NODE_BLOCKED, child)]
-        restorers = self._find_restorers(child, bundle) if bundle.after else {}
+        restorers = self._find_restorers(child, bundle) if restores else {}
         if restorers:
             return self._reopen(restorers)
         return self._submit_child(child, "; ".join(revision.reasons))
@@ -157,11 +157,7 @@ class GoalRun:
             if latest.state in {SessionState.REJECTED, SessionState.CANCELLED}:
                 return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
             if latest.state == SessionState.REPLANNED and self._is_free(name):
-                revision = revise(self.evidence.read(latest), latest.attempts[-1])
-                child = self._compile(name, {}, revision)
-                if isinstance(child, str):
-                    return [self._say_of(name, GoalEvent.NODE_BLOCKED, child)]
-                return self._submit_child(child, "; ".join(revision.reasons))
+                return self._continue(name, self.evidence.read(latest), latest.attempts[-1], restores=False)
         return []
 
     # -- nodes ---------------------------------------------------------------------------------------------------------
@@ -255,8 +251,8 @@ class GoalRun:
 
     def _waits_for_restoration(self, name: str) -> bool:
         """Whether its latest session was replanned and the child is still to come."""
-        latest = self.ledger.sessions[self._get_sessions(name)[-1]] if self._get_sessions(name) else None
-        return latest is not None and latest.state == SessionState.REPLANNED
+        sessions = self._get_sessions(name)
+        return bool(sessions) and self.ledger.sessions[sessions[-1]].state == SessionState.REPLANNED
 
     def _is_free(self, name: str) -> bool:
         return all(self._get_state(before) is NodeState.DONE for before in self.graph.nodes[name].after)
@@ -281,7 +277,7 @@ class GoalRun:
     def _get_state(self, name: str) -> NodeState:
         return self.status.nodes[name].state
 
-    def _get_sessions(self, name: str) -> tuple[Any, ...]:
+    def _get_sessions(self, name: str) -> tuple[SessionId, ...]:
         goal = self.ledger.goals.get(self.goal)
         return goal.nodes[name].sessions if goal else ()
 

@@ -40,6 +40,7 @@ _KEYS = {
     "scene": FileKind.SCENE,
     "target": FileKind.TARGET,
     "faults": FileKind.FAULTS,
+    "draw": FileKind.FAULTS,
 }
 _FOLDERS = {
     "goal_graphs": FileKind.GOAL_GRAPH,

@@ -23,11 +23,12 @@ from phyagentos.cli.projects import get_file, open_library
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
 from phyagentos.cli.running import parse_overrides
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.protocol.journal import Entry, IllegalEvent, Journal
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.mailbox import Signal, drop_signal
+from phyagentos.protocol.schema import Address, read_yaml
 from phyagentos.protocol.watch import Watch
 from phyagentos.protocol.workspace import Workspace
 
@@ -123,9 +124,28 @@ def lint_order(graph: Path, faults: Path | None, overrides: Mapping[str, str]) -
         compiled = read_goal_graph(graph, Catalogue.read(library), overrides)
     except DefinitionError as error:
         return [*error.problems, *problems]
-    files = [library.get_scene(compiled.spec.scene)]
+    scene = library.get_scene(compiled.spec.scene)
+    if faults is not None and not problems:
+        problems += iter_misses(faults, scene)
+    files = [scene]
     files += [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
     return [*(problem for file in files for problem in lint_file(file)), *problems]
+
+
+def iter_misses(faults: Path, scene: Path) -> Iterator[Problem]:
+    """Faults on things that the scene does not have: they would never strike."""
+    located = read_yaml(faults)
+    bodies = read_yaml(scene).data.get("bodies", {})
+    named: list[tuple[Address, str]] = [
+        (("faults", index, "object"), fault["object"])
+        for index, fault in enumerate(located.data.get("faults") or ())
+        if fault.get("object")
+    ]
+    drawn = (located.data.get("draw") or {}).get("objects", ())
+    named += [(("draw", "objects", index), name) for index, name in enumerate(drawn)]
+    for path, name in named:
+        if name not in bodies:
+            yield located.problem("UNKNOWN_ENTITY", path, repr(name), format_names(bodies), format_hint(name, bodies))
 
 
 def choose_workspace(name: str, seed: int) -> Path:

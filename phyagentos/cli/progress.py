@@ -23,7 +23,7 @@ class Row:
         depth: How many nodes come before it on the longest way from the start.
         node_state: Of the node, when it has no session.
         beat: The heartbeat of the worker that runs it now.
-        wall_s: From its submission to its latest record, by the wall clock [s].
+        wall_s: From its claim to its latest record, by the wall clock [s]; the wait for the target is not in it.
     """
 
     node: str
@@ -84,7 +84,8 @@ class RunFold:
         before = self.ledger.seq
         for record in records:
             self.ledger.apply(record)
-            self._first_at.setdefault(record.id, record.at)
+            if record.ev == "claim" or record.id not in self._first_at:
+                self._first_at[record.id] = record.at
             self._last_at[record.id] = record.at
         return self.ledger.seq > before
 

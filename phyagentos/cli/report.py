@@ -18,6 +18,8 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.progress import Row, RunFold
 from phyagentos.protocol.evidence import PICTURE_AFTER, PICTURE_BEFORE
 
+PIPE_WIDTH = 160  # characters of a table that no terminal bounds
+
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """What `paos run --json` prints.
@@ -70,7 +72,9 @@ def render_json(report: RunReport) -> str:
 
 
 def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
-    """The final table, the goal's own criteria, and where the pictures are."""
+    """The final table, the goal's own criteria, and where the pictures are; `paos why` tells more."""
+    if not console.is_terminal:
+        console.width = PIPE_WIDTH
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("node", "session", "state", "verdict", "because"):
         table.add_column(column, overflow="fold")
@@ -98,7 +102,9 @@ def _build_cells(row: Row) -> list[Any]:
     session = row.session
     criteria = session.attempts[-1].criteria if session is not None and session.attempts else ()
     held = sum(criterion.truth.value == "true" for criterion in criteria)
-    because = f"{held} of {len(criteria)} criteria hold" if row.verdict == "success" else describe(row)
+    because = f"{held} of {len(criteria)} criteria hold" if criteria else describe(row)
+    if row.verdict not in ("", "success") and session is not None:
+        because = f"{session.attempts[-1].cause} {session.execution.leaf if session.execution else ''}".rstrip()
     return [
         row.node,
         session.contract.id if session is not None else "",

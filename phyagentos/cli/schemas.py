@@ -32,9 +32,9 @@ def _scene() -> type[Authored]:
 
 
 def _faults() -> type[Authored]:
-    from phyagentos.protocol.faults import Faults
+    from phyagentos.protocol.faults import FaultFile
 
-    return Faults
+    return FaultFile
 
 
 def _skill() -> type[Authored]:

@@ -77,6 +77,8 @@ def _show(values: Mapping[str, Any]) -> str:
 def _show_value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
+    if isinstance(value, Mapping):
+        return f"({_show(value)})"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_show_value(item) for item in value)}]"
     return str(value)

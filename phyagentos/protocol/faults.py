@@ -34,7 +34,7 @@ class Slip(Authored):
 
     kind: Literal["slip"]
     object: str
-    when: When = When(lifted_m=0.06)
+    when: When = When(lifted_m=0.12)
     duration_s: float = pydantic.Field(default=0.5, gt=0.0)
 
 
@@ -57,7 +57,7 @@ class Move(Authored):
 
     kind: Literal["move"]
     object: str
-    when: When = When(gripper_near_m=0.16)
+    when: When = When(gripper_near_m=0.25)
     to_m: Number2 | None = None
     duration_s: float = pydantic.Field(default=1.0, gt=0.0)
 
@@ -67,7 +67,7 @@ class Remove(Authored):
 
     kind: Literal["remove"]
     object: str
-    when: When = When(gripper_near_m=0.16)
+    when: When = When(gripper_near_m=0.25)
     to_m: Number2 = (1.6, -0.6)
     duration_s: float = pydantic.Field(default=1.2, gt=0.0)
 

@@ -120,6 +120,17 @@ def test_a_refused_first_session_blocks_its_node_and_the_exit_code_says_so(make_
     assert report.nodes == {"red": "blocked", "green": "done"}
 
 
+def test_a_thing_that_vanished_before_its_own_session_is_an_objective_not_met(make_stage, tidy):
+    def take_green(world, session):
+        play = succeed(world, session)
+        return Play(world=remove(play.world, "green_cube"), outputs=play.outputs)
+
+    report = make_stage({"red": take_green}).pursue(tidy)
+    assert [session.state for session in report.sessions] == ["succeeded", "rejected"]
+    assert "PRECONDITION_UNMET: visible(green_cube)" in report.reason
+    assert (report.verdict, report.exit_code) == ("failure", 1)
+
+
 def test_a_violated_constraint_that_cannot_be_undone_fails(make_stage, tidy):
     def knock_over(world, session):
         fallen = msgspec.structs.replace(

@@ -19,6 +19,8 @@ PORT_TYPES: dict[str, type] = {
     "payload": Payload,
 }
 
+EXPORTED_TYPES = frozenset(PORT_TYPES) - {"approach", "approaches", "payload"}  # what a contract can carry
+
 
 def convert_literal(value: Any, kind: type) -> Any:
     """A value from YAML as a port takes it: whole numbers pass as numbers, lists as tuples.

@@ -22,7 +22,7 @@ from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_referenc
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.decorators import Condition, SimulatedTimeout
 from phyagentos.runtime.execution.leaf import Leaf
-from phyagentos.runtime.execution.port_types import PORT_TYPES, convert_literal, export_value
+from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES, convert_literal, export_value
 from phyagentos.runtime.execution.registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 
@@ -45,7 +45,7 @@ class BuiltTree:
     Attributes:
         root: What to tick.
         nodes: All nodes, parents first.
-        output_keys: Output -> blackboard key.
+        output_keys: Output -> blackboard key, of the outputs that a contract can carry.
         namespace: Prefix of everything it keeps on the blackboard.
     """
 
@@ -96,7 +96,7 @@ def build_tree(
     return BuiltTree(
         root=root,
         nodes=tuple(builder.nodes),
-        output_keys={output: scope[output] for output in tree.header.outputs},
+        output_keys={name: scope[name] for name, port in tree.header.outputs.items() if port.type in EXPORTED_TYPES},
         namespace=builder.namespace + "/",
     )
 

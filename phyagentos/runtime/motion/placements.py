@@ -239,6 +239,11 @@ def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bo
 
 
 def _carriers(entities: list[Entity], space: Box) -> list[Entity]:
-    """Entities that lie under the middle of a space."""
+    """Entities whose top lies under the middle of a space."""
     middle = np.append(space.pose[:2, 3], space.bottom_m)
-    return [e for e in entities if any(b.compute_distance(middle) <= SUPPORT_BAND_M for b in compute_shape_boxes(e))]
+    return [
+        entity
+        for entity in entities
+        for box in compute_shape_boxes(entity)
+        if abs(box.top_m - space.bottom_m) <= SUPPORT_BAND_M and box.compute_distance(middle) <= SUPPORT_BAND_M
+    ]

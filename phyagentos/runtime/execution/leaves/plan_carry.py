@@ -14,6 +14,8 @@ from phyagentos.runtime.motion.requests import (
     Payload,
 )
 
+OVER_M = (0.09, 0.18, 0.27, 0.36)  # heights above the end at which it may travel [m], lowest first
+
 
 class PlanCarry(PlanningLeaf):
     """A level way with the payload to the first of several approaches that can be reached so."""
@@ -21,7 +23,7 @@ class PlanCarry(PlanningLeaf):
     INPUT_PORTS = {
         "approaches": PortInformation(data_type=Approaches, description="Where it may end."),
         "payload": PortInformation(data_type=Payload, description="What is held, and how."),
-        "over_m": PortInformation(data_type=float, default_value=0.09, description="Height above the end [m]."),
+        "destination": PortInformation(data_type=str, description="Entity that the payload may touch at the end."),
     }
     OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
 
@@ -29,9 +31,9 @@ class PlanCarry(PlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """Up, over, down."""
-        approaches = self.read("approaches").approaches
-        end = compute_matrix(approaches[self._tried].tcp_end)
-        over = raise_pose(end, self.read("over_m"))
+        approach, over_m = self._list_candidates()[self._tried]
+        end = compute_matrix(approach.tcp_end)
+        over = raise_pose(end, over_m)
         here = compute_matrix(self.context.step.target.tcp)
         up = raise_pose(here, max(0.0, float(over[2, 3] - here[2, 3])))
         return FindLine(
@@ -40,13 +42,13 @@ class PlanCarry(PlanningLeaf):
             waypoints=tuple(compute_pose(pose) for pose in (up, over, end)),
             seed=self.context.draw_seed(self.path),
             payload=self.read("payload"),
-            ignore=(),
+            ignore=(self.read("destination"),),  # the way down was checked against it with the approach
         )
 
     def on_refused(self, answer: NoPlan) -> Status:
-        """Try the next approach."""
+        """Try the next approach, then higher above the obstacles."""
         self._tried += 1
-        if self._tried < len(self.read("approaches").approaches):
+        if self._tried < len(self._list_candidates()):
             return self.ask()
         self._tried = 0
         return super().on_refused(answer)
@@ -54,8 +56,11 @@ class PlanCarry(PlanningLeaf):
     def on_answer(self, answer: MotionAnswer) -> Status:
         """Write the way."""
         if not isinstance(answer, Approaches):
-            return self.fail(FailureCode.PLANNER_LOST, f"asked for approaches, got {type(answer).__name__}")
-        label = self.read("approaches").approaches[self._tried].label
-        self._tried = 0
+            return self.fail(FailureCode.PLANNER_LOST, f"asked for a line, got {type(answer).__name__}")
+        approach, over_m = self._list_candidates()[self._tried]
+        tried, self._tried = self._tried + 1, 0
         self.write("approach", answer.approaches[0])
-        return self.succeed("", label=label)
+        return self.succeed("", label=approach.label, over_m=over_m, tried=tried)
+
+    def _list_candidates(self) -> list[tuple[Approach, float]]:
+        return [(approach, over_m) for over_m in OVER_M for approach in self.read("approaches").approaches]

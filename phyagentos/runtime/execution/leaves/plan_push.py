@@ -2,27 +2,36 @@
 
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, ShapeKind
+from phyagentos.protocol.environment import Entity, Pose, ShapeKind
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import PortInformation, Status
-from phyagentos.runtime.execution.planning import LinePlanningLeaf
+from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.poses import Array, compute_matrix, compute_pose, point_tool_down, raise_pose
-from phyagentos.runtime.motion.requests import Approach, FindLine, MotionRequest
+from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionAnswer, MotionRequest, NoPlan
 
 FINGER_HALF_M = 0.011  # half thickness of the closed fingers in the direction of a push
 STAND_OFF_M = 0.03  # gap between fingers and object before the push
+PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall things slide instead of falling over
+TALLEST_M = 0.09  # the palm stands this far above the finger tips, and is wider than they are
 OVER_M = 0.12  # height above the line at which the tool comes and goes
 SHORTEST_M = 0.005  # a push shorter than this is none
 
 
-class PlanPush(LinePlanningLeaf):
-    """A way of the closed fingers: down behind the object, straight on until it stands at the goal, and up."""
+class PlanPush(PlanningLeaf):
+    """A way of the closed fingers: down behind the object, straight on until it stands at the goal, back, and up.
+
+    The way begins at one of the hover postures of `approaches`, whichever allows it; closed fingers are the same from
+    both sides, so each is tried with two turns of the hand.
+    """
 
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to push."),
         "to": PortInformation(data_type=tuple, description="Where its centre shall be, world frame [m]."),
+        "approaches": PortInformation(data_type=Approaches, description="Postures near the object to begin from."),
     }
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
+    OUTPUT_PORTS = {"ways": PortInformation(data_type=Approaches, description="One way, to be reached and followed.")}
+
+    _tried = 0
 
     def compose(self) -> MotionRequest | Status:
         """Waypoints of the tool, from the object's pose and the goal."""
@@ -31,25 +40,56 @@ class PlanPush(LinePlanningLeaf):
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
         goal = np.asarray(self.read("to"), dtype=np.float64)
-        center = np.asarray(entity.pose.position_m)
-        way = goal[:2] - center[:2]
+        way = goal[:2] - np.asarray(entity.pose.position_m[:2])
         length_m = float(np.linalg.norm(way))
         if length_m < SHORTEST_M:
             return self.fail("TOO_SHORT", f"{name} is {1e3 * length_m:.1f} mm from its goal", object=name)
-        direction = way / length_m
-        reach_m = compute_half_extent(entity, np.array([*direction, 0.0])) + FINGER_HALF_M
-        begin = np.array([*(center[:2] - direction * (reach_m + STAND_OFF_M)), center[2]])
-        end = np.array([*(goal[:2] - direction * reach_m), center[2]])
-        yaw_rad = float(np.arctan2(direction[1], direction[0]))
-        down, on = point_tool_down(yaw_rad, begin), point_tool_down(yaw_rad, end)
-        poses = (raise_pose(down, OVER_M), down, on, raise_pose(on, OVER_M))
+        tall_m = sum(compute_half_extent(entity, np.array([0.0, 0.0, sign])) for sign in (1.0, -1.0))
+        if tall_m > TALLEST_M:
+            return self.fail("TOO_TALL", f"{name} is {1e3 * tall_m:.0f} mm tall, the hand would meet it", object=name)
+        start, turned = divmod(self._tried, 2)
         return FindLine(
             world=self.world(),
-            q_rad=self.context.commands.q_rad,
-            waypoints=tuple(compute_pose(pose) for pose in poses),
+            q_rad=self.read("approaches").approaches[start].line_rad[0],
+            waypoints=compute_push(entity, goal[:2], way / length_m, turned=bool(turned)),
             seed=self.context.draw_seed(self.path),
             ignore=(name,),
         )
+
+    def on_refused(self, answer: NoPlan) -> Status:
+        """Try the other turn of the hand, then the next posture."""
+        self._tried += 1
+        if self._tried < 2 * len(self.read("approaches").approaches):
+            return self.ask()
+        self._tried = 0
+        return super().on_refused(answer)
+
+    def on_answer(self, answer: MotionAnswer) -> Status:
+        """Write the way."""
+        if not isinstance(answer, Approaches):
+            return self.fail(FailureCode.PLANNER_LOST, f"asked for a line, got {type(answer).__name__}")
+        tried, self._tried = self._tried + 1, 0
+        self.write("ways", answer)
+        return self.succeed("", tried=tried)
+
+
+def compute_push(entity: Entity, goal_m: Array, direction: Array, *, turned: bool) -> tuple[Pose, ...]:
+    """Poses `world_T_tcp` of closed fingers that push an entity.
+
+    Args:
+        entity: To push.
+        goal_m: (2,) where its origin shall be.
+        direction: (2,) unit vector of the push.
+        turned: Whether the hand is turned by half a turn.
+    """
+    center = np.asarray(entity.pose.position_m)
+    reach_m = compute_half_extent(entity, np.array([*direction, 0.0])) + FINGER_HALF_M
+    height_m = center[2] - compute_half_extent(entity, np.array([0.0, 0.0, -1.0])) + PUSH_HEIGHT_M
+    yaw_rad = float(np.arctan2(direction[1], direction[0])) + (np.pi if turned else 0.0)
+    stations = [(center[:2], reach_m + STAND_OFF_M), (goal_m, reach_m), (goal_m, reach_m + STAND_OFF_M)]
+    low = [point_tool_down(yaw_rad, np.array([*(at - direction * back_m), height_m])) for at, back_m in stations]
+    poses = (raise_pose(low[0], OVER_M), *low, raise_pose(low[-1], OVER_M))
+    return tuple(compute_pose(pose) for pose in poses)
 
 
 def compute_half_extent(entity: Entity, direction: Array) -> float:

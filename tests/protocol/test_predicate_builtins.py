@@ -1,0 +1,135 @@
+"""Each built-in predicate on a synthetic world."""
+
+import math
+
+import pytest
+
+from phyagentos.protocol.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
+from phyagentos.protocol.verdicts import Truth
+
+from .predicate_worlds import EIGHTH_TURN_ABOUT_Z, QUARTER_TURN_ABOUT_X, cube, tray, truth, value, world
+
+
+@pytest.mark.parametrize(
+    ("position", "expected"),
+    [
+        ((0.5, 0.0, 0.03), Truth.TRUE),
+        ((0.585, 0.045, 0.03), Truth.TRUE),
+        ((0.60, 0.0, 0.03), Truth.FALSE),  # centre beyond the side
+        ((0.5, 0.06, 0.03), Truth.FALSE),
+        ((0.5, 0.0, 0.0695), Truth.FALSE),  # lowest point at the rim: it lies on it
+        ((0.5, 0.0, 0.06), Truth.TRUE),  # still above the floor, yet below the rim
+        ((0.5, 0.0, 0.005), Truth.FALSE),  # through the floor
+    ],
+)
+def test_inside_is_judged_by_centre_and_lowest_point(position, expected):
+    assert truth("inside(a, tray)", world(tray(), cube("a", *position))) is expected
+
+
+def test_inside_follows_a_turned_container():
+    turned = tray(pose=Pose((0.5, 0.0, 0.0), EIGHTH_TURN_ABOUT_Z))
+    along = (0.5 + 0.08 * math.cos(math.pi / 4), 0.08 * math.sin(math.pi / 4), 0.03)
+    assert truth("inside(a, tray)", world(turned, cube("a", *along))) is Truth.TRUE
+    assert truth("inside(a, tray)", world(tray(), cube("a", *along))) is Truth.FALSE
+
+
+def test_inside_works_for_regions_and_is_unknown_for_what_has_no_interior():
+    region = Region(name="left", pose=Pose((0.0, 0.3, 0.1)), half_m=(0.2, 0.2, 0.1))
+    now = world(cube("a", 0.0, 0.3), cube("b", 0.1), regions={"left": region})
+    assert truth("inside(a, left)", now) is Truth.TRUE
+    assert truth("inside(b, left)", now) is Truth.FALSE
+    assert value("inside(a, b)", now).because == "b has no interior"
+
+
+def test_on_needs_the_footprint_above_and_contact():
+    below = cube("b", 0.3)
+    assert truth("on(a, b)", world(below, cube("a", 0.3, 0.0, 0.06))) is Truth.TRUE
+    assert truth("on(a, b)", world(below, cube("a", 0.31, 0.0, 0.065))) is Truth.TRUE
+    assert truth("on(a, b)", world(below, cube("a", 0.3, 0.0, 0.075))) is Truth.FALSE
+    assert truth("on(a, b)", world(below, cube("a", 0.33, 0.0, 0.06))) is Truth.FALSE
+    assert truth("on(b, a)", world(below, cube("a", 0.3, 0.0, 0.06))) is Truth.FALSE
+
+
+def test_on_finds_the_right_board_of_a_shelf():
+    boards = tuple(Shape(ShapeKind.BOX, (0.2, 0.1, 0.01), Pose((0, 0, z))) for z in (0.0, 0.3, 0.6))
+    shelf = Entity(name="shelf", kind="shelf", pose=Pose((0.5, 0, 0)), shapes=boards, movable=False)
+    assert truth("on(a, shelf)", world(shelf, cube("a", 0.5, 0.0, 0.33))) is Truth.TRUE
+    assert truth("on(a, shelf)", world(shelf, cube("a", 0.5, 0.0, 0.40))) is Truth.FALSE
+
+
+def test_on_a_region_means_on_its_ground():
+    board = Region(name="board", pose=Pose((0.0, 0.0, 0.4)), half_m=(0.2, 0.1, 0.1))
+    assert truth("on(a, board)", world(cube("a", 0.1, 0.0, 0.32), regions={"board": board})) is Truth.TRUE
+    assert truth("on(a, board)", world(cube("a", 0.1, 0.0, 0.36), regions={"board": board})) is Truth.FALSE
+
+
+def _arm(*holding: str) -> dict[str, TargetState]:
+    state = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.04, tcp=Pose(), holding=holding)
+    return {"arm": state}
+
+
+def test_holding_asks_the_target_and_the_word_target_means_the_sessions_own():
+    now = world(cube("a"), cube("b"), targets=_arm("a"))
+    assert truth("holding(arm, a)", now) is Truth.TRUE
+    assert truth("holding(target, a)", now) is Truth.TRUE
+    assert truth("holding(arm, b)", now) is Truth.FALSE
+    assert truth("holding(other, a)", now) is Truth.UNKNOWN
+    assert value("holding(target, a)", now, target=None).truth is Truth.UNKNOWN
+    assert value("holding(arm, b)", now).measured["gripper_width_m"] == 0.04
+
+
+def test_at_and_near_measure_between_centres():
+    now = world(tray(), cube("a", 0.1), cube("b", 0.2))
+    assert truth("at(a, (0.1, 0, 0.03))", now) is Truth.TRUE
+    assert truth("at(a, (0.2, 0, 0.02), 0.05)", now) is Truth.FALSE
+    assert truth("at(a, tray, 0.5)", now) is Truth.TRUE
+    assert truth("near(a, b, 0.11)", now) is Truth.TRUE
+    assert truth("near(a, b, 0.09)", now) is Truth.FALSE
+    assert value("distance(a, b) < 0.3", now).measured["distance_m"] == pytest.approx(0.1)
+
+
+def test_upright_and_fallen_leave_a_gap_between_them():
+    def lean(degrees: float) -> Environment:
+        half = math.radians(degrees) / 2
+        return world(cube("a", pose=Pose((0, 0, 0.02), (math.cos(half), math.sin(half), 0.0, 0.0))))
+
+    assert [truth("upright(a)", lean(d)) for d in (0, 14, 30, 90)] == ["true", "true", "false", "false"]
+    assert [truth("fallen(a)", lean(d)) for d in (0, 14, 30, 90)] == ["false", "false", "false", "true"]
+    assert value("tilt(a) < 0.1", lean(30)).measured["tilt_rad"] == pytest.approx(math.radians(30), abs=1e-4)
+
+
+def test_moved_compares_position_and_turn_with_the_initial_snapshot():
+    before = world(cube("a"))
+    assert truth("moved(a)", world(cube("a", 0.014)), before) is Truth.FALSE
+    assert truth("moved(a)", world(cube("a", 0.016)), before) is Truth.TRUE
+    assert truth("moved(a)", world(cube("a", pose=Pose((0, 0, 0.02), EIGHTH_TURN_ABOUT_Z))), before) is Truth.TRUE
+    assert truth("moved(a)", world(cube("a", 0.5)), None) is Truth.UNKNOWN
+    assert truth("moved(a)", world(cube("a", 0.5)), world()) is Truth.UNKNOWN
+
+
+def test_existence_and_visibility():
+    now = world(cube("a"), cube("hidden", visible=False))
+    assert truth("visible(a)", now) is Truth.TRUE
+    assert truth("visible(hidden)", now) is Truth.FALSE
+    assert truth("visible(gone)", now) is Truth.FALSE
+    assert truth("exists(gone)", now) is Truth.FALSE
+    assert truth("exists(gone)", world(cube("a"), sensing="perceived")) is Truth.UNKNOWN
+
+
+def test_joints_height_and_speed():
+    now = world(cube("drawer", joint=0.95), cube("a", 0, 0, 0.12, speed_m_s=0.2))
+    assert truth("open(drawer)", now) is Truth.TRUE
+    assert truth("closed(drawer)", now) is Truth.FALSE
+    assert truth("open(a)", now) is Truth.UNKNOWN
+    assert truth("height(a) >= 0.09 and speed(a) <= 0.2", now) is Truth.TRUE
+
+
+def test_the_extent_of_round_and_turned_solids_is_exact():
+    lying = Entity(
+        name="can",
+        kind="can",
+        pose=Pose((0, 0, 0.03), QUARTER_TURN_ABOUT_X),
+        shapes=(Shape(ShapeKind.CYLINDER, (0.03, 0.1)),),
+        observed_at_s=10.0,
+    )
+    assert value("height(can) < 1", world(lying)).measured["height_m"] == pytest.approx(0.0, abs=1e-6)
