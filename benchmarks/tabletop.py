@@ -24,7 +24,7 @@ from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.assembly import open_project
+from phyagentos.assembly.places import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
 from phyagentos.bench.suite import Episode, run_suite
 from phyagentos.clock import SystemClock

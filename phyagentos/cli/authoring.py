@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from phyagentos.cli.outcome import ExitCode, print_note, print_problems, print_result
-from phyagentos.cli.running import Overrides, parse_overrides
+from phyagentos.cli.overrides import Overrides, parse_overrides
 
 if TYPE_CHECKING:
     from phyagentos.agent.goal_graph import GoalGraph

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from phyagentos.cli.progress import Row, RunFold
-from phyagentos.protocol.verdicts import Criterion, Truth
+from phyagentos.protocol.verdicts import Criterion, Truth, Verdict
 
 STYLES = {
     "succeeded": "green",
@@ -92,19 +92,37 @@ class RunConsole:
 def build_progress_table(title: str, rows: list[Row]) -> Table:
     """The DAG as an indented table."""
     table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="dim")
-    for column in ("session", "state", "doing", "time"):
-        table.add_column(column, justify="right" if column == "time" else "left", no_wrap=True, overflow="ellipsis")
+    table.add_column("session", no_wrap=True)
+    table.add_column("state", no_wrap=True)
+    table.add_column("doing", no_wrap=True, overflow="ellipsis")
+    table.add_column("time", no_wrap=True, justify="right")
     for row in rows:
-        indent = "  " * (row.depth + (1 if row.session is not None and row.session.contract.attempt else 0))
+        is_child = row.session is not None and row.session.contract.parent is not None
+        indent = "  " * (row.depth + is_child)
         beat = row.beat
-        doing = f"{beat.phase} {beat.leaf}" if beat is not None else describe(row)
-        time = f"{beat.sim_time_s:.1f} s" if beat is not None else (f"{row.sim_time_s:.1f} s" if row.sim_time_s else "")
+        doing = f"{beat.phase} {beat.leaf}" if beat is not None else summarise(row)
+        time_s = beat.sim_time_s if beat is not None else row.sim_time_s
+        time = f"{time_s:.1f} s" if time_s else ""
         table.add_row(f"{indent}{row.name}", Text(row.state, STYLES.get(row.state, "")), doing, time)
     return table
 
 
+def summarise(row: Row) -> str:
+    """Why a row stands where it does, on a third of a line."""
+    session = row.session
+    if session is None:
+        return f"after {', '.join(row.after)}" if row.after else ""
+    if not session.attempts:
+        return describe(row)
+    attempt = session.attempts[-1]
+    if attempt.verdict is not Verdict.SUCCESS:
+        return f"{attempt.cause} {session.execution.leaf if session.execution else ''}".rstrip()
+    held = sum(criterion.truth is Truth.TRUE for criterion in attempt.criteria)
+    return f"{held} of {len(attempt.criteria)} criteria hold"
+
+
 def describe(row: Row) -> str:
-    """Why a row stands where it does, in a few words."""
+    """Why a row stands where it does, in a sentence."""
     if row.session is None:
         return ""
     if row.session.attempts:

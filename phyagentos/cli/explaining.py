@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.outcome import Exit, ExitCode, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.errors import format_hint, format_names
 from phyagentos.protocol.sessions import SessionId
 
@@ -33,13 +33,17 @@ def why(session: Id, workspace: Space) -> None:
 
 def rerun(session: Id, workspace: Space) -> int:
     """Run a session once more from its own documents and compare the bits of the terminal state."""
-    from phyagentos.assembly import rerun_session
+    from phyagentos.assembly.repetition import rerun_session
     from phyagentos.cli.past import read_ledger
 
     id = get_session(session, read_ledger(workspace).sessions)
-    is_same, text = rerun_session(workspace, id)
-    print_result(text)
-    return int(ExitCode.GOAL_MET if is_same else ExitCode.GOAL_NOT_MET)
+    repetition = rerun_session(workspace, id)
+    if repetition.differences:
+        print_result("\n".join([f"{id} came out differently:", *repetition.differences]))
+    else:
+        print_result(f"{id}: identical, bit for bit ({repetition.execution.ticks} commands)")
+    print_note(f"second bundle in {repetition.workspace}")
+    return int(ExitCode.GOAL_NOT_MET if repetition.differences else ExitCode.GOAL_MET)
 
 
 def cancel(session: Annotated[str, typer.Argument(metavar="SESSION|all")], workspace: Space) -> None:

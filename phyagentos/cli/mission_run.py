@@ -17,11 +17,11 @@ from phyagentos.agent.goal_graph import read_goal_graph
 from phyagentos.cli.console import RunConsole
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.overrides import parse_overrides
 from phyagentos.cli.planes import Plane
 from phyagentos.cli.progress import RunFold
 from phyagentos.cli.projects import get_file, open_library
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
-from phyagentos.cli.running import parse_overrides
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.admission import GOAL_PREFIX, GoalEvent

@@ -21,6 +21,7 @@ class Row:
 
     Attributes:
         depth: How many nodes come before it on the longest way from the start.
+        after: Nodes that it waits for.
         node_state: Of the node, when it has no session.
         beat: The heartbeat of the worker that runs it now.
         wall_s: From its claim to its latest record, by the wall clock [s]; the wait for the target is not in it.
@@ -28,6 +29,7 @@ class Row:
 
     node: str
     depth: int
+    after: tuple[str, ...] = ()
     node_state: str
     session: SessionStatus | None = None
     beat: Heartbeat | None = None
@@ -114,11 +116,12 @@ class RunFold:
     def _rows_of(self, goal: GoalStatus, name: str, depth: int, beats: Mapping[str, Heartbeat]) -> list[Row]:
         node = goal.nodes[name]
         if not node.sessions:
-            return [Row(node=name, depth=depth, node_state=node.state.value)]
+            return [Row(node=name, depth=depth, after=node.after, node_state=node.state.value)]
         return [
             Row(
                 node=name,
                 depth=depth,
+                after=node.after,
                 node_state=node.state.value,
                 session=self.ledger.sessions[id],
                 beat=beats.get(id) if self.ledger.sessions[id].state not in FINAL_STATES else None,

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from phyagentos.agent.mission_report import MissionReport
 from phyagentos.agent.mission_report import build_report as build_mission_report
-from phyagentos.cli.console import STYLES, build_criterion_line, describe
+from phyagentos.cli.console import STYLES, build_criterion_line, summarise
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.progress import Row, RunFold
 from phyagentos.protocol.evidence import PICTURE_AFTER, PICTURE_BEFORE
@@ -100,17 +100,12 @@ def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
 
 def _build_cells(row: Row) -> list[Any]:
     session = row.session
-    criteria = session.attempts[-1].criteria if session is not None and session.attempts else ()
-    held = sum(criterion.truth.value == "true" for criterion in criteria)
-    because = f"{held} of {len(criteria)} criteria hold" if criteria else describe(row)
-    if row.verdict not in ("", "success") and session is not None:
-        because = f"{session.attempts[-1].cause} {session.execution.leaf if session.execution else ''}".rstrip()
     return [
         row.node,
         session.contract.id if session is not None else "",
         Text(row.state, STYLES.get(row.state, "")),
         Text(row.verdict, STYLES.get(row.verdict, "")),
-        because if session is not None else "",
+        summarise(row),
         f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
         f"{row.wall_s:.1f} s" if session is not None else "",
     ]

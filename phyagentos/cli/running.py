@@ -5,20 +5,17 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
+from phyagentos.cli.overrides import Overrides, parse_overrides
 
 Graph = Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
 Seed = Annotated[int, typer.Option(help="Root of every random choice.", min=0)]
-Overrides = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
-]
 NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")]
 FaultFile = Annotated[Path | None, typer.Option("--faults", help="What shall go wrong in the simulated world.")]
 WithParent = Annotated[bool, typer.Option("--with-parent", hidden=True)]
@@ -67,7 +64,7 @@ def agent(
     graph: Graph, workspace: Space, seed: Seed = 0, set_: Overrides = None, with_parent: WithParent = False
 ) -> int:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
-    from phyagentos.assembly import run_agent
+    from phyagentos.assembly.agent_plane import run_agent
     from phyagentos.cli.projects import get_file
 
     _prepare(with_parent)
@@ -84,7 +81,7 @@ def watch(
     with_parent: WithParent = False,
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
-    from phyagentos.assembly import run_watch
+    from phyagentos.assembly.runtime_plane import run_watch
     from phyagentos.cli.projects import get_file
 
     _prepare(with_parent)
@@ -109,12 +106,3 @@ def _prepare(with_parent: bool) -> None:
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if os.getppid() != parent:
             raise Exit(ExitCode.INTERRUPTED)
-
-
-def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
-    """`["targets.arm=ur5e"]` as `{"targets.arm": "ur5e"}`."""
-    pairs = [text.partition("=") for text in texts or ()]
-    wrong = [key for key, _, value in pairs if not key.startswith("targets.") or not value]
-    if wrong:
-        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected targets.ROLE=NAME")
-    return {key: value for key, _, value in pairs}

@@ -1,4 +1,4 @@
-"""What preflight grants: how a session will be executed, and which operations of the target it may use. Paper section 3.4.
+"""What preflight grants: how a session will be executed, with which operations of the target. Paper section 3.4.
 
 Upstream: preflight. Downstream: the runner and the evidence bundle.
 """

@@ -142,6 +142,8 @@ def _find_mismatch(parameter: Parameter, value: Any) -> str:
         return parameter.type
     if parameter.choices and value not in parameter.choices:
         return format_names(parameter.choices)
+    if isinstance(value, str):
+        return ""
     if parameter.minimum is not None and value < parameter.minimum:
         return f">= {parameter.minimum} {parameter.unit}".strip()
     if parameter.maximum is not None and value > parameter.maximum:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from multiprocessing.connection import wait
+from typing import cast
 
 import msgspec
 
@@ -108,12 +109,12 @@ class Watchdog:
         self._is_stopping = True
 
     def _wait(self, watch: Watch) -> None:
-        posts = {post.worker.connection: post for post in self._posts.values()}
-        for ready in wait([watch, *posts], timeout=POLL_S):
-            if isinstance(ready, Watch):
+        posts = {post.worker.connection.fileno(): post for post in self._posts.values()}
+        for ready in wait([watch.fileno(), *posts], timeout=POLL_S):
+            if ready == watch.fileno():
                 watch.drain()
             else:
-                post = posts[ready]  # type: ignore[index]  # everything else in the list is one of ours
+                post = posts[cast("int", ready)]
                 self._hear(post, post.worker.receive())
 
     def _follow(self) -> None:

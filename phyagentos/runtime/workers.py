@@ -23,7 +23,8 @@ def end_with_parent() -> None:
     """In a child: end this process as soon as the parent's end of standard input is closed."""
 
     def wait() -> None:
-        sys.stdin.buffer.read()
+        while os.read(sys.stdin.fileno(), 1):
+            pass
         os._exit(0)
 
     threading.Thread(target=wait, daemon=True, name="end-with-parent").start()

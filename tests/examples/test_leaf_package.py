@@ -1,5 +1,6 @@
 """Example 2: a package of new leaves, installed as anybody would, found through its entry points."""
 
+import json
 import os
 import subprocess
 import sys
@@ -52,3 +53,11 @@ def test_where_it_is_not_installed_its_leaf_is_an_unknown_name(tmp_path):
     linted = paos(os.environ.copy(), tmp_path, "lint", tree)
     assert linted.returncode == 2
     assert "UNKNOWN_LEAF: found 'choose_nearest'" in linted.stderr
+
+
+@pytest.mark.journey
+def test_its_leaf_moves_a_robot(installed, tmp_path):
+    done = paos(installed, tmp_path, "run", "nearest", "--no-pictures", "--json")
+    assert done.returncode == 0, done.stderr
+    (session,) = json.loads(done.stdout)["goal"]["sessions"]
+    assert session["skill"] == "tidy_nearest"

@@ -1,5 +1,6 @@
 """Example 1: a skill out of existing leaves, YAML alone."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -32,8 +33,11 @@ def test_its_tree_is_drawn_with_the_trees_that_ship():
 
 
 @pytest.mark.journey
-def test_it_runs_to_a_met_goal(tmp_path):
+def test_it_runs_to_a_met_goal_and_json_is_all_that_stdout_holds(tmp_path):
     graph = EXAMPLE / "goal_graphs/show.yaml"
-    done = paos("run", graph, "--workspace", tmp_path / "w", "--no-pictures", "--quiet")
+    done = paos("run", graph, "--workspace", tmp_path / "w", "--no-pictures", "--json")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "show_and_place" in (tmp_path / "w" / "SESSIONS.md").read_text(encoding="utf-8")
+    report = json.loads(done.stdout)
+    assert report["goal"]["verdict"] == "success"
+    assert [session["skill"] for session in report["goal"]["sessions"]] == ["show_and_place"]
+    assert "red: running" in done.stderr

@@ -9,7 +9,7 @@ from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.poses import Array, compute_matrix, compute_pose, point_tool_down, raise_pose
 from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionAnswer, MotionRequest, NoPlan
 
-FINGER_HALF_M = 0.011  # half thickness of the closed fingers in the direction of a push
+FINGER_HALF_M = 0.009  # half thickness of the closed fingers in the direction of a push
 STAND_OFF_M = 0.03  # gap between fingers and object before the push
 PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall things slide instead of falling over
 TALLEST_M = 0.09  # the palm stands this far above the finger tips, and is wider than they are
@@ -18,7 +18,7 @@ SHORTEST_M = 0.005  # a push shorter than this is none
 
 
 class PlanPush(PlanningLeaf):
-    """A way of the closed fingers: down behind the object, straight on until it stands at the goal, back, and up.
+    """A way of the closed fingers: down behind the object, straight on until it stands at the goal.
 
     The way begins at one of the hover postures of `approaches`, whichever allows it; closed fingers are the same from
     both sides, so each is tried with two turns of the hand.
@@ -86,10 +86,9 @@ def compute_push(entity: Entity, goal_m: Array, direction: Array, *, turned: boo
     reach_m = compute_half_extent(entity, np.array([*direction, 0.0])) + FINGER_HALF_M
     height_m = center[2] - compute_half_extent(entity, np.array([0.0, 0.0, -1.0])) + PUSH_HEIGHT_M
     yaw_rad = float(np.arctan2(direction[1], direction[0])) + (np.pi if turned else 0.0)
-    stations = [(center[:2], reach_m + STAND_OFF_M), (goal_m, reach_m), (goal_m, reach_m + STAND_OFF_M)]
-    low = [point_tool_down(yaw_rad, np.array([*(at - direction * back_m), height_m])) for at, back_m in stations]
-    poses = (raise_pose(low[0], OVER_M), *low, raise_pose(low[-1], OVER_M))
-    return tuple(compute_pose(pose) for pose in poses)
+    begin = point_tool_down(yaw_rad, np.array([*(center[:2] - direction * (reach_m + STAND_OFF_M)), height_m]))
+    end = point_tool_down(yaw_rad, np.array([*(goal_m - direction * reach_m), height_m]))
+    return tuple(compute_pose(pose) for pose in (raise_pose(begin, OVER_M), begin, end))
 
 
 def compute_half_extent(entity: Entity, direction: Array) -> float:

@@ -1,120 +1,26 @@
-"""The composition root: builds one process of one plane from one workspace. Nothing else calls concrete constructors.
+"""The runtime's own child processes: a world and a worker for each target.
 
-`python -m phyagentos.assembly world|worker ...` are the runtime's own children; people start the planes with `paos`.
+`python -m phyagentos.assembly.processes world|worker ...`; started by the watchdog, never by people.
 """
 
 import argparse
 import os
-import shutil
-import signal
 import sys
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
-from phyagentos.agent.mission import Mission
-from phyagentos.agent.mission_report import MissionReport
+import msgspec
+
+from phyagentos.assembly.places import FAULTS, STRIKES
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.journal import Journal
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.settings import get_target_limits, read_safety
-from phyagentos.protocol.views import Views, read_skill_registry, read_target_registry
+from phyagentos.protocol.views import read_skill_registry, read_target_registry
 from phyagentos.protocol.workspace import Workspace
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
-FAULTS = Path(".world") / "faults.yaml"  # read by the world process only
-
-
-def open_project(root: Path, *projects: Path) -> Workspace:
-    """The workspace at `root`, made from the given project folders and what ships, when it does not stand yet."""
-    return Workspace.create(root, Library.open(*projects, Path.cwd()))
-
-
-def run_watch(root: Path, *, faults: Path | None = None, pictures: bool = True, once_idle: bool = False) -> None:
-    """The runtime plane: supervise until interrupted.
-
-    Args:
-        root: The workspace.
-        faults: Fault file for the simulated worlds.
-        pictures: Whether evidence has pictures.
-        once_idle: End when every goal has its verdict.
-    """
-    from phyagentos.runtime.watchdog import Watchdog
-    from phyagentos.runtime.workers import Worker
-
-    workspace, clock = open_project(root), SystemClock()
-    if faults is not None:
-        (workspace.root / FAULTS).parent.mkdir(exist_ok=True)
-        shutil.copyfile(faults, workspace.root / FAULTS)
-    journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
-    views = Views(workspace, journal.folder, clock)
-    known = read_target_registry(workspace.target_registry)
-
-    with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
-
-        def hire(target: str) -> Worker | None:
-            if target not in known:
-                return None
-            place = ["--workspace", str(workspace.root), "--target", target, "--socket", f"{sockets}/{target}.world"]
-            return Worker(
-                target,
-                world=["-m", "phyagentos.assembly", "world", *place],
-                worker=["-m", "phyagentos.assembly", "worker", *place, *([] if pictures else ["--no-pictures"])],
-                logs=workspace.logs,
-            )
-
-        def publish() -> None:
-            views.refresh()
-            goals = views.ledger.goals.values()
-            if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
-                watchdog.stop()
-
-        watchdog = Watchdog(workspace=workspace, journal=journal, hire=hire, clock=clock, publish=publish)
-
-        def on_signal(_number: int, _frame: FrameType | None) -> None:
-            watchdog.stop()
-
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, on_signal)
-        watchdog.run()
-    views.close()
-    journal.close()
-
-
-def run_agent(root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str] | None = None) -> MissionReport:
-    """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
-
-    Args:
-        root: The workspace.
-        graph: The goal graph.
-        seed: Root of every random choice.
-        overrides: Dotted path -> YAML value (`targets.arm` -> `panda`).
-    """
-    clock = SystemClock()
-    workspace = open_project(root, find_project(graph))
-    journal = Journal(workspace.root, side=Side.AGENT, by="agent", clock=clock)
-    mission = Mission(workspace, journal, clock=clock)
-
-    def on_signal(_number: int, _frame: FrameType | None) -> None:
-        mission.cancel()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, on_signal)
-    try:
-        return mission.run(graph, seed=seed, overrides=overrides)
-    finally:
-        journal.close()
-
-
-def find_project(graph: Path) -> Path:
-    """The project folder that a goal graph belongs to: the parent of its `goal_graphs/`, else its own folder."""
-    folder = graph.resolve().parent
-    return folder.parent if folder.name == "goal_graphs" else folder
 
 
 def run_world(root: Path, target: str, socket: str) -> None:
@@ -122,10 +28,11 @@ def run_world(root: Path, target: str, socket: str) -> None:
     if not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
     from phyagentos.protocol.faults import read_faults
-    from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule
+    from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule, read_strikes
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.robot import read_profile
     from phyagentos.runtime.targets.server import serve
+    from phyagentos.runtime.targets.wire import FaultStruck
     from phyagentos.runtime.targets.world import MujocoWorld
     from phyagentos.runtime.workers import end_with_parent
 
@@ -133,10 +40,12 @@ def run_world(root: Path, target: str, socket: str) -> None:
     workspace = Workspace.open(root)
     library = workspace.library()
     profile, folder = read_profile(library.get_target(target))
-    path = workspace.root / FAULTS
+    path, strikes = workspace.root / FAULTS, workspace.root / STRIKES
     file = read_faults(path) if path.exists() else None
 
     def make_faults(episode: str, seed: int) -> FaultInjector:
+        if strikes.exists():
+            return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
     log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl")
@@ -210,7 +119,7 @@ def connect_to_world(socket: str, clock: Clock) -> "Connection[Any, Any]":
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Entry point of the runtime's own child processes."""
-    parser = argparse.ArgumentParser(prog="phyagentos.assembly")
+    parser = argparse.ArgumentParser(prog="phyagentos.assembly.processes")
     parser.add_argument("process", choices=("world", "worker"))
     parser.add_argument("--workspace", type=Path, required=True)
     parser.add_argument("--target", required=True)

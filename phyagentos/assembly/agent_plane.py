@@ -1,0 +1,38 @@
+"""The agent plane: what `paos agent` starts. Loads nothing of the runtime."""
+
+import signal
+from collections.abc import Mapping
+from pathlib import Path
+from types import FrameType
+
+from phyagentos.agent.mission import Mission
+from phyagentos.agent.mission_report import MissionReport
+from phyagentos.assembly.places import find_project, open_project
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.journal import Journal
+from phyagentos.protocol.lifecycle import Side
+
+
+def run_agent(root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str] | None = None) -> MissionReport:
+    """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
+
+    Args:
+        root: The workspace.
+        graph: The goal graph.
+        seed: Root of every random choice.
+        overrides: Dotted path -> YAML value (`targets.arm` -> `panda`).
+    """
+    clock = SystemClock()
+    workspace = open_project(root, find_project(graph))
+    journal = Journal(workspace.root, side=Side.AGENT, by="agent", clock=clock)
+    mission = Mission(workspace, journal, clock=clock)
+
+    def on_signal(_number: int, _frame: FrameType | None) -> None:
+        mission.cancel()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, on_signal)
+    try:
+        return mission.run(graph, seed=seed, overrides=overrides)
+    finally:
+        journal.close()
