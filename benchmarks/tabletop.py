@@ -2,7 +2,7 @@
 
     python benchmarks/tabletop.py --seeds 100
 
-Each seed is one goal of three cubes, through agent, journal, watchdog, worker, planner and world, as `paos run` does it.
+Each seed is one goal of three cubes, through agent, journal, watchdog, worker, planner and world, as in `paos run`.
 First attempts are counted without faults, goals with one random recoverable fault each. A cube counts only when
 `judge.is_in_tray` says so from the recorded simulator state.
 """

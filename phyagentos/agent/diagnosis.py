@@ -249,7 +249,7 @@ def _describe_end(bundle: Bundle) -> str:
     if execution.code:
         parts.append(f"with {execution.code}")
     event = find_failed_leaf(bundle)
-    message = execution.message or (event.message if event else "")
+    message = (execution.message or (event.message if event else "")).rstrip(".")
     numbers = [f"{k} {v:.4g}" for k, v in (event.numbers if event else {}).items() if isinstance(v, float)]
     text = " ".join(parts) + (f": {message}" if message else "")
     return f"{text} ({', '.join(numbers)})" if numbers else text

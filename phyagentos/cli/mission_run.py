@@ -4,6 +4,7 @@ This process commands nothing and judges nothing: it follows the journal like an
 end by a signal file, as any tool could. Upstream: the command line. Downstream: `planes`, `console`, `report`.
 """
 
+import math
 import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -98,7 +99,7 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
         try:
             follow_run(fold, journal, workspace, planes, interrupts, console, clock)
         finally:
-            for plane in planes:
+            for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
                 if interrupts.count > 1:
                     plane.kill()
                 else:
@@ -192,23 +193,23 @@ def follow_run(
             is_quiet = not fold.ledger.live_sessions()
             if fold.goal is not None and fold.goal.verdict and is_quiet:
                 return
-            if asked_at_s is not None:
-                if is_quiet or interrupts.count > 1 or clock.now_s() > asked_at_s + CANCEL_PATIENCE_S:
-                    return
-            elif ended:
+            is_patience_spent = interrupts.count > 1 or clock.now_s() > (asked_at_s or math.inf) + CANCEL_PATIENCE_S
+            if asked_at_s is not None and (is_quiet or is_patience_spent):
+                return
+            if ended:
                 raise_for(ended[0])
 
 
 def ask_for_end(fold: RunFold, journal: Journal, workspace: Workspace, clock: Clock) -> None:
-    """Cancel the goal and every session: one record for the agent, one signal file for the runtime."""
-    goal = fold.goal
-    if goal is not None and not goal.verdict and not goal.is_cancelled:
-        body = {"reason": "interrupted by the operator"}
+    """Cancel the goal; its agent cancels the sessions. Where there is no goal, a signal asks the runtime directly."""
+    goal, reason = fold.goal, "interrupted by the operator"
+    if goal is None:
+        drop_signal(workspace.signals, Signal(kind="cancel", by="paos run", reason=reason), clock)
+    elif not goal.verdict and not goal.is_cancelled:
         try:
-            journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
+            journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, {"reason": reason})])
         except IllegalEvent as error:  # the verdict came first
             print_note(str(error))
-    drop_signal(workspace.signals, Signal(kind="cancel", by="paos run", reason="interrupted by the operator"), clock)
 
 
 def raise_for(plane: Plane) -> None:

@@ -130,16 +130,28 @@ def test_a_finished_goal_of_an_earlier_run_is_not_this_one(run):
     assert run.fold.goal.id == "tidy-8"
 
 
-def test_the_first_interrupt_asks_both_planes_for_an_end(run):
+def test_the_first_interrupt_cancels_the_goal_and_leaves_its_sessions_to_the_agent(run):
     run.begin()
     run.submit("red")
     ask_for_end(run.fold, run.pens[Side.OPERATOR], run.workspace, run.clock)
-    signal = take_signals(run.workspace.signals)[0]
-    assert (signal.kind, signal.session) == ("cancel", "*")
     ledger = Ledger()
     for record in run.pens[Side.AGENT].read_new():
         ledger.apply(record)
     assert ledger.goals[GOAL].is_cancelled
+    assert take_signals(run.workspace.signals) == []
+
+
+def test_an_interrupt_before_there_is_a_goal_asks_the_runtime(run):
+    ask_for_end(run.fold, run.pens[Side.OPERATOR], run.workspace, run.clock)
+    (signal,) = take_signals(run.workspace.signals)
+    assert (signal.kind, signal.session) == ("cancel", "*")
+
+
+def test_an_interrupt_after_the_verdict_changes_nothing(run):
+    run.begin()
+    run.end("success")
+    ask_for_end(run.fold, run.pens[Side.OPERATOR], run.workspace, run.clock)
+    assert run.pens[Side.OPERATOR].read_new() == []
 
 
 def test_interrupts_are_counted_and_the_handlers_given_back():

@@ -107,15 +107,17 @@ def _find_hovers(
         reached = True
         if any(np.abs(q - other.q_rad).max() < SAME_POSTURE_RAD for other in hovers):
             continue
-        if contacts := scene.find_contacts(q):
-            job.rejected[name_pair(contacts[0])] += 1
-            continue
-        end = kinematics.chain.solve(way.end, q)
-        if end is None:
-            job.rejected["line"] += 1
-            continue
-        if blocked := [pair for pair in scene.find_contacts(end) if pair not in way.tolerate]:
+        blocked = scene.find_contacts(q)
+        if not blocked:
+            end = kinematics.chain.solve(way.end, q)
+            if end is None:
+                job.rejected["line"] += 1
+                continue
+            blocked = [pair for pair in scene.find_contacts(end) if pair not in way.tolerate]
+        if blocked:
             job.rejected[name_pair(blocked[0])] += 1
+            if any(scene.is_of_tool_pose(pair) for pair in blocked):
+                break
             continue
         hovers.append(_Hover(way, q, float(np.linalg.norm(q - q_rad))))
     if not reached:

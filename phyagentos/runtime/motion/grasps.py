@@ -1,8 +1,11 @@
 """Ways to take hold of a thing from above with a parallel gripper.
 
 Upstream: the believed pose and solids of the object. Downstream: `approaches`. A box-like thing offers four yaws, which
-close on its faces; a round one eight. Labels count the yaw from the object, so that they survive a nudge of it.
+close on its faces; a round one eight. Labels count the yaw from the object, so that they survive a nudge of it. Where
+nothing upright fits (a thing that leans against a wall), the hand comes down tilted about its closing axis.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +16,7 @@ from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approache
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PlanningScene
-from phyagentos.runtime.motion.poses import point_tool_down
+from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approaches, FindGrasps, NoPlan
 from phyagentos.runtime.motion.shapes import compute_entity_box, is_round
 
@@ -22,6 +25,7 @@ Array = NDArray[np.float64]
 GRASP_DEPTH_M = 0.02  # the palm stays clear of a top this far above the tool centre point
 FINGERTIP_M = 0.016  # the fingertips reach 1 cm below the tool centre point; they must not touch the support
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
+TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
 
 
@@ -33,15 +37,26 @@ def find_grasps(
     ways = compute_grasp_ways(entity, profile, scene.robot.fingers, request.hover_m)
     if not ways:
         return job.fail("TOO_WIDE", f"{entity.name} is wider than the gripper opens ({profile.gripper.max_width_m} m).")
-    wanted = [way for way in ways if way.label not in request.avoid]
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
-    found = find_approaches(
-        wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
-    )
-    if not found:
-        avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
-        return job.fail("NO_IK", f"None of {len(wanted)} ways to grasp {entity.name} works{avoided}.")
-    return Approaches(approaches=tuple(found), timing=job.timing)
+    tried = 0
+    for batch in (ways, *(_tilt(ways, degrees) for degrees in TILTS_DEG)):
+        wanted = [way for way in batch if way.label not in request.avoid]
+        tried += len(wanted)
+        found = find_approaches(
+            wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
+        )
+        if found:
+            return Approaches(approaches=tuple(found), timing=job.timing)
+    avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
+    return job.fail("NO_IK", f"None of {tried} ways to grasp {entity.name} works{avoided}.")
+
+
+def _tilt(ways: list[Way], degrees: int) -> list[Way]:
+    """The same ways with the hand leaning."""
+    return [
+        replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
+        for way in ways
+    ]
 
 
 def compute_grasp_ways(entity: Entity, profile: TargetProfile, fingers: frozenset[str], hover_m: float) -> list[Way]:

@@ -108,6 +108,10 @@ class PlanningScene:
             pairs.add((b, a) if a in self._mocap else (a, b))
         return sorted(pairs)
 
+    def is_of_tool_pose(self, pair: Pair) -> bool:
+        """Whether a contact follows from the tool's pose alone, so that no other posture of the arm would avoid it."""
+        return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and pair[1] in self._mocap
+
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
         """Whether the straight joint motion after `start_rad` is free, at the given resolution; coarse to fine."""
         delta = end_rad - start_rad

@@ -64,6 +64,14 @@ def point_tool_down(yaw_rad: float, position_m: Array) -> Array:
     return T
 
 
+def tilt_tool(T: Array, tilt_rad: float) -> Array:
+    """(4, 4) tool pose turned about its own closing axis (y), its centre point kept."""
+    c, s = np.cos(tilt_rad), np.sin(tilt_rad)
+    out = T.copy()
+    out[:3, :3] = T[:3, :3] @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return out
+
+
 def raise_pose(T: Array, height_m: float) -> Array:
     """The same pose, moved up along the world's z axis."""
     raised = T.copy()

@@ -34,6 +34,7 @@ class RobotModel:
         bodies: Names of the robot's bodies.
         mounting: Names of the base and of the first moving link: they stand on what the robot is mounted on.
         fingers: Names of the bodies that the gripper moves.
+        hand: Names of the bodies that move as one with the tool centre point.
         tool: Name of the body that carries the tool centre point.
     """
 
@@ -45,6 +46,7 @@ class RobotModel:
     bodies: frozenset[str]
     mounting: frozenset[str]
     fingers: frozenset[str]
+    hand: frozenset[str]
     tool: str
 
     @property
@@ -89,6 +91,7 @@ def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
         )
     limits = np.array([joint.range for joint in joints])
     exclude_pairs(spec, find_idle_pairs(model, limits[:, 0], limits[:, 1]))
+    tool = int(model.site_bodyid[model.site(profile.tcp).id])
     first_link = model.body(int(joints[0].bodyid[0])).name
     return RobotModel(
         profile=profile,
@@ -99,7 +102,12 @@ def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
         bodies=frozenset(body.name for body in spec.bodies[1:]),
         mounting=frozenset({first_link, *(body.name for body in spec.worldbody.bodies)}),
         fingers=fingers,
-        tool=spec.site(profile.tcp).parent.name,
+        hand=frozenset(
+            model.body(body).name
+            for body in range(1, model.nbody)
+            if model.body_weldid[body] == model.body_weldid[tool]
+        ),
+        tool=model.body(tool).name,
     )
 
 

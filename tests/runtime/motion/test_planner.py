@@ -54,7 +54,9 @@ def test_three_cubes_find_room_in_one_tray_one_after_the_other(picker, build, ho
 
 
 def test_a_tray_for_two_still_has_room_after_the_first(picker, build, home):
-    world = World((build.tray("narrow", 0.5, 0.25, 0.065, 0.095), build.cube("a", 0.5, -0.1), build.cube("b", 0.4, -0.1)))
+    world = World(
+        (build.tray("narrow", 0.5, 0.25, 0.065, 0.095), build.cube("a", 0.5, -0.1), build.cube("b", 0.4, -0.1))
+    )
     _, world, q = picker.pick_and_place(world, "a", "narrow", home, 1)
     _, world, _ = picker.pick_and_place(world, "b", "narrow", q, 1)
 

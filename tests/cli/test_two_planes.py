@@ -1,0 +1,84 @@
+"""Both planes by hand, in either order, and what Ctrl-C does to a run."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.past import read_ledger
+
+ROOT = Path(__file__).resolve().parents[2]
+GRAPH = ROOT / "examples/01_yaml_skill/goal_graphs/show.yaml"
+LIMIT_S = 300
+
+pytestmark = pytest.mark.journey
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "phyagentos", *map(str, arguments)]
+    return subprocess.Popen(
+        command, cwd=GRAPH.parents[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+@pytest.fixture
+def begin():
+    """Starts commands, and ends at the end of the test what has not ended."""
+    started: list[subprocess.Popen[str]] = []
+
+    def begin(*arguments: object) -> subprocess.Popen[str]:
+        started.append(start(*arguments))
+        return started[-1]
+
+    yield begin
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("first", ["agent", "watch"])
+def test_the_planes_meet_in_the_workspace_in_either_order(begin, tmp_path, first):
+    place = ("--workspace", tmp_path / "w")
+    commands = {"agent": ("agent", GRAPH, *place), "watch": ("watch", *place, "--no-pictures", "--once-idle")}
+    second = "watch" if first == "agent" else "agent"
+    processes = {first: begin(*commands[first])}
+    while not (tmp_path / "w" / "workspace.yaml").exists():
+        assert processes[first].poll() is None, processes[first].communicate()
+    processes[second] = begin(*commands[second])
+    ended = {name: process.communicate(timeout=LIMIT_S) for name, process in processes.items()}
+    assert processes["agent"].returncode == ExitCode.GOAL_MET, ended
+    assert processes["watch"].returncode == ExitCode.GOAL_MET, ended
+    assert "goal show-0: success" in ended["agent"][0]
+
+
+def wait_for(process: subprocess.Popen[str], line: str) -> None:
+    for text in process.stderr:
+        if text.startswith(line):
+            return
+    pytest.fail(f"never said {line!r}")
+
+
+def test_one_interrupt_cancels_every_session_and_leaves_records(begin, tmp_path):
+    process = begin("run", GRAPH, "--workspace", tmp_path / "w", "--no-pictures")
+    wait_for(process, "red: running")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == ExitCode.INTERRUPTED
+    assert "cancelling: the robot is being halted" in err
+    assert "interrupted by the operator" in out
+    ledger = read_ledger(tmp_path / "w")
+    assert [status.state for status in ledger.sessions.values()] == ["cancelled"]
+    assert ledger.goals["show-0"].is_cancelled
+
+
+def test_a_second_interrupt_ends_at_once(begin, tmp_path):
+    process = begin("run", GRAPH, "--workspace", tmp_path / "w", "--no-pictures")
+    wait_for(process, "workspace")
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=LIMIT_S)
+    assert process.returncode == ExitCode.INTERRUPTED

@@ -1,0 +1,156 @@
+"""Whole sessions on contact physics, with real planning: the outcome is read from the simulator, not from the skill."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol import evidence
+from phyagentos.protocol.evidence import read_bundle
+from phyagentos.protocol.faults import FaultFile
+from phyagentos.protocol.sessions import Ended, GoalId, Scene, SessionId
+from phyagentos.runtime.motion.planner import MotionPlanner
+from phyagentos.runtime.motion.process import LocalPlanner
+from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.world import MujocoWorld
+
+pytestmark = [pytest.mark.sim, pytest.mark.motion]
+
+
+@pytest.fixture(scope="module")
+def planner(library):
+    return MotionPlanner.open(library.get_target("panda"))
+
+
+@pytest.fixture
+def build_world(build_bench, library, profile, planner):
+    """A runner on a fresh simulated world, with faults or without."""
+
+    def build(*faults):
+        folder = library.get_target("panda").parent
+        file = FaultFile(version=1, faults=faults)
+        world = MujocoWorld(
+            profile,
+            folder,
+            library,
+            ReceiveLog(None),
+            faults=lambda episode, seed: FaultInjector(draw_schedule(file, episode, seed)),
+        )
+        return build_bench(target=world, planner=LocalPlanner(planner), clock=SystemClock())
+
+    return build
+
+
+@pytest.fixture
+def build(build_session):
+    def build(skill, seed, number=0, **parameters):
+        return build_session(
+            id=SessionId(f"tidy-{seed}.{number}"),
+            goal=GoalId(f"tidy-{seed}"),
+            skill=skill,
+            parameters=parameters,
+            seed=seed,
+            scene=Scene(name="tabletop/cubes_and_trays", seed=seed, episode=f"tidy-{seed}"),
+        )
+
+    return build
+
+
+def load_terminal(folder):
+    """The recorded world after a session, from the bundle's own files and MuJoCo alone."""
+    model = mujoco.MjModel.from_binary_path(str(folder / evidence.SCENE_MODEL))
+    data = mujoco.MjData(model)
+    with np.load(folder / evidence.TERMINAL) as arrays:
+        mujoco.mj_setState(model, data, arrays["state"], mujoco.mjtState.mjSTATE_INTEGRATION)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def is_in_tray(data, cube, tray):
+    dx, dy, dz = data.body(cube).xpos - data.body(tray).xpos
+    return abs(dx) < 0.06 and abs(dy) < 0.09 and 0.0 < dz < 0.05
+
+
+@pytest.mark.parametrize(("seed", "color"), [(2, "red"), (3, "green"), (5, "blue")])
+def test_a_cube_is_picked_and_ends_in_its_tray(build_world, build, seed, color):
+    bench = build_world()
+    session = build("pick_and_place", seed, object=f"{color}_cube", destination=f"{color}_tray")
+    execution = bench.run(session)
+
+    assert execution.ended is Ended.COMPLETED, execution
+    data = load_terminal(bench.workspace / execution.evidence)
+    assert is_in_tray(data, f"{color}_cube", f"{color}_tray")
+    assert execution.outputs["place_site"] == pytest.approx(data.body(f"{color}_cube").xpos, abs=0.003)
+
+
+def test_the_same_seed_gives_the_same_bits(build_world, build):
+    states, traces = [], []
+    for _ in range(2):
+        bench = build_world()
+        execution = bench.run(build("pick_and_place", 4, object="red_cube", destination="red_tray"))
+        folder = bench.workspace / execution.evidence
+        with np.load(folder / evidence.TERMINAL) as arrays:
+            states.append(arrays["state"])
+        traces.append((folder / evidence.TRACE).read_bytes())
+
+    assert np.array_equal(states[0], states[1])
+    assert traces[0] == traces[1]
+
+
+def test_what_one_session_holds_the_next_one_places(build_world, build):
+    bench = build_world()
+    picked = bench.run(build("pick", 6, 0, object="green_cube"))
+    placed = bench.run(build("place", 6, 1, object="green_cube", destination="green_tray"))
+
+    assert (picked.ended, placed.ended) == (Ended.COMPLETED, Ended.COMPLETED), (picked, placed)
+    assert is_in_tray(load_terminal(bench.workspace / placed.evidence), "green_cube", "green_tray")
+
+
+def test_two_cubes_are_stacked(build_world, build):
+    bench = build_world()
+    execution = bench.run(build("stack", 7, object="red_cube", support="blue_cube"))
+
+    data = load_terminal(bench.workspace / execution.evidence)
+    gap = data.body("red_cube").xpos - data.body("blue_cube").xpos
+    assert gap == pytest.approx([0.0, 0.0, 0.04], abs=0.01)
+
+
+def test_a_push_brings_the_cube_to_the_point(build_world, build):
+    bench = build_world()
+    bench.handle.load(build("home", 32).scene)
+    x, y, _ = next(e for e in bench.handle.observe().entities if e.name == "red_cube").pose.position_m
+    execution = bench.run(build("push", 32, object="red_cube", to=[x - 0.06, y - 0.05, 0.0]))
+
+    assert execution.ended is Ended.COMPLETED, execution
+    after = load_terminal(bench.workspace / execution.evidence).body("red_cube").xpos
+    assert after[:2] == pytest.approx([x - 0.06, y - 0.05], abs=0.02)
+
+
+def test_a_cube_that_slips_out_is_a_lost_grasp_and_stays_outside(build_world, build):
+    bench = build_world({"kind": "slip", "object": "red_cube"})
+    session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
+    execution = bench.run(session)
+
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "GRASP_LOST"), execution
+    folder = bench.workspace / execution.evidence
+    assert not is_in_tray(load_terminal(folder), "red_cube", "red_tray")
+    assert b'"slip"' in (folder / evidence.FAULTS).read_bytes().replace(b"'", b'"')
+
+
+def test_a_seized_motor_ends_the_session_as_stalled(build_world, build):
+    bench = build_world({"kind": "stall", "joint": "joint1", "object": "red_cube", "duration_s": 5.0})
+    execution = bench.run(build("pick_and_place", 2, object="red_cube", destination="red_tray"))
+
+    assert (execution.ended, execution.code) == (Ended.STALLED, "STALLED"), execution
+
+
+def test_a_level_transport_keeps_the_vessel_upright(build_world, build):
+    bench = build_world()
+    session = build("carry_level", 31, object="green_cube", destination="green_tray")
+    execution = bench.run(session)
+
+    assert execution.ended is Ended.COMPLETED, execution
+    trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
+    (carried,) = [event for event in trace if event.leaf == "move_level" and event.status == "SUCCESS"]
+    assert carried.numbers["worst_tilt_rad"] <= 0.08 < carried.numbers["unshaped_worst_tilt_rad"]
