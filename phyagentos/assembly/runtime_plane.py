@@ -10,6 +10,7 @@ from phyagentos.assembly.places import FAULTS, open_project
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.journal import Journal
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.runtime_signal import RuntimeSignal
 from phyagentos.protocol.views import Views, read_target_registry
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.watchdog import Watchdog
@@ -31,6 +32,7 @@ def run_watch(root: Path, *, faults: Path | None = None, pictures: bool = True, 
         shutil.copyfile(faults, workspace.root / FAULTS)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
     views = Views(workspace, journal.folder, clock)
+    signals = RuntimeSignal(workspace, clock)
     known = read_target_registry(workspace.target_registry)
 
     with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
@@ -40,6 +42,7 @@ def run_watch(root: Path, *, faults: Path | None = None, pictures: bool = True, 
 
         def publish() -> None:
             views.refresh()
+            signals.refresh()
             goals = views.ledger.goals.values()
             if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
                 watchdog.stop()

@@ -1,7 +1,8 @@
-"""The rendered documents of a workspace: SESSIONS.md, TASK.md and LOG.md, kept in step with the journal.
+"""The rendered documents of the runtime plane: SESSIONS.md and LOG.md, kept in step with the journal.
 
 Upstream: a follower of its own, so it can run in any process and never slows the one that decides. Downstream: people.
-SKILLRUNTIME.md and TARGETS.md are in `registries`, ENVIRONMENT.md in `environment_view`.
+TASK.md is the agent's (`tasks`); SKILLRUNTIME.md and TARGETS.md are in `registries`, ENVIRONMENT.md in
+`environment_view`.
 """
 
 from pathlib import Path
@@ -79,7 +80,6 @@ class Views:
         if is_early or self.ledger.seq == self._published_seq:
             return False
         publish(self._workspace.sessions_document, render_sessions(self.ledger, self._blocks))
-        publish(self._workspace.task, render_tasks(self.ledger))
         publish(self._workspace.log, render_log(self._lines, self.ledger.seq))
         self._published_seq, self._published_at_s = self.ledger.seq, now_s
         return True

@@ -225,7 +225,6 @@ def test_views_follow_the_journal_at_a_readable_rate(tmp_path, run, submit, cloc
 
     assert "## late\n" in workspace.sessions_document.read_text()
     assert "**late** (mission) cancelled: too late" in workspace.log.read_text()
-    assert "## tidy-7\n" in workspace.task.read_text()
     assert views.ledger.sessions["late"].state == "cancelled"
 
 

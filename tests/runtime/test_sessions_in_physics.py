@@ -139,7 +139,7 @@ def test_a_cube_that_slips_out_is_a_lost_grasp_and_stays_outside(build_world, bu
 
 
 def test_a_seized_motor_ends_the_session_as_stalled(build_world, build):
-    bench = build_world({"kind": "stall", "joint": "joint1", "object": "red_cube", "duration_s": 5.0})
+    bench = build_world({"kind": "stall", "joint": "joint2", "object": "red_cube", "duration_s": 5.0})
     execution = bench.run(build("pick_and_place", 2, object="red_cube", destination="red_tray"))
 
     assert (execution.ended, execution.code) == (Ended.STALLED, "STALLED"), execution

@@ -13,7 +13,7 @@ from phyagentos.runtime.targets.wire import Step
 STALL_PERIODS = 5  # 0.1 s beyond the tracking limit: longer than any contact transient seen in free motion
 ARRIVED_RAD = 0.006  # above the tracking error at rest (4 mrad)
 ARRIVE_PERIODS = 25  # 0.5 s to come to rest at the end
-NOT_ARRIVED_RAD = 0.03  # resting contact pushes the arm less than this
+NOT_ARRIVED_RAD = 0.015  # a tool that is this far off is more than a centimetre off; contact at rest pushes less
 START_TOLERANCE_RAD = 0.02  # between the last set-point and the first row of a motion
 
 

@@ -1,0 +1,66 @@
+"""One warm runtime plane for all journeys; each journey is a goal, so a world, of its own."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from phyagentos.agent.mission import Mission
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.journal import Journal
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.workspace import Workspace
+
+HERE = Path(__file__).parent
+
+
+class Plane:
+    """A watched workspace, and the missions run in it."""
+
+    def __init__(self, root: Path, faults: Path | None = None) -> None:
+        self.workspace = Workspace.create(root, Library.open(HERE / "library"))
+        command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
+        command += ["--faults", str(faults)] if faults else []
+        with (self.workspace.logs / "watch.log").open("wb") as log:
+            self.process = subprocess.Popen(command, stdout=log, stderr=log)
+        self.journal = Journal(self.workspace.root, side=Side.AGENT, by="journey", clock=SystemClock())
+        self.mission = Mission(
+            self.workspace,
+            self.journal,
+            clock=SystemClock(),
+            is_runtime_alive=lambda: self.process.poll() is None,
+        )
+
+    def run(self, name: str, graph: str = "goal.yaml", seed: int = 1):
+        return self.mission.run(HERE / graph, seed=seed, goal=name)
+
+    def bundle(self, session: str) -> Path:
+        return self.workspace.evidence_of(session)
+
+    def stop(self) -> None:
+        self.process.terminate()
+        self.process.wait(30)
+        self.journal.close()
+
+
+@pytest.fixture(scope="session")
+def plane(tmp_path_factory):
+    plane = Plane(tmp_path_factory.mktemp("journeys") / "w", HERE / "faults.yaml")
+    yield plane
+    plane.stop()
+
+
+@pytest.fixture
+def make_plane(tmp_path):
+    """Planes of one's own, for what does harm to processes."""
+    planes: list[Plane] = []
+
+    def make(name: str = "w") -> Plane:
+        planes.append(Plane(tmp_path / name))
+        return planes[-1]
+
+    yield make
+    for each in planes:
+        each.stop()

@@ -1,0 +1,19 @@
+"""A leaf that claims success."""
+
+from py_trees.common import Status
+
+from phyagentos.runtime.execution.leaf import Leaf
+
+
+class Pretend(Leaf):
+    """Does nothing, successfully."""
+
+    INPUT_PORTS = {}
+    OUTPUT_PORTS = {}
+
+    def on_running(self) -> Status:
+        return Status.SUCCESS
+
+
+def register(registry) -> None:
+    registry.register("pretend", Pretend)

@@ -1,0 +1,87 @@
+"""A bundle is complete, loads without this package, and repeats itself bit for bit."""
+
+import json
+
+import mujoco
+import numpy as np
+import pytest
+
+from phyagentos.assembly.repetition import rerun_session
+from phyagentos.protocol import evidence
+from phyagentos.runtime.repetition import find_differences
+
+pytestmark = pytest.mark.journey
+
+FILES = (
+    evidence.CONTRACT, evidence.SCENE_MODEL, evidence.SCENE_XML, evidence.INITIAL, evidence.TERMINAL, evidence.BEFORE,
+    evidence.AFTER, evidence.TRACE, evidence.TRAJECTORY, evidence.EVENTS, evidence.HOLDS, evidence.FAULTS,
+    evidence.FINGERPRINT, evidence.EXECUTION,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def calm(plane):
+    report = plane.run("calm-5", seed=5)
+    assert report.verdict == "success", report
+    return plane.bundle("calm-5.red")
+
+
+def test_a_bundle_holds_every_file(calm):
+    assert [name for name in FILES if not (calm / name).exists()] == []
+
+
+def test_mujoco_alone_finds_the_cube_in_the_tray(calm):
+    model = mujoco.MjModel.from_binary_path(str(calm / evidence.SCENE_MODEL))
+    data = mujoco.MjData(model)
+    with np.load(calm / evidence.TERMINAL) as terminal:
+        mujoco.mj_setState(model, data, terminal["state"], int(mujoco.mjtState.mjSTATE_INTEGRATION))
+        assert np.array_equal(data.qpos, terminal["qpos"])
+    mujoco.mj_kinematics(model, data)
+    offset = data.xpos[model.body("red_cube").id] - data.xpos[model.body("red_tray").id]
+    assert np.all(np.abs(offset[:2]) < (0.055, 0.09))
+    assert 0.0 < offset[2] < 0.035
+
+
+def test_commands_and_measurements_agree_within_the_tracking_limit(calm):
+    with np.load(calm / evidence.TRAJECTORY) as trajectory:
+        error = np.abs(trajectory["q_commanded"] - trajectory["q_measured"]).max()
+        assert len(trajectory["time_s"]) > 100
+        assert np.allclose(np.diff(trajectory["time_s"]), 0.02)
+    assert error < 0.25
+
+
+def test_a_session_can_be_repeated_from_its_own_documents(plane, calm):
+    repetition = rerun_session(plane.workspace.root, "calm-5.red")
+
+    assert repetition.differences == ()
+
+
+def test_a_session_with_a_fault_can_be_repeated_too(plane):
+    plane.run("slip-6", seed=6)
+
+    assert rerun_session(plane.workspace.root, "slip-6.red").differences == ()
+
+
+def test_a_repetition_from_another_start_is_told_apart(plane, calm):
+    plane.run("calm-7", seed=7)
+
+    differences = find_differences(calm, plane.bundle("calm-7.red"))
+
+    assert any(text.startswith("terminal.npz: qpos differs") for text in differences)
+
+
+def test_the_receive_log_shows_silence_after_the_end_and_no_state_write(plane, calm):
+    log = plane.workspace.logs / "receive-panda.jsonl"
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    ended: set[tuple[str, int]] = set()
+    commands = 0
+    for before, line in zip([{}, *lines], lines, strict=False):
+        claim = (line.get("session", ""), line.get("epoch", 0))
+        if line["kind"] == "End":
+            ended.add(claim)
+        if line["kind"] in {"Command", "Halt", "Settle"} and line.get("accepted", True):
+            assert claim not in ended, line
+            commands += 1
+        if line["kind"] == "state_write":
+            assert before.get("session", "") == "" or before["kind"] == "End", (before, line)
+    assert commands > 100

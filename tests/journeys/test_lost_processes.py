@@ -1,0 +1,40 @@
+"""Processes that die: nothing is lost, nothing is repeated, every session reaches an end."""
+
+import os
+import signal
+import threading
+
+import pytest
+
+from phyagentos.protocol.heartbeats import find_heartbeat
+
+pytestmark = pytest.mark.journey
+
+
+def kill_worker_when(plane, phase: str) -> threading.Thread:
+    """Kill -9 the worker as soon as its heartbeat shows the phase."""
+
+    def hunt() -> None:
+        done = threading.Event()
+        while not done.wait(0.01):
+            beat = find_heartbeat(plane.workspace.heartbeats, "panda")
+            if beat is not None and beat.phase == phase and beat.tick > 30:
+                os.kill(beat.pid, signal.SIGKILL)
+                return
+
+    thread = threading.Thread(target=hunt, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(make_plane):
+    plane = make_plane()
+    hunter = kill_worker_when(plane, "executing")
+
+    report = plane.run("killed-1")
+    hunter.join(1.0)
+
+    assert not hunter.is_alive()
+    assert report.sessions[0].ended == "runner_lost", report
+    assert report.sessions[0].state == "replanned"
+    assert report.verdict == "success"

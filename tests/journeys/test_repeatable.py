@@ -1,0 +1,17 @@
+"""Lockstep: the same seed gives the same states, verdicts and bits."""
+
+import pytest
+
+from phyagentos.runtime.repetition import find_differences
+
+pytestmark = pytest.mark.journey
+
+
+def test_two_runs_with_one_seed_are_identical(make_plane):
+    first, second = make_plane("first"), make_plane("second")
+    reports = [plane.run("twin-11", seed=11) for plane in (first, second)]
+
+    assert [each.state for each in reports[0].sessions] == [each.state for each in reports[1].sessions]
+    assert reports[0].criteria == reports[1].criteria
+    for session in reports[0].sessions:
+        assert find_differences(first.bundle(session.id), second.bundle(session.id)) == []
