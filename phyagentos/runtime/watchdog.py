@@ -182,7 +182,7 @@ class Watchdog:
             session, epoch, reason = post.lost
             post.session, post.epoch = session, epoch
             self._begin(post, Phase.RECONCILING)
-            order = Reconcile(session=session, epoch=epoch, evidence=f"evidence/{session.id}", reason=reason)
+            order = Reconcile(session=session, epoch=epoch + 1, evidence=f"evidence/{session.id}", reason=reason)
             post.worker.send(order)
 
     def _on_checked(self, post: Post, answer: Checked) -> None:

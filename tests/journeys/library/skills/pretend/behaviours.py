@@ -11,7 +11,7 @@ class Pretend(Leaf):
     INPUT_PORTS = {}
     OUTPUT_PORTS = {}
 
-    def on_running(self) -> Status:
+    def on_start(self) -> Status:
         return Status.SUCCESS
 
 
