@@ -48,17 +48,17 @@ class Preflight:
         return [*self._find_missing_abilities(session, skill), *_find_parameter_problems(session, skill)]
 
     def _find_missing_abilities(self, session: Session, skill: SkillRuntime) -> Iterator[Problem]:
-        offers = {
-            "observations": (skill.needs.observations, self.profile.observations),
-            "actions": (skill.needs.actions, self.profile.actions),
-            "capabilities": (skill.needs.capabilities, self.profile.capabilities),
-        }
-        for name, (needed, offered) in offers.items():
+        needs, profile = skill.needs, self.profile
+        offers = (
+            ("OBSERVATION", "observations", needs.observations, profile.observations),
+            ("ACTION", "actions", needs.actions, profile.actions),
+            ("CAPABILITY", "capabilities", needs.capabilities, profile.capabilities),
+        )
+        for code, name, needed, offered in offers:
             for need in needed:
                 if need not in offered:
-                    yield _problem(
-                        session, f"{name[:-1].upper()}_UNAVAILABLE", f"skill.needs.{name}", need, format_names(offered)
-                    )
+                    address = f"skill.needs.{name}"
+                    yield _problem(session, f"{code}_UNAVAILABLE", address, need, format_names(offered))
 
     def find_target_problems(self, session: Session, live: Description) -> list[Problem]:
         """Where the live target differs from what TARGETS.md says of it."""

@@ -16,7 +16,7 @@ import msgspec
 from phyagentos.clock import Clock
 from phyagentos.protocol.journal import Entry, Journal
 from phyagentos.protocol.ledger import Ledger
-from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState
 from phyagentos.protocol.mailbox import Signal, take_signals
 from phyagentos.protocol.sessions import Ended, Session, SessionId
 from phyagentos.protocol.watch import Watch
@@ -26,6 +26,8 @@ from phyagentos.runtime.heartbeat import HeartbeatMonitor
 from phyagentos.runtime.workers import Worker
 
 POLL_S = 0.5  # limits and heartbeats are looked at this often when nothing happens
+STARTS = 3  # a worker that dies this often before it is ready is not started again
+TRIES = 5  # at a record that another writer makes out of date
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
 _HELD = frozenset({SessionState.CLAIMED, SessionState.PREFLIGHT, SessionState.RUNNING, SessionState.HALTING})
 
@@ -38,6 +40,7 @@ class Phase(StrEnum):
     CHECKING = "checking"
     RUNNING = "running"
     RECONCILING = "reconciling"
+    BROKEN = "broken"
 
 
 @dataclass(slots=True)
@@ -56,6 +59,7 @@ class Post:
     epoch: int = 0
     since_s: float = 0.0
     stop_by_s: float | None = None
+    failed_starts: int = 0
     lost: tuple[Session, int, str] | None = None
 
 
@@ -109,7 +113,8 @@ class Watchdog:
         self._is_stopping = True
 
     def _wait(self, watch: Watch) -> None:
-        posts = {post.worker.connection.fileno(): post for post in self._posts.values()}
+        alive = [post for post in self._posts.values() if post.phase is not Phase.BROKEN]
+        posts = {post.worker.connection.fileno(): post for post in alive}
         for ready in wait([watch.fileno(), *posts], timeout=POLL_S):
             if ready == watch.fileno():
                 watch.drain()
@@ -124,6 +129,15 @@ class Watchdog:
     def _commit(self, session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> None:
         self._journal.commit([Entry(id=session, ev=trigger, body=dict(body) or None, epoch=epoch)])
         self._follow()
+
+    def _try_commit(self, session: SessionId, trigger: str, **body: object) -> bool:
+        """Record it, unless somebody else was faster; then the next turn of the loop decides anew."""
+        try:
+            self._commit(session, trigger, **body)
+        except IllegalTransition:
+            self._follow()
+            return False
+        return True
 
     def _state(self, session: SessionId) -> SessionState:
         return SessionState(self._ledger.sessions[session].state)
@@ -146,9 +160,13 @@ class Watchdog:
             if post is None:
                 for session in pending:
                     self._reject(session, "TARGET_UNKNOWN", f"no target {target!r} in TARGETS.md")
+            elif post.phase is Phase.BROKEN:
+                for session in pending:
+                    self._reject(session, "TARGET_UNAVAILABLE", f"its worker does not start; see logs/*-{target}.log")
             elif post.phase is Phase.IDLE and post.lost is None:
                 session = max(pending, key=lambda candidate: candidate.priority)
-                self._commit(session.id, "claim")
+                if not self._try_commit(session.id, "claim"):
+                    continue
                 post.session, post.epoch = session, self._ledger.sessions[session.id].epoch
                 self._begin(post, Phase.CHECKING)
                 post.worker.send(Check(session=session, epoch=post.epoch))
@@ -167,6 +185,16 @@ class Watchdog:
         post.monitor.restart()
 
     def _hear(self, post: Post, answer: FromWorker | None) -> None:
+        """Act on an answer; again, when another writer changed the session between looking and recording."""
+        for _ in range(TRIES):
+            try:
+                return self._act_on(post, answer)
+            except IllegalTransition as error:
+                refused = error
+                self._follow()
+        raise refused
+
+    def _act_on(self, post: Post, answer: FromWorker | None) -> None:
         if answer is None:
             self._lose(post, "the worker process ended")
         elif isinstance(answer, Ready):
@@ -177,6 +205,7 @@ class Watchdog:
             self._on_finished(post, answer)
 
     def _on_ready(self, post: Post) -> None:
+        post.failed_starts = 0
         self._begin(post, Phase.IDLE)
         if post.lost is not None:
             session, epoch, reason = post.lost
@@ -235,7 +264,7 @@ class Watchdog:
         self._begin(post, Phase.IDLE)
 
     def _reject(self, session: Session, code: str, message: str) -> None:
-        self._commit(session.id, "reject", reason=f"{code}: {message}")
+        self._try_commit(session.id, "reject", reason=f"{code}: {message}")
 
     def _lose(self, post: Post, reason: str) -> None:
         """The worker is gone or silent: record it, replace it, look at the world before anything else."""
@@ -245,6 +274,10 @@ class Watchdog:
                 self._commit(session.id, "lose", post.epoch, reason=reason)
             post.lost = (session, post.epoch, reason)
         post.session = None
+        post.failed_starts += post.phase is Phase.STARTING
+        if post.failed_starts >= STARTS:
+            self._begin(post, Phase.BROKEN)
+            return
         post.worker.restart()
         self._begin(post, Phase.STARTING)
 
@@ -280,9 +313,9 @@ class Watchdog:
                 continue
             reason = signal.reason or f"asked for by {signal.by}"
             if state in {SessionState.PENDING, SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING}:
-                self._commit(session.id, "cancel", reason=reason)
+                self._try_commit(session.id, "cancel", reason=reason)
             elif state in _HELD:
-                self._commit(session.id, "request_cancel", reason=reason)
+                self._try_commit(session.id, "request_cancel", reason=reason)
 
     def _dismiss(self) -> None:
         for post in self._posts.values():

@@ -1,0 +1,254 @@
+"""The watchdog with workers that are scripted and a journal that is real."""
+
+import threading
+from multiprocessing import Pipe
+
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.errors import Problem
+from phyagentos.protocol.journal import Entry, Journal
+from phyagentos.protocol.ledger import Ledger
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.mailbox import Signal, drop_signal
+from phyagentos.protocol.sessions import Ended, Execution, Limits, Scene, Session
+from phyagentos.protocol.workspace import Workspace
+from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.dispatch import Check, Checked, Finished, Ready, Reconcile, Run, Stop, send
+from phyagentos.runtime.watchdog import Watchdog
+
+PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="t", observation_path=(), action_path=())
+TOOLS = TargetToolManifest(expose=())
+PATIENCE_S = 20.0
+
+
+class ScriptedWorker:
+    """Answers at once, as told: `on_check`, `on_run` map an order to an answer, or to None for silence."""
+
+    def __init__(self, *, starts=True, on_check=None, on_run=None) -> None:
+        self.orders: list[object] = []
+        self.restarts = 0
+        self._starts = starts
+        self._on_check = on_check or (lambda order: Checked(session=order.session.id, plan=PLAN, tools=TOOLS))
+        self._on_run = on_run or finish(Ended.COMPLETED)
+        self._open()
+
+    def _open(self) -> None:
+        self.connection, self._theirs = Pipe()
+        if self._starts:
+            send(self._theirs, Ready())
+        else:
+            self._theirs.close()
+
+    def send(self, order) -> None:
+        self.orders.append(order)
+        answers = {Check: self._on_check, Run: self._on_run, Reconcile: finish(Ended.RUNNER_LOST)}
+        answer = answers.get(type(order), self._on_stop)(order)
+        if answer == "die":
+            self._theirs.close()
+        elif answer is not None:
+            send(self._theirs, answer)
+
+    def _on_stop(self, order: Stop):
+        return Finished(session=order.session, execution=Execution(ended=Ended(order.reason), evidence=""))
+
+    def receive(self):
+        from phyagentos.runtime.dispatch import receive_answer
+
+        try:
+            return receive_answer(self.connection)
+        except (EOFError, OSError):
+            return None
+
+    def restart(self) -> None:
+        self.restarts += 1
+        self.connection.close()
+        self._open()
+
+    def stop(self) -> None:
+        self.connection.close()
+
+
+def finish(ended: Ended):
+    return lambda order: Finished(session=order.session.id, execution=Execution(ended=ended, evidence="evidence/x"))
+
+
+def make_session(id: str = "g.a", target: str = "panda", priority: int = 0, **limits) -> Session:
+    return Session(
+        id=id, goal="g", node="a", objective="o", skill="s", target=target, parameters={}, accept=(),
+        scene=Scene(name="s", seed=0, episode="e"), seed=0, limits=Limits(**limits), priority=priority,
+    )  # fmt: skip
+
+
+class Stand:
+    """A workspace, an agent's journal, and a watchdog in a thread."""
+
+    def __init__(self, root) -> None:
+        self.workspace = Workspace.create(root, Library(()))
+        self.agent = Journal(root, side=Side.AGENT, by="test", clock=SystemClock())
+        self.ledger = Ledger()
+        self.records: list = []
+
+    def watch(self, worker) -> None:
+        journal = Journal(self.workspace.root, side=Side.RUNTIME, by="watchdog", clock=SystemClock())
+        self.watchdog = Watchdog(
+            workspace=self.workspace,
+            journal=journal,
+            hire=lambda target: worker if target == "panda" else None,
+            clock=SystemClock(),
+            publish=lambda: None,
+        )
+        self.thread = threading.Thread(target=self.watchdog.run, daemon=True)
+        self.thread.start()
+
+    def submit(self, *sessions: Session) -> None:
+        self.agent.commit([Entry(session.id, "submit", session) for session in sessions])
+
+    def wait_for(self, id: str, *states: str) -> str:
+        """Follow until a session reaches one of the states."""
+        pause, waited_s = threading.Event(), 0.0
+        while waited_s < PATIENCE_S:
+            for record in self.agent.read_new():
+                self.ledger.apply(record)
+                self.records.append(record)
+            if id in self.ledger.sessions and self.ledger.sessions[id].state in states:
+                return self.ledger.sessions[id].state
+            pause.wait(0.01)
+            waited_s += 0.01
+        raise AssertionError(f"{id} is {self.ledger.sessions[id].state}, never became {states}")
+
+    def events(self, id: str) -> list[str]:
+        return [record.ev for record in self.records if record.id == id]
+
+    def close(self) -> None:
+        self.watchdog.stop()
+        self.thread.join(PATIENCE_S)
+        self.agent.close()
+
+
+@pytest.fixture
+def stand(tmp_path):
+    stand = Stand(tmp_path / "w")
+    yield stand
+    stand.close()
+
+
+def test_a_session_is_claimed_checked_run_and_left_for_the_verifier(stand):
+    stand.watch(worker := ScriptedWorker())
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
+    assert [type(order) for order in worker.orders] == [Check, Run]
+    assert stand.ledger.sessions["g.a"].execution.ended is Ended.COMPLETED
+
+
+def test_a_session_that_fails_preflight_is_rejected_with_every_problem_and_never_run(stand):
+    problems = (Problem(code="A", address="x", found="1"), Problem(code="B", address="y", found="2"))
+    refuse = lambda order: Checked(session=order.session.id, plan=None, tools=None, problems=problems)  # noqa: E731
+    stand.watch(worker := ScriptedWorker(on_check=refuse))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "rejected")
+
+    assert stand.ledger.sessions["g.a"].reason == "x: A: found 1; y: B: found 2"
+    assert [type(order) for order in worker.orders] == [Check]
+
+
+def test_a_session_for_an_unknown_target_is_rejected(stand):
+    stand.watch(ScriptedWorker())
+    stand.submit(make_session(target="arm2"))
+
+    stand.wait_for("g.a", "rejected")
+
+    assert "TARGET_UNKNOWN" in stand.ledger.sessions["g.a"].reason
+
+
+def test_sessions_of_one_target_run_in_turn_the_urgent_one_first(stand):
+    stand.submit(make_session("g.a"), make_session("g.b", priority=5), make_session("g.c"))
+    stand.watch(worker := ScriptedWorker())
+
+    for id in ("g.a", "g.b", "g.c"):
+        stand.wait_for(id, "awaiting_verification")
+
+    assert [order.session.id for order in worker.orders if isinstance(order, Run)] == ["g.b", "g.a", "g.c"]
+
+
+def test_a_worker_that_dies_is_replaced_and_its_session_observed_not_repeated(stand):
+    deaths = iter(["die"])
+    stand.watch(worker := ScriptedWorker(on_run=lambda order: next(deaths, None) or finish(Ended.COMPLETED)(order)))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert [type(order) for order in worker.orders] == [Check, Run, Reconcile]
+    assert worker.orders[-1].epoch > worker.orders[0].epoch
+    assert stand.ledger.sessions["g.a"].execution.ended is Ended.RUNNER_LOST
+
+
+def test_a_worker_that_stays_silent_is_lost(stand):
+    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
+    stand.submit(make_session(heartbeat_s=0.1))
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert "lose" in stand.events("g.a")
+    assert worker.restarts == 1
+
+
+def test_a_session_that_takes_too_long_is_stopped_and_says_so(stand):
+    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
+    stand.submit(make_session(wall_timeout_s=0.1))
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert isinstance(worker.orders[-1], Stop)
+    assert stand.ledger.sessions["g.a"].execution.ended is Ended.TIMED_OUT
+
+
+def test_a_worker_that_never_starts_is_given_up_and_the_session_rejected(stand):
+    stand.watch(ScriptedWorker(starts=False))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "rejected")
+
+    assert "TARGET_UNAVAILABLE" in stand.ledger.sessions["g.a"].reason
+
+
+def test_a_signal_cancels_what_runs_and_what_waits(stand):
+    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
+    stand.submit(make_session("g.a"), make_session("g.b"))
+    stand.wait_for("g.a", "running")
+
+    drop_signal(stand.workspace.signals, Signal(kind="cancel", session="*", by="test"), SystemClock())
+
+    assert stand.wait_for("g.a", "cancelled") == "cancelled"
+    assert stand.wait_for("g.b", "cancelled") == "cancelled"
+    assert [type(order) for order in worker.orders] == [Check, Run, Stop]
+
+
+def test_a_cancellation_by_the_agent_reaches_the_worker(stand):
+    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
+    stand.submit(make_session())
+    stand.wait_for("g.a", "running")
+
+    stand.agent.commit([Entry("g.a", "request_cancel", {"reason": "enough"})])
+
+    stand.wait_for("g.a", "cancelled")
+    assert isinstance(worker.orders[-1], Stop)
+
+
+def test_a_new_watchdog_observes_what_an_earlier_one_held(stand):
+    earlier = Journal(stand.workspace.root, side=Side.RUNTIME, by="earlier", clock=SystemClock())
+    stand.submit(make_session())
+    earlier.commit([Entry("g.a", "claim"), Entry("g.a", "start")])
+    earlier.close()
+
+    stand.watch(worker := ScriptedWorker())
+
+    stand.wait_for("g.a", "awaiting_verification")
+    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert [type(order) for order in worker.orders] == [Reconcile]
