@@ -127,13 +127,14 @@ class Watchdog:
             self._ledger.apply(record)
 
     def _commit(self, session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> None:
-        self._journal.commit([Entry(id=session, ev=trigger, body=dict(body) or None, epoch=epoch)])
+        facts = {name: value for name, value in body.items() if value != ""}
+        self._journal.commit([Entry(id=session, ev=trigger, body=facts or None, epoch=epoch)])
         self._follow()
 
-    def _try_commit(self, session: SessionId, trigger: str, **body: object) -> bool:
+    def _try_commit(self, session: SessionId, trigger: str, reason: str = "") -> bool:
         """Record it, unless somebody else was faster; then the next turn of the loop decides anew."""
         try:
-            self._commit(session, trigger, **body)
+            self._commit(session, trigger, reason=reason)
         except IllegalTransition:
             self._follow()
             return False
