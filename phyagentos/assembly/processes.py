@@ -9,13 +9,13 @@ import sys
 from collections.abc import Sequence
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from phyagentos.assembly.places import FAULTS, STRIKES
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.channel import Link
 from phyagentos.protocol.settings import get_target_limits, read_safety
 from phyagentos.protocol.views import read_skill_registry, read_target_registry
 from phyagentos.protocol.workspace import Workspace
@@ -88,7 +88,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         pictures=pictures,
     )
     WorkerLoop(
-        control=Connection(control),
+        control=Link(Connection(control)),
         handle=handle,
         preflight=Preflight(skills=read_skill_registry(workspace.skill_registry), profile=profile),
         runner=runner,
@@ -101,7 +101,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     planner.close()
 
 
-def connect_to_world(socket: str, clock: Clock) -> "Connection[Any, Any]":
+def connect_to_world(socket: str, clock: Clock) -> Link:
     """The connection to a world process that may still be starting.
 
     Raises:
@@ -110,7 +110,7 @@ def connect_to_world(socket: str, clock: Clock) -> "Connection[Any, Any]":
     deadline_s = clock.now_s() + WORLD_START_S
     while True:
         try:
-            return Client(socket, "AF_UNIX")
+            return Link(Client(socket, "AF_UNIX"))
         except (FileNotFoundError, ConnectionRefusedError) as error:
             if clock.now_s() > deadline_s:
                 raise ExecutionError("TARGET_LOST", f"no world listens at {socket}") from error

@@ -1,11 +1,9 @@
 """What the watchdog asks of a worker process, and what it hears back. One session at a time."""
 
-from multiprocessing.connection import Connection
-from typing import Any
-
 import msgspec
 
 from phyagentos.errors import Problem
+from phyagentos.protocol.channel import Channel
 from phyagentos.protocol.sessions import Execution, Session
 from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
 
@@ -82,16 +80,16 @@ _TO_WORKER: msgspec.msgpack.Decoder[ToWorker] = msgspec.msgpack.Decoder(ToWorker
 _FROM_WORKER: msgspec.msgpack.Decoder[FromWorker] = msgspec.msgpack.Decoder(FromWorker)
 
 
-def send(connection: "Connection[Any, Any]", message: ToWorker | FromWorker) -> None:
+def send(connection: Channel, message: ToWorker | FromWorker) -> None:
     """Send one message."""
     connection.send_bytes(_ENCODER.encode(message))
 
 
-def receive_order(connection: "Connection[Any, Any]") -> ToWorker:
+def receive_order(connection: Channel) -> ToWorker:
     """Wait for the watchdog; raises EOFError when it is gone."""
     return _TO_WORKER.decode(connection.recv_bytes())
 
 
-def receive_answer(connection: "Connection[Any, Any]") -> FromWorker:
+def receive_answer(connection: Channel) -> FromWorker:
     """Wait for the worker; raises EOFError when it is gone."""
     return _FROM_WORKER.decode(connection.recv_bytes())

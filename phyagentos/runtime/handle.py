@@ -4,13 +4,13 @@ Upstream: `runner` and whatever perceives. Downstream: the world process, over `
 authority (session, epoch, sequence number, expiry) and lets no command out that the guard has not seen.
 """
 
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.channel import Channel
 from phyagentos.protocol.sessions import Scene
 from phyagentos.protocol.settings import TargetLimits
 from phyagentos.runtime.actions.guard import SafetyGuard, Violation
@@ -22,22 +22,6 @@ REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds; a world that is s
 LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
 
 ReplyT = TypeVar("ReplyT", bound=wire.Reply)
-
-
-class Wire(Protocol):
-    """What the handle needs of a connection; `multiprocessing.connection.Connection` has it."""
-
-    def send_bytes(self, message: bytes, /) -> None:
-        """Send one message."""
-        ...
-
-    def recv_bytes(self) -> bytes:
-        """Receive one message."""
-        ...
-
-    def poll(self, timeout: float, /) -> bool:
-        """Whether a message is there within `timeout` [s]."""
-        ...
 
 
 class CommandRefused(ExecutionError):
@@ -65,8 +49,8 @@ class TargetSessionHandle:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
     """
 
-    def __init__(self, connection: "Connection[Any, Any] | Wire", limits: TargetLimits) -> None:
-        self._connection: Any = connection
+    def __init__(self, connection: Channel, limits: TargetLimits) -> None:
+        self._connection = connection
         self._limits = limits
         self._description: wire.Description | None = None
         self._guard: SafetyGuard | None = None

@@ -5,13 +5,13 @@ that is slow to start (planner, target, leaves) is started once and kept warm.
 """
 
 import contextlib
-from multiprocessing.connection import Connection
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.channel import Channel
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.sessions import Ended, Execution, Scene
 from phyagentos.protocol.views import publish, render_environment
@@ -45,7 +45,7 @@ class WorkerLoop:
     def __init__(
         self,
         *,
-        control: "Connection[Any, Any]",
+        control: Channel,
         handle: TargetSessionHandle,
         preflight: Preflight,
         runner: SessionRunner,

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from phyagentos.clock import Clock, SystemClock
+from phyagentos.protocol.channel import Link
 from phyagentos.protocol.spaces import decode_array, encode_array
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
 
@@ -176,7 +177,7 @@ class PlannerProcess:
         command += ["--profile", str(self._profile_file), "--descriptor", str(theirs.fileno())]
         self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
         theirs.close()
-        self._connection: Connection[Any, Any] = Connection(ours.detach())
+        self._connection = Link(Connection(ours.detach()))
 
     def _replace(self) -> int:
         """Kill what is left of the process and start another; the exit code of the old one."""

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-
 import msgspec
 import numpy as np
 
@@ -88,7 +87,7 @@ def read_strikes(records: Sequence[FaultStruck]) -> Schedule:
 class FaultInjector:
     """The faults of one episode at work."""
 
-    def __init__(self, schedule: Schedule = Schedule()) -> None:  # noqa: B008 - frozen
+    def __init__(self, schedule: Schedule = Schedule()) -> None:
         self._waiting = list(schedule.faults)
         self._recorded = list(schedule.strikes)
         self._rng = np.random.default_rng(schedule.seed)

@@ -1,7 +1,7 @@
 """One episode's physics: the compiled model, its state, stepping and looking.
 
-Upstream: `world`. Looking never touches the state that is stepped: what is seen is computed in a second MjData, so a run
-with more eyes has the same bits. Parameters of contact and integration: physics findings of this project, section 4.
+Upstream: `world`. Looking never touches the state that is stepped: what is seen is computed in a second MjData, so that
+a run with more eyes has the same bits.
 """
 
 import hashlib
@@ -152,11 +152,12 @@ class Physics:
         rotation = self.seen.site_xmat[self._tcp]
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, rotation)
+        w, x, y, z = quaternion.tolist()
         return TargetState(
             q_rad=tuple(self.q_rad.tolist()),
             qd_rad_s=tuple(self.qd_rad_s.tolist()),
             gripper_width_m=self.gripper_width_m,
-            tcp=Pose(tuple(self.seen.site_xpos[self._tcp].tolist()), tuple(quaternion.tolist())),
+            tcp=Pose(tuple(self.seen.site_xpos[self._tcp].tolist()), (w, x, y, z)),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
         )
 

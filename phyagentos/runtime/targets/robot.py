@@ -124,17 +124,13 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
 
 def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
     arm, gripper = profile.arm, profile.gripper
-    for joint, kp, kv, torque in zip(
-        arm.joints, arm.stiffness_nm_rad, arm.damping_nms_rad, arm.torque_nm, strict=True
-    ):
+    for joint, kp, kv, torque in zip(arm.joints, arm.stiffness_nm_rad, arm.damping_nms_rad, arm.torque_nm, strict=True):
         servo = spec.add_actuator(name=name_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=kp, kv=kv)
         servo.forcelimited, servo.forcerange = True, (-torque, torque)
     tendon = spec.add_tendon(name=GRIPPER_TENDON)
     for joint in gripper.joints:
         tendon.wrap_joint(joint, 1.0)
-    servo = spec.add_actuator(
-        name=GRIPPER_ACTUATOR, target=GRIPPER_TENDON, trntype=mujoco.mjtTrn.mjTRN_TENDON
-    )
+    servo = spec.add_actuator(name=GRIPPER_ACTUATOR, target=GRIPPER_TENDON, trntype=mujoco.mjtTrn.mjTRN_TENDON)
     servo.set_to_position(kp=gripper.stiffness_n_m, kv=gripper.damping_ns_m)
     servo.forcelimited, servo.forcerange = True, (-gripper.force_n, gripper.force_n)

@@ -5,6 +5,7 @@ order of the file, so a seed gives the same scene on every machine.
 """
 
 from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ def _draw_position(
     rng: np.random.Generator,
     taken: dict[str, list[NDArray[np.float64]]],
 ) -> NDArray[np.float64]:
-    base = np.array(place.position_m) + rng.uniform(-1.0, 1.0, 3) * np.array(place.jitter_m)
+    base: NDArray[np.float64] = np.array(place.position_m) + rng.uniform(-1.0, 1.0, 3) * np.array(place.jitter_m)
     if place.area is None:
         return base
     area = spec.areas[place.area]
@@ -146,9 +147,7 @@ def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec) -> None:
             name=name, pos=light.position_m, dir=light.direction, diffuse=light.diffuse, castshadow=light.shadow
         )
     for name, camera in spec.cameras.items():
-        robot.worldbody.add_camera(
-            name=name, pos=camera.position_m, fovy=camera.fovy_deg, xyaxes=_look_at(camera)
-        )
+        robot.worldbody.add_camera(name=name, pos=camera.position_m, fovy=camera.fovy_deg, xyaxes=_look_at(camera))
 
 
 def _add_material(robot: mujoco.MjSpec, name: str, material: Material) -> None:

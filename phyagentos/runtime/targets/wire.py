@@ -3,7 +3,6 @@
 A request is answered by exactly one reply. Arrays travel as float64, C order, with their shape.
 """
 
-from multiprocessing.connection import Connection
 from typing import Any
 
 import msgspec
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.channel import Channel
 from phyagentos.protocol.environment import Entity, Region, TargetState
 from phyagentos.protocol.spaces import decode_array, encode_array
 
@@ -223,17 +223,17 @@ _REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, d
 _REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
 
 
-def send(connection: "Connection[Any, Any]", message: Request | Reply) -> None:
+def send(connection: Channel, message: Request | Reply) -> None:
     """Send one message."""
     connection.send_bytes(_ENCODER.encode(message))
 
 
-def receive_request(connection: "Connection[Any, Any]") -> Request:
+def receive_request(connection: Channel) -> Request:
     """Wait for the next request; raises EOFError when the other side is gone."""
     return _REQUESTS.decode(connection.recv_bytes())
 
 
-def receive_reply(connection: "Connection[Any, Any]", timeout_s: float) -> Reply:
+def receive_reply(connection: Channel, timeout_s: float) -> Reply:
     """Wait for the reply.
 
     Raises:

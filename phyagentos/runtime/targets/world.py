@@ -146,7 +146,9 @@ class MujocoWorld:
 
     def _load(self, request: LoadScene) -> Reply:
         if self._authority.session:
-            return Refused("NO_AUTHORITY", f"{self._authority.session} has authority; a scene is loaded between sessions")
+            return Refused(
+                "NO_AUTHORITY", f"{self._authority.session} has authority; scenes are loaded between sessions"
+            )
         scene = (request.scene, request.seed)
         if request.episode == self._episode and self._physics is not None and request.state is None:
             if scene != self._scene:
@@ -277,7 +279,6 @@ class MujocoWorld:
     def _note(self, request: Request, reply: Reply) -> None:
         if isinstance(request, Observe | Describe | Render | SaveModel | Shutdown):
             return
-        is_refused = isinstance(reply, Refused)
         self._log.note(
             Reception(
                 time_s=self._now_s(),
@@ -286,7 +287,7 @@ class MujocoWorld:
                 session=getattr(request, "session", ""),
                 epoch=getattr(request, "epoch", 0),
                 sequence=getattr(request, "sequence", 0),
-                accepted=not is_refused,
-                code=reply.code if is_refused else "",
+                accepted=not isinstance(reply, Refused),
+                code=reply.code if isinstance(reply, Refused) else "",
             )
         )
