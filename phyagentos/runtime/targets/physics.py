@@ -46,7 +46,7 @@ class Physics:
         joints = [model.joint(name) for name in profile.arm.joints]
         self.q_address = np.array([int(joint.qposadr[0]) for joint in joints])
         self.v_address = np.array([int(joint.dofadr[0]) for joint in joints])
-        self.q_range = np.array([joint.range for joint in joints])  # (n_joints, 2)
+        self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
         self._servos = np.array([model.actuator(name_actuator(name)).id for name in profile.arm.joints])
         self._gripper = model.actuator(GRIPPER_ACTUATOR).id
         self._fingers = np.array([int(model.joint(name).qposadr[0]) for name in profile.gripper.joints])
@@ -118,10 +118,16 @@ class Physics:
         mujoco.mj_getState(self.model, self.data, state, _STATE)
         return state
 
+    def compute_controls(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: Array) -> Array:
+        """(n, n_servos) servo inputs for n physics steps; damping leads by kv/kp so that the servo does not lag."""
+        controls = np.empty((len(q_rad), self.model.nu))
+        controls[:, self._servos] = q_rad + self._lead_s * qd_rad_s
+        controls[:, self._gripper] = gripper_width_m
+        return controls
+
     def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
-        """Set-points of the next physics step; damping leads by kv/kp so that the servo does not lag."""
-        self.data.ctrl[self._servos] = q_rad + self._lead_s * qd_rad_s
-        self.data.ctrl[self._gripper] = gripper_width_m
+        """Servo inputs of the coming physics steps."""
+        self.data.ctrl[:] = self.compute_controls(q_rad[None], qd_rad_s[None], np.array([gripper_width_m]))[0]
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` physics steps."""
@@ -140,8 +146,9 @@ class Physics:
     def find_touching(self) -> dict[str, int]:
         """Entities that touch a pad, with the number of pads (after `look`)."""
         touched: dict[str, set[int]] = {}
-        for first, second in self.seen.contact.geom[: self.seen.ncon].tolist():
-            for pad, other in ((first, second), (second, first)):
+        geoms = self.seen.contact.geom[: self.seen.ncon]
+        for pair in geoms[np.isin(geoms, self._pads).any(axis=1)].tolist():
+            for pad, other in (pair, pair[::-1]):
                 entity = self._bodies.get(int(self.model.geom_bodyid[other]))
                 if pad in self._pads and entity is not None:
                     touched.setdefault(entity.name, set()).add(pad)

@@ -201,7 +201,7 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
             pos=solid.position_m,
             quat=_euler_to_quaternion(solid.euler_rad),
             mass=item.body.mass_kg * volume / sum(volumes),
-            condim=4,
+            condim=3,  # the pads of a gripper have priority and torsional friction of their own
             friction=item.body.friction,
         )
         if material := solid.material or item.body.material:

@@ -45,6 +45,7 @@ from phyagentos.runtime.targets.wire import (
 )
 
 SPEED_TOLERANCE = 1.5  # a set-point may run ahead of the velocity limit by this factor, not more
+ROUNDING = 1e-6  # limits are closed intervals
 HALT_MAX_S = 2.0  # longest deceleration to a hold
 REST_RAD_S = 0.01  # every joint slower than this is at rest
 
@@ -76,6 +77,7 @@ class MujocoWorld:
         self._physics: Physics | None = None
         self._scene: tuple[str, int] = ("", 0)
         self._held: Array = np.array(profile.arm.home_rad)
+        self._jump_max_rad = SPEED_TOLERANCE * np.array(profile.arm.velocity_rad_s) * profile.physics_step_s
         self._width_m = profile.gripper.max_width_m
         self._struck: list[FaultStruck] = []
 
@@ -182,8 +184,9 @@ class MujocoWorld:
         refused = self._find_malformation(command, physics) or self._authority.admit(command, physics.time_s)
         if refused is not None:
             return refused
-        for q, qd, width in zip(command.q_rad, command.qd_rad_s, command.gripper_width_m, strict=True):
-            physics.set_servos(q, qd, float(width))
+        controls = physics.data.ctrl
+        for row in physics.compute_controls(command.q_rad, command.qd_rad_s, command.gripper_width_m):
+            controls[:] = row
             self._step(physics)
         self._held, self._width_m = command.q_rad[-1], float(command.gripper_width_m[-1])
         return self._report(physics)
@@ -191,20 +194,19 @@ class MujocoWorld:
     def _find_malformation(self, command: Command, physics: Physics) -> Refused | None:
         """The target's own limits; they hold whatever stands upstream."""
         steps, n = count_steps(self._profile), len(self._profile.arm.joints)
-        arrays = (command.q_rad, command.qd_rad_s, command.gripper_width_m)
-        if [array.shape for array in arrays] != [(steps, n), (steps, n), (steps,)]:
-            return Refused("MALFORMED", f"shapes {[array.shape for array in arrays]}, expected {steps} rows of {n}")
-        if not all(np.isfinite(array).all() for array in arrays):
+        q, qd, width = command.q_rad, command.qd_rad_s, command.gripper_width_m
+        if (q.shape, qd.shape, width.shape) != ((steps, n), (steps, n), (steps,)):
+            return Refused("MALFORMED", f"shapes {q.shape}, {qd.shape}, {width.shape}; expected {steps} rows of {n}")
+        if not np.isfinite(q.sum() + qd.sum() + width.sum()):  # NaN and infinity survive a sum
             return Refused("MALFORMED", "a set-point is not finite")
-        low, high = physics.q_range[:, 0] - 1e-6, physics.q_range[:, 1] + 1e-6
-        if (command.q_rad < low).any() or (command.q_rad > high).any():
+        low, high = physics.q_range
+        if (q < low).any() or (q > high).any():
             return Refused("TARGET_LIMIT", "a set-point leaves the range of its joint")
-        jump = np.abs(np.diff(np.vstack([self._held, command.q_rad]), axis=0)) / self._profile.physics_step_s
-        if (jump > SPEED_TOLERANCE * np.array(self._profile.arm.velocity_rad_s)).any():
-            return Refused("TARGET_LIMIT", f"set-points jump: up to {jump.max():.2f} rad/s from row to row")
-        width_max_m = self._profile.gripper.max_width_m + 1e-6
-        if command.gripper_width_m.min() < -1e-6 or command.gripper_width_m.max() > width_max_m:
-            return Refused("TARGET_LIMIT", f"opening outside 0..{width_max_m:.3f} m")
+        rows = np.vstack((self._held, q))
+        if (np.abs(rows[1:] - rows[:-1]) > self._jump_max_rad).any():
+            return Refused("TARGET_LIMIT", "set-points jump faster than the joints can follow")
+        if width.min() < -ROUNDING or width.max() > self._profile.gripper.max_width_m + ROUNDING:
+            return Refused("TARGET_LIMIT", f"opening outside 0..{self._profile.gripper.max_width_m} m")
         return None
 
     def _halt(self) -> Step:
@@ -214,7 +216,7 @@ class MujocoWorld:
         q, qd = physics.q_rad, physics.qd_rad_s
         for _ in range(round(HALT_MAX_S / dt)):
             qd = np.sign(qd) * np.maximum(np.abs(qd) - brake, 0.0)
-            q = np.clip(q + qd * dt, physics.q_range[:, 0], physics.q_range[:, 1])
+            q = np.clip(q + qd * dt, *physics.q_range)
             physics.set_servos(q, qd, self._width_m)
             self._step(physics)
             if not qd.any() and np.abs(physics.qd_rad_s).max() < REST_RAD_S:
@@ -235,7 +237,7 @@ class MujocoWorld:
 
     def _hold(self, q_rad: Array) -> None:
         physics = self._get_physics()
-        self._held = np.clip(q_rad, physics.q_range[:, 0], physics.q_range[:, 1])
+        self._held = np.clip(q_rad, *physics.q_range)
         self._width_m = float(np.clip(physics.gripper_width_m, 0.0, self._profile.gripper.max_width_m))
 
     def _report(self, physics: Physics) -> Step:

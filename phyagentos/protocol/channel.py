@@ -1,0 +1,54 @@
+"""Whole messages between two processes of a plane: the port, and a connection that is cheap to ask.
+
+`poll` of the standard library builds a selector at every call; a worker asks several times in every control period, so
+`Link` keeps one.
+"""
+
+import select
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+
+class Channel(Protocol):
+    """One end; `multiprocessing.connection.Connection` has it too."""
+
+    def send_bytes(self, message: bytes, /) -> None:
+        """Send one message."""
+        ...
+
+    def recv_bytes(self) -> bytes:
+        """Receive one message; raises EOFError when the other side is gone."""
+        ...
+
+    def poll(self, timeout_s: float = 0.0, /) -> bool:
+        """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it."""
+        ...
+
+
+class Link:
+    """A `Channel` over a connection."""
+
+    def __init__(self, connection: "Connection[Any, Any]") -> None:
+        self._connection = connection
+        self._poller = select.poll()
+        self._poller.register(connection.fileno(), select.POLLIN)
+
+    def send_bytes(self, message: bytes, /) -> None:
+        """Send one message."""
+        self._connection.send_bytes(message)
+
+    def recv_bytes(self) -> bytes:
+        """Receive one message; raises EOFError when the other side is gone."""
+        return self._connection.recv_bytes()
+
+    def poll(self, timeout_s: float = 0.0, /) -> bool:
+        """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
+        return bool(self._poller.poll(timeout_s * 1e3))
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._connection.close()
