@@ -20,6 +20,7 @@ from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, build_robot, name
 from phyagentos.runtime.targets.scene import add_scene, draw_bodies, read_regions
 
 Array = NDArray[np.float64]
+RIGID = 0.9999  # constraint impedance of what must not give way
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
@@ -57,6 +58,7 @@ class Physics:
         self._movable = {entity.name for entity in self.entities if entity.movable}
         self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
         self._joint_friction = np.array(model.dof_frictionloss)
+        self._joint_impedance = np.array(model.dof_solimp[:, :2])
         self.model_sha256 = hashlib.sha256(self._read_model_bytes()).hexdigest()
 
     def _build_spec(self, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> mujoco.MjSpec:
@@ -248,7 +250,9 @@ class Physics:
     def set_joint_friction(self, joint: str, torque_nm: float | None) -> None:
         """Dry friction of a joint [Nm]; None for what the model says."""
         dof = int(self.model.joint(joint).dofadr[0])
-        self.model.dof_frictionloss[dof] = self._joint_friction[dof] if torque_nm is None else torque_nm
+        own = torque_nm is None
+        self.model.dof_frictionloss[dof] = self._joint_friction[dof] if own else torque_nm
+        self.model.dof_solimp[dof, :2] = self._joint_impedance[dof] if own else RIGID  # a soft friction would creep
 
     def save(self, folder: Path) -> None:
         """Write `scene.mjb` and `scene.xml`."""

@@ -1,0 +1,88 @@
+"""Every scene that ships builds, settles and is the same for the same seed; every robot is what its profile says."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.scenes import read_scene
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.robot import build_robot, name_actuator, read_profile
+from phyagentos.runtime.targets.scene import draw_bodies
+
+pytestmark = pytest.mark.sim
+
+LIBRARY = Library.open()
+SCENES = LIBRARY.names_of_scenes()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_scene_settles_with_everything_where_it_was_put(make_rig, scene, seed):
+    rig = make_rig()
+    assert isinstance(rig.load(seed=seed, scene=scene), wire.Loaded)
+    spec = read_scene(LIBRARY.get_scene(scene))
+    starts = {item.name: np.array(item.position_m) for item in draw_bodies(spec, seed)}
+    for entity in rig.observe().entities:
+        assert np.linalg.norm(np.array(entity.pose.position_m) - starts[entity.name]) < 0.02, entity.name
+        assert entity.speed_m_s < 0.05, entity.name
+    physics = rig.world._physics
+    assert physics.data.contact.dist[: physics.data.ncon].min(initial=0.0) > -0.002
+    robot = {physics.model.body(name).id for name in ("link1", "link4", "link7", "hand", "left_finger")}
+    touched = physics.model.geom_bodyid[physics.data.contact.geom[: physics.data.ncon]]
+    assert not robot & set(touched.ravel().tolist())
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_seed_makes_the_scene(make_rig, scene):
+    rigs = [make_rig() for _ in range(3)]
+    hashes = [rig.load(seed=seed, scene=scene).model_sha256 for rig, seed in zip(rigs, (5, 5, 6), strict=True)]
+    assert hashes[0] == hashes[1]
+    assert hashes[0] != hashes[2]
+
+
+@pytest.mark.parametrize("target", LIBRARY.names_of_targets())
+def test_a_robot_is_what_its_profile_says(target):
+    profile, folder = read_profile(LIBRARY.get_target(target))
+    model = build_robot(profile, folder).compile()
+    for index, joint in enumerate(profile.arm.joints):
+        servo = model.actuator(name_actuator(joint))
+        assert servo.gainprm[0] == profile.arm.stiffness_nm_rad[index]
+        assert tuple(servo.forcerange) == (-profile.arm.torque_nm[index], profile.arm.torque_nm[index])
+        low, high = model.joint(joint).range
+        assert low <= profile.arm.home_rad[index] <= high
+    data = mujoco.MjData(model)
+    data.qpos[: len(profile.arm.joints)] = profile.arm.home_rad
+    mujoco.mj_forward(model, data)
+    approach = data.site(profile.tcp).xmat.reshape(3, 3)[:, 2]
+    assert approach[2] < -0.99
+
+
+SCENE_TEXT = """scene: tabletop/test
+materials: {wood: {}}
+bodies:
+  table: {kind: table, fixed: true, material: wod, shapes: [{kind: box, size_m: [1, 1]}]}
+  cube: {kind: cube, plaec: {}, shapes: [{kind: box, size_m: [0.02, 0.02, 0.02]}]}
+cameras: {}
+"""
+
+
+def test_a_broken_scene_is_told_with_line_and_nearest_name(tmp_path):
+    path = tmp_path / "scenes" / "tabletop" / "test.yaml"
+    path.parent.mkdir(parents=True)
+    path.write_text(SCENE_TEXT)
+    with pytest.raises(DefinitionError, match=r"test.yaml:5:\d+: UNKNOWN_KEY: found 'plaec'") as caught:
+        read_scene(path)
+    assert "Did you mean 'place'?" in str(caught.value)
+    assert "test.yaml:4" in str(caught.value)
+    path.write_text(SCENE_TEXT.replace("plaec", "place").replace("[1, 1]", "[1, 1, 1]"))
+    with pytest.raises(DefinitionError, match=r"test.yaml:4:\d+: UNKNOWN_MATERIAL: found 'wod'; expected wood"):
+        read_scene(path)
+
+
+def test_an_overfull_area_is_told(tmp_path, make_rig):
+    spec = read_scene(LIBRARY.get_scene("tabletop/cubes_and_trays"))
+    area = spec.areas["start"].model_copy(update={"x_m": (0.4, 0.41), "y_m": (0.0, 0.01)})
+    with pytest.raises(Exception, match=r"SCENE_OVERFULL: .*no room for 'green_cube' in area 'start'"):
+        draw_bodies(spec.model_copy(update={"areas": {"start": area}}), 1)

@@ -1,0 +1,182 @@
+"""The simulated target: who may command it, what it refuses, and that looking changes nothing."""
+
+import json
+
+import numpy as np
+import pytest
+
+from phyagentos.runtime.targets import wire
+
+pytestmark = pytest.mark.sim
+
+HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+
+
+def test_the_live_description_agrees_with_the_profile(rig):
+    live = rig.world.handle(wire.Describe())
+    assert live.n_joints == len(rig.profile.arm.joints)
+    assert live.steps_per_command * live.physics_step_s == pytest.approx(rig.profile.control_period_s)
+    assert "overview" in live.cameras
+    assert live.mode == "lockstep"
+
+
+def test_the_arm_stands_at_home_without_contact_and_holds_its_posture(rig):
+    step = rig.hold(0.08, 0.5)
+    assert np.abs(np.array(step.target.q_rad) - HOME).max() < 1e-3
+    assert step.touching == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"session": "other"}, "NO_AUTHORITY"),
+        ({"epoch": 2}, "STALE_TOKEN"),
+        ({"sequence": 2}, "OUT_OF_SEQUENCE"),
+        ({"sequence": 0}, "OUT_OF_SEQUENCE"),
+        ({"expires_at_s": 0.0}, "EXPIRED"),
+        ({"q_rad": np.zeros((9, 7))}, "MALFORMED"),
+        ({"gripper_width_m": np.zeros(3)}, "MALFORMED"),
+        ({"q_rad": np.full((10, 7), np.nan)}, "MALFORMED"),
+        ({"qd_rad_s": np.full((10, 7), np.inf)}, "MALFORMED"),
+        ({"q_rad": np.tile(HOME + 3.0, (10, 1))}, "TARGET_LIMIT"),
+        ({"q_rad": np.tile(HOME + 0.1, (10, 1))}, "TARGET_LIMIT"),
+        ({"gripper_width_m": np.full(10, 0.2)}, "TARGET_LIMIT"),
+    ],
+)
+def test_what_is_refused_moves_nothing(rig, changes, code):
+    before = rig.observe().state
+    reply = rig.world.handle(rig.make_command(HOME, **changes))
+    assert isinstance(reply, wire.Refused)
+    assert reply.code == code
+    assert rig.observe().state.tobytes() == before.tobytes()
+
+
+def test_no_command_is_accepted_after_the_end_of_its_session(rig):
+    rig.hold(0.08, 0.1)
+    rig.world.handle(wire.End(session="s", epoch=1))
+    assert rig.world.handle(rig.make_command(HOME)).code == "NO_AUTHORITY"
+    assert rig.begin(epoch=1).code == "STALE_TOKEN"
+    assert isinstance(rig.begin(epoch=2), wire.Ack)
+
+
+def test_a_second_session_waits_for_the_end_of_the_first(rig):
+    reply = rig.world.handle(wire.Begin(session="t", epoch=1))
+    assert reply.code == "NO_AUTHORITY"
+    assert "s has authority" in reply.message
+
+
+def test_a_client_that_goes_away_loses_its_authority(rig):
+    rig.world.withdraw()
+    assert rig.world.handle(rig.make_command(HOME)).code == "NO_AUTHORITY"
+
+
+def test_a_scene_is_not_loaded_under_a_session(rig):
+    assert rig.load(seed=2, episode="f").code == "NO_AUTHORITY"
+
+
+def test_an_episode_is_one_world(make_rig):
+    rig = make_rig()
+    first = rig.load(seed=1)
+    assert rig.load(seed=1) == first
+    assert rig.load(seed=2).code == "EPISODE_CONFLICT"
+
+
+def test_nothing_can_be_done_without_a_scene(make_rig):
+    rig = make_rig()
+    assert rig.observe().code == "NO_SCENE"
+    assert rig.begin().code == "NO_SCENE"
+
+
+def test_an_unknown_scene_is_refused_with_the_nearest_name(make_rig):
+    reply = make_rig().load(scene="tabletop/cubes_and_tray")
+    assert reply.code == "UNKNOWN_SCENE"
+    assert "Did you mean 'tabletop/cubes_and_trays'?" in reply.message
+
+
+def test_looking_and_rendering_do_not_change_a_bit(make_rig):
+    states = []
+    for looks in (False, True):
+        rig = make_rig()
+        rig.load()
+        rig.begin()
+        goal = rig.reach((0.5, 0.0, 0.3))
+        for k in range(20):
+            rig.send(rig.make_command(HOME + (goal - HOME) * 0.002 * k))
+            if looks:
+                rig.observe()
+                rig.world.handle(wire.Render(camera="overview", width=64, height=48))
+        states.append(rig.observe().state.tobytes())
+    assert states[0] == states[1]
+
+
+def test_a_restored_world_goes_on_bit_for_bit(make_rig):
+    rig = make_rig()
+    rig.load()
+    rig.begin()
+    rig.grasp("red_cube")
+    middle = rig.observe().state
+    held = np.array(rig.world._held)
+    commands = [rig.make_command(held + 0.001 * k, width=0.0, sequence=k + 1) for k in range(30)]
+    rig.world.handle(wire.End(session="s", epoch=1))
+    rig.begin("t")
+    for command in commands:
+        rig.send(rig.make_command(command.q_rad, width=0.0))
+    first = rig.observe().state
+
+    other = make_rig()
+    other.load(state=middle)
+    other.begin("t")
+    for command in commands:
+        other.send(other.make_command(command.q_rad, width=0.0))
+    assert other.observe().state.tobytes() == first.tobytes()
+
+
+def test_a_halt_decelerates_and_holds(rig):
+    goal = rig.reach((0.55, 0.1, 0.3))
+    s = np.linspace(0, 1, 500)[:, None]
+    rows = HOME + (10 * s**3 - 15 * s**4 + 6 * s**5) * (goal - HOME)
+    for k in range(25):
+        rig.send(rig.make_command(rows[10 * k : 10 * k + 10]))
+    assert np.abs(rig.observe().target.qd_rad_s).max() > 0.1
+    step = rig.world.handle(wire.Halt(session="s", epoch=1))
+    assert np.abs(step.target.qd_rad_s).max() < 0.02
+    later = rig.world.handle(wire.Settle(session="s", epoch=1, duration_s=0.3))
+    assert np.abs(np.array(later.target.q_rad) - step.target.q_rad).max() < 0.005
+
+
+def test_a_grasp_is_seen_by_both_pads(rig):
+    step = rig.grasp("red_cube")
+    assert step.target.holding == ("red_cube",)
+    assert rig.entity("red_cube").held_by == "panda"
+    assert rig.entity("red_cube").pose.position_m[2] > 0.15
+    assert rig.entity("green_cube").held_by is None
+
+
+def test_the_receive_log_tells_every_request_that_could_move_and_every_state_write(make_rig, tmp_path):
+    rig = make_rig(log=tmp_path / "log.jsonl")
+    rig.load()
+    rig.begin()
+    rig.hold(0.08, 0.1)
+    rig.world.handle(rig.make_command(HOME, epoch=7))
+    rig.world.handle(wire.End(session="s", epoch=1))
+    rig.world.close()
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    kinds = [line["kind"] for line in lines]
+    assert kinds == ["state_write", "LoadScene", "Begin", *["Command"] * 6, "End"]
+    assert [line.get("accepted", True) for line in lines if line["kind"] == "Command"] == [True] * 5 + [False]
+    assert lines[-2]["code"] == "STALE_TOKEN"
+
+
+def test_a_picture_is_a_png_or_a_reason(rig):
+    picture = rig.world.handle(wire.Render(camera="overview", width=160, height=120))
+    assert picture.png.startswith(b"\x89PNG") or picture.reason
+    assert "no camera 'nowhere'" in rig.world.handle(wire.Render(camera="nowhere")).reason
+
+
+def test_the_model_is_saved_for_mujoco_alone(rig, tmp_path):
+    import mujoco
+
+    rig.world.handle(wire.SaveModel(folder=str(tmp_path)))
+    model = mujoco.MjModel.from_binary_path(str(tmp_path / "scene.mjb"))
+    assert model.body("red_cube").id > 0
+    assert "red_tray" in (tmp_path / "scene.xml").read_text()
