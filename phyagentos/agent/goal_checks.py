@@ -5,7 +5,6 @@ reading of a file reports all that is wrong with it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, TypeGuard
 
 import networkx as nx
 
@@ -17,16 +16,7 @@ from phyagentos.errors import DefinitionError, Problem, format_hint, format_name
 from phyagentos.protocol.predicate_library import Kind
 from phyagentos.protocol.predicates import parse_predicate, substitute
 from phyagentos.protocol.schema import Located
-from phyagentos.protocol.skill_runtimes import Parameter, SkillRuntime
-
-_NUMERIC: dict[str, tuple[type, ...]] = {
-    "number": (int, float),
-    "integer": (int,),
-    "boolean": (bool,),
-    "string": (str,),
-    "entity": (str,),
-    "place": (str,),
-}
+from phyagentos.protocol.skill_runtimes import SkillRuntime, find_mismatch
 
 
 def check_spec(spec: GoalSpec, nodes: Mapping[str, Node], located: Located, catalogue: Catalogue) -> Iterator[Problem]:
@@ -154,30 +144,6 @@ def _check_arguments(
             yield located.problem("INVALID_PARAMETER", path, repr(value), expected, parameter.description)
         elif parameter.type in {"entity", "place"} and names is not None and value not in names:
             yield _unknown(located, "UNKNOWN_ENTITY", path, str(value), names)
-
-
-def find_mismatch(parameter: Parameter, value: Any) -> str:
-    """What the value of a parameter should have been; empty when it fits."""
-    if parameter.type == "point":
-        fits = isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
-        return "" if fits else "three numbers [m] in the world frame"
-    if parameter.type in {"number", "integer"} and not _is_number(value):
-        return parameter.type
-    if not isinstance(value, _NUMERIC[parameter.type]):
-        return "a name" if parameter.type in {"entity", "place"} else parameter.type
-    if parameter.choices and value not in parameter.choices:
-        return " or ".join(map(repr, parameter.choices))
-    if not _is_number(value):
-        return ""
-    if parameter.minimum is not None and value < parameter.minimum:
-        return f"at least {parameter.minimum} {parameter.unit}".rstrip()
-    if parameter.maximum is not None and value > parameter.maximum:
-        return f"at most {parameter.maximum} {parameter.unit}".rstrip()
-    return ""
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _check_data_edges(

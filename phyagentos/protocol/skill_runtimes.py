@@ -4,13 +4,22 @@ A skill declares what it needs, what it promises and which tree carries it out; 
 """
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.document import split_front_matter
 from phyagentos.protocol.schema import Authored, Located, parse_yaml, validate
+
+_NUMERIC: dict[str, tuple[type, ...]] = {
+    "number": (int, float),
+    "integer": (int,),
+    "boolean": (bool,),
+    "string": (str,),
+    "entity": (str,),
+    "place": (str,),
+}
 
 ParameterType = Literal["entity", "place", "point", "number", "integer", "string", "boolean"]
 
@@ -92,3 +101,27 @@ def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:
         expected=format_names(known),
         hint=format_hint(name, known),
     )
+
+
+def find_mismatch(parameter: Parameter, value: Any) -> str:
+    """What the value of a parameter should have been; empty when it fits."""
+    if parameter.type == "point":
+        fits = isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
+        return "" if fits else "three numbers [m] in the world frame"
+    if parameter.type in {"number", "integer"} and not _is_number(value):
+        return parameter.type
+    if not isinstance(value, _NUMERIC[parameter.type]):
+        return "a name" if parameter.type in {"entity", "place"} else parameter.type
+    if parameter.choices and value not in parameter.choices:
+        return " or ".join(map(repr, parameter.choices))
+    if not _is_number(value):
+        return ""
+    if parameter.minimum is not None and value < parameter.minimum:
+        return f"at least {parameter.minimum} {parameter.unit}".rstrip()
+    if parameter.maximum is not None and value > parameter.maximum:
+        return f"at most {parameter.maximum} {parameter.unit}".rstrip()
+    return ""
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)

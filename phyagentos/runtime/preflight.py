@@ -13,13 +13,11 @@ from phyagentos.errors import DefinitionError, Problem, format_hint, format_name
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.predicates import View, parse_predicate
 from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.skill_runtimes import Parameter, SkillRuntime, problem_unknown_skill
+from phyagentos.protocol.skill_runtimes import SkillRuntime, find_mismatch, problem_unknown_skill
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.protocol.verdicts import Truth
 from phyagentos.runtime.adapter_plan import EXPOSED_TOOLS, AdapterPlan, TargetToolManifest
 from phyagentos.runtime.targets.wire import Description
-
-_NUMERIC = {"number": (int, float), "integer": (int,), "boolean": (bool,), "string": (str,)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,28 +125,8 @@ def _find_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[
         if value is None:
             if not parameter.optional and parameter.default is None:
                 yield _problem(session, "PARAMETER_MISSING", f"parameters.{name}", "nothing", parameter.type)
-        elif reason := _find_mismatch(parameter, value):
+        elif reason := find_mismatch(parameter, value):
             yield _problem(session, "PARAMETER_INVALID", f"parameters.{name}", str(value), reason)
-
-
-def _find_mismatch(parameter: Parameter, value: Any) -> str:
-    """What the value should have been; empty when it fits."""
-    if parameter.type == "point":
-        is_point = isinstance(value, list | tuple) and len(value) == 3
-        return "" if is_point and all(isinstance(x, int | float) for x in value) else "three numbers [m]"
-    if parameter.type in {"entity", "place"}:
-        return "" if isinstance(value, str) else "the name of an entity"
-    if not isinstance(value, _NUMERIC[parameter.type]) or (isinstance(value, bool) and parameter.type != "boolean"):
-        return parameter.type
-    if parameter.choices and value not in parameter.choices:
-        return format_names(parameter.choices)
-    if isinstance(value, str):
-        return ""
-    if parameter.minimum is not None and value < parameter.minimum:
-        return f">= {parameter.minimum} {parameter.unit}".strip()
-    if parameter.maximum is not None and value > parameter.maximum:
-        return f"<= {parameter.maximum} {parameter.unit}".strip()
-    return ""
 
 
 def _find_name_problems(session: Session, skill: SkillRuntime, now: Environment) -> Iterator[Problem]:

@@ -79,13 +79,13 @@ def test_a_sound_contract_has_no_problem_and_gets_a_plan():
         ({"skill": "pikc"}, "UNKNOWN_SKILL", "Did you mean 'pick'?"),
         ({"parameters": {}}, "PARAMETER_MISSING", "parameters.object"),
         ({"parameters": {"object": "cube", "sped": 1}}, "PARAMETER_UNKNOWN", "Did you mean 'speed'?"),
-        ({"parameters": {"object": 3}}, "PARAMETER_INVALID", "the name of an entity"),
+        ({"parameters": {"object": 3}}, "PARAMETER_INVALID", "a name"),
         ({"parameters": {"object": "cube", "speed": "fast"}}, "PARAMETER_INVALID", "number"),
-        ({"parameters": {"object": "cube", "speed": 2.0}}, "PARAMETER_INVALID", "<= 1.0 m/s"),
-        ({"parameters": {"object": "cube", "speed": -1.0}}, "PARAMETER_INVALID", ">= 0.0 m/s"),
+        ({"parameters": {"object": "cube", "speed": 2.0}}, "PARAMETER_INVALID", "at most 1.0 m/s"),
+        ({"parameters": {"object": "cube", "speed": -1.0}}, "PARAMETER_INVALID", "at least 0.0 m/s"),
         ({"parameters": {"object": "cube", "speed": True}}, "PARAMETER_INVALID", "number"),
         ({"parameters": {"object": "cube", "site": [1, 2]}}, "PARAMETER_INVALID", "three numbers"),
-        ({"parameters": {"object": "cube", "style": "below"}}, "PARAMETER_INVALID", "side, top"),
+        ({"parameters": {"object": "cube", "style": "below"}}, "PARAMETER_INVALID", "'top' or 'side'"),
     ],
 )
 def test_a_broken_contract_is_told_with_what_would_have_been_possible(changes, code, text):

@@ -1,7 +1,7 @@
 """Pictures of a world, in software where there is no screen.
 
-Upstream: `world`. MuJoCo chooses its graphics by MUJOCO_GL when it is imported. A machine without graphics gets an empty
-picture with the reason, never an error: a picture is evidence for people, not for verdicts.
+Upstream: `world`. MuJoCo chooses its graphics by MUJOCO_GL when it is imported. A machine without graphics gets an
+empty picture with the reason, never an error: a picture is evidence for people, not for verdicts.
 """
 
 import io
