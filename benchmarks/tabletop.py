@@ -28,8 +28,8 @@ from phyagentos.assembly.places import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
 from phyagentos.bench.suite import Episode, run_suite
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.journal import Journal
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[1]

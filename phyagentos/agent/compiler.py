@@ -14,8 +14,8 @@ from phyagentos.agent.goal_graph import GoalGraph
 from phyagentos.agent.goal_spec import REFERENCE
 from phyagentos.agent.selector import ANY
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.predicate_syntax import format_value
-from phyagentos.protocol.predicates import parse_predicate, substitute
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.seeds import compute_seed
 from phyagentos.protocol.sessions import GoalId, Limits, Scene, Session, SessionId
 

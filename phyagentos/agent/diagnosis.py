@@ -12,7 +12,7 @@ from enum import StrEnum
 from phyagentos.agent.judges import evaluate_criterion
 from phyagentos.protocol.environment import Entity, Environment
 from phyagentos.protocol.evidence import Bundle, TraceEvent
-from phyagentos.protocol.predicates import iter_entities, parse_predicate
+from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.sessions import Ended
 from phyagentos.protocol.verdicts import Criterion, Truth
 

@@ -13,8 +13,8 @@ from phyagentos.agent.goal_expansion import DataEdge, Node, Path
 from phyagentos.agent.goal_spec import REFERENCE, GoalSpec, Promise
 from phyagentos.agent.selector import ANY, Choice, select
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.predicate_library import Kind
-from phyagentos.protocol.predicates import parse_predicate, substitute
+from phyagentos.protocol.predicates.library import Kind
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.schema import Located
 from phyagentos.protocol.skill_runtimes import SkillRuntime, find_mismatch
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from phyagentos.agent.goal_spec import REFERENCE, GoalSpec, NodeSpec, Promise
 from phyagentos.errors import Problem, format_hint, format_names
-from phyagentos.protocol.predicate_syntax import format_value
+from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.schema import Located
 
 Path = tuple[str | int, ...]

@@ -16,7 +16,7 @@ from phyagentos.agent.selector import ANY
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import AFTER, Bundle, read_bundle
-from phyagentos.protocol.predicates import parse_predicate
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.sessions import SessionStatus
 from phyagentos.protocol.verdicts import Criterion, Truth, Verdict
 

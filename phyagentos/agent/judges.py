@@ -10,7 +10,7 @@ from typing import Protocol
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import AFTER, HOLDS, Bundle
-from phyagentos.protocol.predicates import View, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.verdicts import Criterion, Truth
 
 

@@ -21,15 +21,15 @@ from phyagentos.agent.progress import GoalRun
 from phyagentos.agent.verifier import SessionVerifier
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
-from phyagentos.protocol.admission import Entry, Fenced, GoalEvent, IllegalEvent
-from phyagentos.protocol.journal import Journal
-from phyagentos.protocol.ledger import GoalStatus, Ledger
 from phyagentos.protocol.lifecycle import IllegalTransition, SessionState
+from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.schema import read_yaml
 from phyagentos.protocol.sessions import GoalId
-from phyagentos.protocol.tasks import render_tasks
-from phyagentos.protocol.views import publish
-from phyagentos.protocol.watch import Watch
+from phyagentos.protocol.store.admission import Entry, Fenced, GoalEvent, IllegalEvent
+from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.store.ledger import GoalStatus, Ledger
+from phyagentos.protocol.store.watch import Watch
+from phyagentos.protocol.views.tasks import render_tasks
 from phyagentos.protocol.workspace import Workspace
 
 WAIT_S = 0.2  # longest time before a request to cancel is noticed

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import msgspec
 
-from phyagentos.protocol.ledger import GoalStatus, Ledger
 from phyagentos.protocol.lifecycle import SessionState
 from phyagentos.protocol.sessions import GoalId, SessionId, SessionStatus
+from phyagentos.protocol.store.ledger import GoalStatus, Ledger
 from phyagentos.protocol.verdicts import Criterion, Verdict
 
 CANCELLED = "cancelled"

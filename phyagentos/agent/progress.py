@@ -17,11 +17,11 @@ from phyagentos.agent.goal_judgement import Evidence, judge_goal
 from phyagentos.agent.replanner import find_lost_preconditions, find_undone, revise
 from phyagentos.agent.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.admission import Entry, GoalEvent
 from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.ledger import GoalStatus, Ledger, NodeState
 from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions import GoalId, Session, SessionId, SessionStatus
+from phyagentos.protocol.store.admission import Entry, GoalEvent
+from phyagentos.protocol.store.ledger import GoalStatus, Ledger, NodeState
 from phyagentos.protocol.verdicts import Attempt, Verdict
 
 _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}

@@ -11,7 +11,7 @@ from phyagentos.agent.compiler import Revision
 from phyagentos.agent.diagnosis import Cause, find_object
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.predicates import Predicate, View, iter_entities, parse_predicate
+from phyagentos.protocol.predicates.predicate import Predicate, View, iter_entities, parse_predicate
 from phyagentos.protocol.sessions import Session
 from phyagentos.protocol.verdicts import Attempt, Truth
 

@@ -12,7 +12,8 @@ from typing import Any
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.goal_spec import Promise
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.predicate_syntax import (
+from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Compare,
@@ -26,7 +27,6 @@ from phyagentos.protocol.predicate_syntax import (
     format_value,
     iter_calls,
 )
-from phyagentos.protocol.predicates import Predicate, parse_predicate, substitute
 from phyagentos.protocol.skill_runtimes import SkillRuntime
 from phyagentos.protocol.targets import TargetProfile
 

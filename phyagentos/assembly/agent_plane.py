@@ -9,8 +9,8 @@ from phyagentos.agent.mission import Mission
 from phyagentos.agent.mission_report import MissionReport
 from phyagentos.assembly.places import find_project, open_project
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.journal import Journal
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Journal
 
 
 def run_agent(root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str] | None = None) -> MissionReport:

@@ -16,8 +16,8 @@ from phyagentos.assembly.places import FAULTS, STRIKES
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.channel import Link
+from phyagentos.protocol.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.settings import get_target_limits, read_safety
-from phyagentos.protocol.views import read_skill_registry, read_target_registry
 from phyagentos.protocol.workspace import Workspace
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once

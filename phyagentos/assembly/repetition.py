@@ -9,10 +9,10 @@ from phyagentos.assembly.places import STRIKES
 from phyagentos.assembly.runtime_plane import hire_worker
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol import evidence
-from phyagentos.protocol.follower import Follower
-from phyagentos.protocol.journal import choose_lane
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.sessions import Execution, SessionId, SessionStatus
+from phyagentos.protocol.store.follower import Follower
+from phyagentos.protocol.store.journal import choose_lane
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Run, ToWorker
 from phyagentos.runtime.repetition import find_differences

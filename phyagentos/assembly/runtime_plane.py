@@ -8,10 +8,11 @@ from types import FrameType
 
 from phyagentos.assembly.places import FAULTS, open_project
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.journal import Journal
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.runtime_signal import RuntimeSignal
-from phyagentos.protocol.views import Views, read_target_registry
+from phyagentos.protocol.registries import read_target_registry
+from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.views.renderer import Views
+from phyagentos.protocol.views.runtime_signal import RuntimeSignal
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.watchdog import Watchdog
 from phyagentos.runtime.workers import Worker

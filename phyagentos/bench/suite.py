@@ -11,8 +11,8 @@ from pathlib import Path
 from phyagentos.agent.mission import Mission
 from phyagentos.agent.mission_report import MissionReport
 from phyagentos.clock import Clock
-from phyagentos.protocol.journal import Journal
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.workspace import Workspace
 
 

@@ -50,7 +50,7 @@ def cancel(session: Annotated[str, typer.Argument(metavar="SESSION|all")], works
     """Ask for an end: the robot is halted, then the session is cancelled."""
     from phyagentos.cli.past import read_ledger
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.mailbox import EVERY_SESSION, Signal, drop_signal
+    from phyagentos.protocol.store.mailbox import EVERY_SESSION, Signal, drop_signal
     from phyagentos.protocol.workspace import Workspace
 
     place = Workspace.open(workspace)

@@ -25,12 +25,12 @@ from phyagentos.cli.projects import get_file, open_library
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.admission import GOAL_PREFIX, GoalEvent
-from phyagentos.protocol.journal import Entry, IllegalEvent, Journal
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.mailbox import Signal, drop_signal
 from phyagentos.protocol.schema import Address, read_yaml
-from phyagentos.protocol.watch import Watch
+from phyagentos.protocol.store.admission import GOAL_PREFIX, GoalEvent
+from phyagentos.protocol.store.journal import Entry, IllegalEvent, Journal
+from phyagentos.protocol.store.mailbox import Signal, drop_signal
+from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
 
 VIEW_PERIOD_S = 0.1  # ten pictures a second are enough for people

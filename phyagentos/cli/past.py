@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from phyagentos.protocol.follower import Follower
-from phyagentos.protocol.journal import choose_lane
-from phyagentos.protocol.ledger import Ledger
+from phyagentos.protocol.store.follower import Follower
+from phyagentos.protocol.store.journal import choose_lane
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.workspace import Workspace
 
 

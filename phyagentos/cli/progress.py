@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.protocol.heartbeats import Heartbeat, find_heartbeat
-from phyagentos.protocol.ledger import GoalStatus, Ledger
 from phyagentos.protocol.lifecycle import FINAL_STATES
-from phyagentos.protocol.records import Record
 from phyagentos.protocol.sessions import SessionStatus
+from phyagentos.protocol.store.ledger import GoalStatus, Ledger
+from phyagentos.protocol.store.records import Record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -96,7 +96,7 @@ def _names_of_leaves() -> list[str]:
 
 
 def _names_of_predicates() -> list[str]:
-    from phyagentos.protocol.predicate_library import get_predicate_library
+    from phyagentos.protocol.predicates.library import get_predicate_library
 
     library = get_predicate_library()
     return [definition.signature for name in library.names() if (definition := library.find(name))]

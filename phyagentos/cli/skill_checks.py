@@ -8,7 +8,7 @@ from pathlib import Path
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.library import Library
-from phyagentos.protocol.predicates import parse_predicate
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.schema import Address, Located
 from phyagentos.protocol.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.trees import Tree, read_tree

@@ -8,8 +8,8 @@ from typing import Any
 
 from phyagentos.agent.diagnosis import diagnose, find_failed_leaf
 from phyagentos.protocol.evidence import Bundle, read_bundle
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.sessions import Execution, SessionId, SessionStatus
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.verdicts import Attempt, Truth, Verdict
 from phyagentos.protocol.workspace import Workspace
 

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.bodies import render_yaml
 from phyagentos.protocol.document import iter_blocks
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.markdown import render_table
 from phyagentos.protocol.schema import Authored, parse_yaml, read_yaml, validate
 from phyagentos.protocol.skill_runtimes import SkillRuntime, read_skill
+from phyagentos.protocol.store.bodies import render_yaml
 from phyagentos.protocol.targets import TargetProfile
 
 _ModelT = TypeVar("_ModelT", bound=Authored)

@@ -11,7 +11,7 @@ from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.predicates import View, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.sessions import Session
 from phyagentos.protocol.skill_runtimes import SkillRuntime, find_mismatch, problem_unknown_skill
 from phyagentos.protocol.targets import TargetProfile

@@ -14,12 +14,12 @@ from typing import cast
 import msgspec
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.journal import Entry, Journal
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState
-from phyagentos.protocol.mailbox import Signal, take_signals
 from phyagentos.protocol.sessions import Ended, Session, SessionId
-from phyagentos.protocol.watch import Watch
+from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.mailbox import Signal, take_signals
+from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Ready, Reconcile, Run, Stop
 from phyagentos.runtime.heartbeat import HeartbeatMonitor

@@ -13,8 +13,9 @@ import numpy as np
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.channel import Channel
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.sessions import Ended, Execution, Scene
-from phyagentos.protocol.views import publish, render_environment
+from phyagentos.protocol.views.environment import render_environment
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.adapter_plan import AdapterPlan
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Ready, Reconcile, Run, Stop, receive_order, send

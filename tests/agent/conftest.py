@@ -13,7 +13,6 @@ from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.mission import Mission
 from phyagentos.agent.mission_report import MissionReport
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.admission import Entry
 from phyagentos.protocol.environment import (
     Entity,
     Environment,
@@ -24,12 +23,13 @@ from phyagentos.protocol.environment import (
     TargetState,
 )
 from phyagentos.protocol.evidence import AFTER, BEFORE, HOLDS, TRACE, TraceEvent, write_json, write_lines
-from phyagentos.protocol.journal import Journal
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.predicates import View, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.sessions import Ended, Execution, Session
+from phyagentos.protocol.store.admission import Entry
+from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.verdicts import Criterion
 from phyagentos.protocol.workspace import Workspace
 

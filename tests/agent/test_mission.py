@@ -7,11 +7,11 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.admission import Entry
 from phyagentos.protocol.environment import Pose
-from phyagentos.protocol.journal import Journal
 from phyagentos.protocol.lifecycle import SessionState, Side
 from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.store.admission import Entry
+from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.verdicts import Verdict
 
 from .conftest import Play, hold, make_world, put, remove, succeed

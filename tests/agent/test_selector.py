@@ -7,7 +7,7 @@ import pytest
 from phyagentos.agent.goal_spec import Promise
 from phyagentos.agent.selector import select, unify
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.predicate_language import parse
+from phyagentos.protocol.predicates.language import parse
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import pytest
 from phyagentos.cli.app import main
 from phyagentos.cli.progress import RunFold
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.journal import Entry, Journal
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.sessions import Ended, Execution, Scene, Session
+from phyagentos.protocol.store.journal import Entry, Journal
 from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
 from phyagentos.protocol.workspace import Workspace
 

@@ -3,7 +3,7 @@
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.environment import Entity, Environment, Pose
 from phyagentos.protocol.evidence import AFTER, BEFORE, TRACE, TraceEvent, write_json, write_lines
-from phyagentos.protocol.mailbox import take_signals
+from phyagentos.protocol.store.mailbox import take_signals
 
 
 def observe(time_s: float, x_m: float) -> Environment:

@@ -13,9 +13,9 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.progress import compute_depth
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
 from phyagentos.protocol.heartbeats import Heartbeat, write_heartbeat
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.mailbox import take_signals
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.mailbox import take_signals
 
 GOAL = "tidy-7"
 

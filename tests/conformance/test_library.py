@@ -3,7 +3,7 @@
 import pytest
 
 from phyagentos.protocol.library import Library
-from phyagentos.protocol.predicates import parse_predicate
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.skill_runtimes import read_skill
 from phyagentos.protocol.trees import Kind, Reference, find_references, iter_nodes, read_tree
 from phyagentos.runtime.execution.registry import build_registry

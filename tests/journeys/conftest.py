@@ -8,9 +8,9 @@ import pytest
 
 from phyagentos.agent.mission import Mission
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.journal import Journal
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.workspace import Workspace
 
 HERE = Path(__file__).parent

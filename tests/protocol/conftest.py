@@ -4,9 +4,9 @@ import msgspec
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.journal import Entry, Journal
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.sessions import Scene, Session
+from phyagentos.protocol.store.journal import Entry, Journal
 
 
 def make_session(id="tidy-7.red", **changes):

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind
-from phyagentos.protocol.predicates import Evaluation, View, parse_predicate
+from phyagentos.protocol.predicates.predicate import Evaluation, View, parse_predicate
 from phyagentos.protocol.verdicts import Truth
 
 HALF_TURN_ABOUT_X = (0.0, 1.0, 0.0, 0.0)

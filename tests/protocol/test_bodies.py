@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.bodies import parse_body, render_body, render_yaml
+from phyagentos.protocol.store.bodies import parse_body, render_body, render_yaml
 
 TEXTS = (
     st.text(st.characters(exclude_categories=["Cs"]), max_size=40)

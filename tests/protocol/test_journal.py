@@ -6,8 +6,8 @@ import re
 import pytest
 
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.journal import Entry, Fenced, IllegalEvent, choose_lane
 from phyagentos.protocol.lifecycle import IllegalTransition, Side
+from phyagentos.protocol.store.journal import Entry, Fenced, IllegalEvent, choose_lane
 
 GOAL = Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7})
 
@@ -154,7 +154,7 @@ def test_a_goal_ends_with_its_verdict(open_journal):
 
 def test_a_lock_that_stays_taken_names_its_holder(open_journal, submit, monkeypatch):
     one, two = open_journal(), open_journal()
-    monkeypatch.setattr("phyagentos.protocol.journal._LOCK_TRIES", 3)
+    monkeypatch.setattr("phyagentos.protocol.store.journal._LOCK_TRIES", 3)
 
     with (
         one._locked(),

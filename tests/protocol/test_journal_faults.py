@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.journal import Entry
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.segments import SystemIO
+from phyagentos.protocol.store.journal import Entry
+from phyagentos.protocol.store.segments import SystemIO
 
 
 class FaultyIO(SystemIO):

@@ -6,16 +6,16 @@ import signal
 import subprocess
 import sys
 
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.ledger import Ledger
 
 RECORDS = 200
 HEAD = """
 import json, os, sys
 from pathlib import Path
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.journal import Entry, Journal
-from phyagentos.protocol.ledger import Ledger
+from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.lifecycle import IllegalTransition, Side
 root, name = Path(sys.argv[1]), sys.argv[2]
 journal = Journal(root, side=Side.RUNTIME, by=name, clock=SystemClock(), durable=False, segment_bytes=30_000)

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.journal import Entry
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Entry
 
 
 def test_a_full_segment_is_followed_by_one_that_names_and_hashes_it(open_journal, submit):

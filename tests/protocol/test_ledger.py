@@ -5,10 +5,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.protocol.journal import Entry
-from phyagentos.protocol.ledger import Ledger, NodeState
 from phyagentos.protocol.lifecycle import FINAL_STATES, SESSION_TRANSITIONS, IllegalTransition, Side
 from phyagentos.protocol.sessions import Ended, Execution
+from phyagentos.protocol.store.journal import Entry
+from phyagentos.protocol.store.ledger import Ledger, NodeState
 from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
 
 EXECUTION = Execution(ended=Ended.COMPLETED, evidence="evidence/s", outputs={"place_site": [0.1, 0.2, 0.3]}, ticks=600)
@@ -141,7 +141,7 @@ def test_a_repair_changes_nobody(open_journal, submit):
 @given(st.data())
 def test_the_fold_agrees_with_the_journal_after_any_history(tmp_path_factory, submit, data):
     from phyagentos.clock import ManualClock
-    from phyagentos.protocol.journal import Journal
+    from phyagentos.protocol.store.journal import Journal
 
     root = tmp_path_factory.mktemp("lane")
     journals = {s: Journal(root, side=s, by=s.value, clock=ManualClock(), durable=False) for s in Side}

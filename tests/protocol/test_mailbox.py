@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.mailbox import Signal, drop_signal, take_signals
+from phyagentos.protocol.store.mailbox import Signal, drop_signal, take_signals
 
 
 def make_old(path):

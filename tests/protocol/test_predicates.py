@@ -10,10 +10,18 @@ from hypothesis import strategies as st
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.environment import Environment, Pose, Shape, ShapeKind
-from phyagentos.protocol.predicate_builtins import BUILTINS
-from phyagentos.protocol.predicate_language import parse
-from phyagentos.protocol.predicate_library import PredicateLibrary, get_predicate_library
-from phyagentos.protocol.predicate_syntax import (
+from phyagentos.protocol.predicates.builtins import BUILTINS
+from phyagentos.protocol.predicates.language import parse
+from phyagentos.protocol.predicates.library import PredicateLibrary, get_predicate_library
+from phyagentos.protocol.predicates.predicate import (
+    Evaluation,
+    View,
+    iter_entities,
+    parse_predicate,
+    substitute,
+    worse,
+)
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Compare,
@@ -27,14 +35,6 @@ from phyagentos.protocol.predicate_syntax import (
     Star,
     Variable,
     render,
-)
-from phyagentos.protocol.predicates import (
-    Evaluation,
-    View,
-    iter_entities,
-    parse_predicate,
-    substitute,
-    worse,
 )
 from phyagentos.protocol.verdicts import Truth
 
@@ -195,7 +195,7 @@ _odd_worlds = [
 
 @given(_anything, st.sampled_from(_odd_worlds), st.sampled_from([None, *_odd_worlds]))
 def test_evaluation_never_raises_whatever_the_formula_and_the_world(formula, now, initial):
-    from phyagentos.protocol.predicates import Predicate
+    from phyagentos.protocol.predicates.predicate import Predicate
 
     evaluation = Predicate(formula).evaluate(View(now=now, initial=initial))
     assert evaluation.truth in set(Truth)

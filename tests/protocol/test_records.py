@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.bodies import render_body
-from phyagentos.protocol.records import Record, Tail, encode_record, scan_records
+from phyagentos.protocol.store.bodies import render_body
+from phyagentos.protocol.store.records import Record, Tail, encode_record, scan_records
 
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
 

@@ -8,19 +8,19 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.document import iter_blocks
 from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, Region, Shape, ShapeKind, TargetState
-from phyagentos.protocol.environment_view import read_environment, render_environment
-from phyagentos.protocol.journal import Entry
-from phyagentos.protocol.ledger import GoalStatus, Ledger, NodeState, NodeStatus
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.log_view import LINES_SHOWN, describe_record, render_log
 from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.schema import parse_yaml
-from phyagentos.protocol.session_view import FINISHED_SHOWN, render_sessions
 from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
-from phyagentos.protocol.tasks import render_graph, render_tasks
+from phyagentos.protocol.store.journal import Entry
+from phyagentos.protocol.store.ledger import GoalStatus, Ledger, NodeState, NodeStatus
 from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
-from phyagentos.protocol.views import Views
+from phyagentos.protocol.views.environment import read_environment, render_environment
+from phyagentos.protocol.views.log import LINES_SHOWN, describe_record, render_log
+from phyagentos.protocol.views.renderer import Views
+from phyagentos.protocol.views.sessions import FINISHED_SHOWN, render_sessions
+from phyagentos.protocol.views.tasks import render_graph, render_tasks
 from phyagentos.protocol.workspace import Workspace
 
 EXECUTION = Execution(
@@ -132,7 +132,7 @@ def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit
 def test_a_block_that_did_not_change_is_not_rendered_again(ledger, monkeypatch):
     cache = {}
     first = render_sessions(ledger, cache)
-    monkeypatch.setattr("phyagentos.protocol.session_view.render_session", lambda status: "rendered again\n")
+    monkeypatch.setattr("phyagentos.protocol.views.sessions.render_session", lambda status: "rendered again\n")
 
     assert render_sessions(ledger, cache) == first
     assert "rendered again" in render_sessions(ledger)

@@ -7,8 +7,8 @@ import threading
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol import watch as watch_module
-from phyagentos.protocol.watch import Watch
+from phyagentos.protocol.store import watch as watch_module
+from phyagentos.protocol.store.watch import Watch
 
 SOON_S = 5.0  # far longer than a wake-up takes: a test that waits as long has failed
 

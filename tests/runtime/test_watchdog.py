@@ -7,12 +7,12 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
-from phyagentos.protocol.journal import Entry, Journal
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.mailbox import Signal, drop_signal
 from phyagentos.protocol.sessions import Ended, Execution, Limits, Scene, Session
+from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.mailbox import Signal, drop_signal
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Ready, Reconcile, Run, Stop, send

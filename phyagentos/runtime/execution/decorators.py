@@ -6,7 +6,7 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from py_trees.decorators import Decorator
 
-from phyagentos.protocol.predicates import View, parse_predicate, substitute
+from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
 from phyagentos.protocol.verdicts import Truth
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import HOLDS
-from phyagentos.protocol.predicates import Evaluation, Predicate, View, parse_predicate, worse
+from phyagentos.protocol.predicates.predicate import Evaluation, Predicate, View, parse_predicate, worse
 from phyagentos.protocol.verdicts import Criterion, Truth
 
 SAMPLE_PERIODS = 5  # control periods between samples: 10 Hz of simulated time

@@ -11,7 +11,7 @@ from py_trees.ports import PortInformation
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.library import Library
-from phyagentos.protocol.predicates import parse_predicate
+from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references, iter_nodes, read_tree
 from phyagentos.runtime.execution.port_types import PORT_TYPES, convert_literal
 from phyagentos.runtime.execution.registry import LeafRegistry

@@ -11,7 +11,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from phyagentos.protocol.environment import Entity, Environment, Pose
-from phyagentos.protocol.predicate_geometry import Vector, compute_center, to_parent
+from phyagentos.protocol.predicates.geometry import Vector, compute_center, to_parent
 
 ENTRY_POINT_GROUP = "phyagentos.predicates"
 
@@ -155,7 +155,7 @@ class PredicateLibrary:
 @cache
 def get_predicate_library() -> PredicateLibrary:
     """The built-in predicates and those that installed packages announce."""
-    from phyagentos.protocol.predicate_builtins import BUILTINS
+    from phyagentos.protocol.predicates.builtins import BUILTINS
 
     library = PredicateLibrary()
     for definition in BUILTINS:

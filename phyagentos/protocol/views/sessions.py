@@ -6,11 +6,11 @@ Upstream: the fold. Each block says what was asked, who did it, what was seen an
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
-from phyagentos.protocol.bodies import render_yaml
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.lifecycle import FINAL_STATES, render_mermaid
 from phyagentos.protocol.markdown import render_criteria, render_table
 from phyagentos.protocol.sessions import Ended, SessionId, SessionStatus
+from phyagentos.protocol.store.bodies import render_yaml
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.verdicts import Attempt
 
 FINISHED_SHOWN = 50

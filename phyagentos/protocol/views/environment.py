@@ -11,7 +11,7 @@ import msgspec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.environment import Entity, Environment, Interior
 from phyagentos.protocol.markdown import render_table
-from phyagentos.protocol.predicate_geometry import compute_center, compute_tilt, to_child
+from phyagentos.protocol.predicates.geometry import compute_center, compute_tilt, to_child
 
 _DATA = re.compile(r"^```json\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _HEAD = """# The world as last observed

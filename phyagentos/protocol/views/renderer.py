@@ -8,35 +8,13 @@ TASK.md is the agent's (`tasks`); SKILLRUNTIME.md and TARGETS.md are in `registr
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.environment_view import read_environment, render_environment
-from phyagentos.protocol.follower import Follower
-from phyagentos.protocol.ledger import Ledger
-from phyagentos.protocol.log_view import describe_record, render_log
 from phyagentos.protocol.markdown import publish
-from phyagentos.protocol.registries import (
-    read_skill_registry,
-    read_target_registry,
-    render_skill_registry,
-    render_target_registry,
-)
-from phyagentos.protocol.session_view import render_sessions
 from phyagentos.protocol.sessions import SessionId, SessionStatus
-from phyagentos.protocol.tasks import render_tasks
+from phyagentos.protocol.store.follower import Follower
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.views.log import describe_record, render_log
+from phyagentos.protocol.views.sessions import render_sessions
 from phyagentos.protocol.workspace import Workspace
-
-__all__ = [
-    "Views",
-    "publish",
-    "read_environment",
-    "read_skill_registry",
-    "read_target_registry",
-    "render_environment",
-    "render_log",
-    "render_sessions",
-    "render_skill_registry",
-    "render_target_registry",
-    "render_tasks",
-]
 
 PERIOD_S = 0.2  # a person reads no faster
 

@@ -19,10 +19,10 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.protocol.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent, split_node_id
 from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
-from phyagentos.protocol.records import Record
 from phyagentos.protocol.sessions import Execution, GoalId, Session, SessionId, SessionStatus
+from phyagentos.protocol.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent, split_node_id
+from phyagentos.protocol.store.records import Record
 from phyagentos.protocol.verdicts import Attempt, Criterion
 
 

@@ -5,10 +5,10 @@ Upstream: the fold. Downstream: people; the graph is Mermaid, which every forge 
 
 import msgspec
 
-from phyagentos.protocol.bodies import render_yaml
-from phyagentos.protocol.ledger import GoalStatus, Ledger, NodeState
 from phyagentos.protocol.markdown import escape_label, render_criteria, render_table
 from phyagentos.protocol.sessions import SessionId
+from phyagentos.protocol.store.bodies import render_yaml
+from phyagentos.protocol.store.ledger import GoalStatus, Ledger, NodeState
 
 _HEAD = """# Tasks
 

@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.bodies import parse_body
+from phyagentos.protocol.store.bodies import parse_body
 
 HEADER_BYTES = 41
 MAX_PAYLOAD_BYTES = 999_999

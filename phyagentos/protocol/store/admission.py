@@ -12,8 +12,8 @@ import msgspec
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, format_hint, format_names
 from phyagentos.protocol.lifecycle import IllegalTransition, SessionState, Side, compute_next_state
-from phyagentos.protocol.records import JOURNAL_ID, Record
 from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.store.records import JOURNAL_ID, Record
 
 GOAL_PREFIX = "goal:"
 NODE_PREFIX = "node:"

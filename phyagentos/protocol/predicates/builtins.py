@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from phyagentos.protocol.environment import Entity
-from phyagentos.protocol.predicate_geometry import (
+from phyagentos.protocol.predicates.geometry import (
     UP,
     compute_box_distance,
     compute_center,
@@ -20,7 +20,7 @@ from phyagentos.protocol.predicate_geometry import (
     subtract,
     to_child,
 )
-from phyagentos.protocol.predicate_library import (
+from phyagentos.protocol.predicates.library import (
     Argument,
     FactUnknown,
     Kind,

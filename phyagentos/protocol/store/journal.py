@@ -18,12 +18,12 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.admission import Admission, Entry, Fenced, IllegalEvent
-from phyagentos.protocol.bodies import render_body
-from phyagentos.protocol.follower import LOCK_NAME, Follower, find_holder
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.records import JOURNAL_ID, Record, Tail, encode_record
-from phyagentos.protocol.segments import FileIO, Front, SystemIO, choose_next_name, create_segment, write_all
+from phyagentos.protocol.store.admission import Admission, Entry, Fenced, IllegalEvent
+from phyagentos.protocol.store.bodies import render_body
+from phyagentos.protocol.store.follower import LOCK_NAME, Follower, find_holder
+from phyagentos.protocol.store.records import JOURNAL_ID, Record, Tail, encode_record
+from phyagentos.protocol.store.segments import FileIO, Front, SystemIO, choose_next_name, create_segment, write_all
 
 __all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_lane"]
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from phyagentos.protocol.environment import Pose
-from phyagentos.protocol.predicate_library import (
+from phyagentos.protocol.predicates.library import (
     FactUnknown,
     Kind,
     Place,
@@ -22,7 +22,7 @@ from phyagentos.protocol.predicate_library import (
     get_place,
     get_predicate_library,
 )
-from phyagentos.protocol.predicate_syntax import (
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Compare,

@@ -17,10 +17,10 @@ from itertools import zip_longest
 from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.predicate_evaluation import Evaluation, evaluate, worse
-from phyagentos.protocol.predicate_language import PredicateSyntaxError, parse
-from phyagentos.protocol.predicate_library import Kind, PredicateDefinition, View, get_predicate_library
-from phyagentos.protocol.predicate_syntax import (
+from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate, worse
+from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
+from phyagentos.protocol.predicates.library import Kind, PredicateDefinition, View, get_predicate_library
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Compare,

@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from phyagentos.protocol.predicate_syntax import (
+from phyagentos.protocol.predicates.syntax import (
     And,
     Call,
     Compare,

@@ -11,8 +11,8 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from phyagentos.protocol.records import Record, Tail, scan_records
-from phyagentos.protocol.segments import NONE, Front, damage, find_next_segment, list_segments, read_front
+from phyagentos.protocol.store.records import Record, Tail, scan_records
+from phyagentos.protocol.store.segments import NONE, Front, damage, find_next_segment, list_segments, read_front
 
 LOCK_NAME = ".lock"
 

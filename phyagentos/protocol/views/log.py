@@ -8,13 +8,13 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.protocol.admission import GoalEvent
-from phyagentos.protocol.ledger import Ledger
 from phyagentos.protocol.markdown import format_time
-from phyagentos.protocol.records import JOURNAL_ID, Record
-from phyagentos.protocol.session_view import describe_attempt, describe_execution
 from phyagentos.protocol.sessions import SessionId, SessionStatus
+from phyagentos.protocol.store.admission import GoalEvent
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.records import JOURNAL_ID, Record
 from phyagentos.protocol.verdicts import Attempt
+from phyagentos.protocol.views.sessions import describe_attempt, describe_execution
 
 LINES_SHOWN = 2000
 

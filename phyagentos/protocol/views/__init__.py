@@ -1,0 +1,1 @@
+"""What people read: documents rendered from the truth, and read back where they are input too."""
