@@ -322,3 +322,22 @@ def build_bench(tmp_path, library, registry, profile, limits):
         )
 
     return build
+
+
+@pytest.fixture
+def plant(tmp_path):
+    """A library with one more tree."""
+
+    def plant(children, header=""):
+        (tmp_path / "trees").mkdir(exist_ok=True)
+        listed = "".join(f"      - {child}\n" for child in children)
+        text = f"tree: planted\ndescription: A tree.\n{header}root:\n  sequence:\n    children:\n{listed}"
+        (tmp_path / "trees" / "planted.yaml").write_text(text)
+        return Library((tmp_path, find_shipped_root()))
+
+    return plant
+
+
+@pytest.fixture
+def session(build_session):
+    return build_session(skill="planted", parameters={})

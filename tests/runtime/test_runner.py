@@ -9,29 +9,9 @@ from py_trees.blackboard import Blackboard
 from phyagentos.protocol import evidence
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import TraceEvent, read_bundle
-from phyagentos.protocol.library import Library, find_shipped_root
 from phyagentos.protocol.sessions import Ended, Limits
 from phyagentos.runtime.execution.leaf import Leaf, Status
 from phyagentos.runtime.targets import wire
-
-
-@pytest.fixture
-def plant(tmp_path):
-    """A library with one more tree."""
-
-    def plant(children, header=""):
-        (tmp_path / "trees").mkdir(exist_ok=True)
-        listed = "".join(f"      - {child}\n" for child in children)
-        text = f"tree: planted\ndescription: A tree.\n{header}root:\n  sequence:\n    children:\n{listed}"
-        (tmp_path / "trees" / "planted.yaml").write_text(text)
-        return Library((tmp_path, find_shipped_root()))
-
-    return plant
-
-
-@pytest.fixture
-def session(build_session):
-    return build_session(skill="planted", parameters={})
 
 
 class Boast(Leaf):
@@ -368,39 +348,3 @@ def test_after_a_lost_runner_the_target_is_halted_and_the_world_observed(build_b
     assert (execution.ended, execution.message, execution.ticks) == (Ended.RUNNER_LOST, "the worker died", 0)
     assert (bench.workspace / "evidence" / "x" / evidence.AFTER).exists()
     assert was_halted(bench.target)
-
-
-def test_a_branch_that_moves_stands_still_while_the_one_beside_it_thinks(build_bench, session, plant, doubles):
-    tree = "parallel: {children: [move_home, {sequence: {children: [{wait: {seconds: 0.1}}, close_gripper]}}]}"
-    commands = []
-    for polls in (0, 40):
-        bench = build_bench(library=plant([tree]), planner=doubles.ScriptedPlanner(polls=polls))
-        bench.target.q = bench.target.q + 0.3
-        assert bench.run(session).ended is Ended.COMPLETED
-        commands.append(bench.target.commands())
-
-    arms = [np.vstack([command.q_rad for command in each]) for each in commands]
-    grippers = [np.concatenate([command.gripper_width_m for command in each]) for each in commands]
-    assert np.array_equal(*arms)
-    assert np.array_equal(*grippers)
-    assert len(np.unique(grippers[0])) == 2
-
-
-def test_a_retry_runs_the_child_again_and_the_trace_shows_each_attempt(build_bench, session, plant):
-    bench = build_bench(library=plant(["retry: {attempts: 3, child: {fail: {code: NOPE}}}"]))
-    execution = bench.run(session)
-
-    assert (execution.code, execution.leaf) == ("NOPE", "planted/retry/fail")
-    trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
-    assert [event.code for event in trace if event.leaf == "fail"] == ["NOPE"] * 3
-
-
-def test_a_condition_reads_the_world_through_keys_of_the_tree(build_bench, session, plant):
-    header = "inputs: {object: {type: entity}}\n"
-    children = ['condition: "exists(${object})"', 'invert: {child: {condition: "holding(target, ${object})"}}']
-    bench = build_bench(library=plant(children, header))
-
-    assert bench.run(msgspec.structs.replace(session, parameters={"object": "red_cube"})).ended is Ended.COMPLETED
-    absent = bench.run(msgspec.structs.replace(session, id="tidy-1.b", parameters={"object": "cup"}))
-    assert (absent.code, absent.leaf) == ("UNMET", "planted/condition")
-    assert "exists(cup) is false" in absent.message
