@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -160,11 +161,20 @@ class Tree:
 
 
 def read_tree(path: Path) -> Tree:
-    """Read one tree file.
+    """Read one tree file; a file that has not changed is parsed once in a process.
 
     Raises:
         DefinitionError: With every structural problem, each at file:line:column.
     """
+    try:
+        changed = path.stat()
+    except OSError:
+        return _read_tree(path, 0, 0)
+    return _read_tree(path, changed.st_mtime_ns, changed.st_size)
+
+
+@lru_cache(maxsize=256)
+def _read_tree(path: Path, _changed_ns: int, _size: int) -> Tree:
     located = read_yaml(path)
     tree = build_tree_nodes(located)
     if path.as_posix().removesuffix(".yaml").split("/")[-len(tree.header.tree.split("/")) :] != tree.header.tree.split(

@@ -15,7 +15,7 @@ PERIOD_S = 0.1
 
 
 class HeartbeatWriter:
-    """Publishes what one worker is doing; a change of phase or session is published at once."""
+    """Publishes what one worker is doing; a change of session is published at once."""
 
     def __init__(self, folder: Path, target: str, clock: Clock) -> None:
         self._folder = folder
@@ -35,8 +35,7 @@ class HeartbeatWriter:
     ) -> None:
         """Say what is going on now; cheap enough for every control period."""
         now_s = self._clock.now_s()
-        changed = (phase, session) != (self._beat.phase, self._beat.session)
-        if not changed and now_s - self._written_at_s < PERIOD_S:
+        if session == self._beat.session and now_s - self._written_at_s < PERIOD_S:
             return
         self._written_at_s = now_s
         self._beat = msgspec.structs.replace(

@@ -78,7 +78,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     q_rad: Array
     seed: int
     avoid: tuple[str, ...] = ()
-    hover_m: float = 0.10
+    hover_m: float = 0.08
     count: int = 4
 
 
@@ -101,7 +101,7 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
     near: tuple[float, float, float] | None = None
     near_radius_m: float = 0.12
     avoid: tuple[str, ...] = ()
-    hover_m: float = 0.09
+    hover_m: float = 0.07
     count: int = 4
 
 

@@ -16,6 +16,7 @@ from phyagentos.protocol.scenes import Body, Camera, Material, Placement, SceneS
 from phyagentos.protocol.seeds import compute_seed
 
 DRAWS = 2000  # tries for one position of an area before the scene is called overfull
+TEXTURE_PIXELS = 128  # plain patterns need no more, and every model carries them
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -138,7 +139,7 @@ def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec) -> None:
     sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX
     robot.add_texture(
         name="sky", type=sky, builtin=_BUILTIN["gradient"], rgb1=[0.86, 0.9, 0.95], rgb2=[0.55, 0.62, 0.7],
-        width=256, height=256,
+        width=64, height=64,
     )  # fmt: skip
     for name, material in spec.materials.items():
         _add_material(robot, name, material)
@@ -170,8 +171,8 @@ def _add_material(robot: mujoco.MjSpec, name: str, material: Material) -> None:
         random=texture.random,
         rgb1=texture.rgb1,
         rgb2=texture.rgb2,
-        width=256,
-        height=256,
+        width=TEXTURE_PIXELS,
+        height=TEXTURE_PIXELS,
     )
     names = list(added.textures)
     names[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name

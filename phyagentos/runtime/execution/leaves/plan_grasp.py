@@ -10,7 +10,7 @@ class PlanGrasp(ApproachPlanningLeaf):
 
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to take hold of."),
-        "hover_m": PortInformation(data_type=float, default_value=0.10, description="Length of the approach [m]."),
+        "hover_m": PortInformation(data_type=float, default_value=0.08, description="Length of the approach [m]."),
     }
     OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
 

@@ -16,7 +16,7 @@ class PlanPlace(ApproachPlanningLeaf):
             data_type=tuple, required=False, description="Point to stay close to, world frame [m]."
         ),
         "near_radius_m": PortInformation(data_type=float, default_value=0.12, description="How close [m]."),
-        "hover_m": PortInformation(data_type=float, default_value=0.09, description="Length of the approach [m]."),
+        "hover_m": PortInformation(data_type=float, default_value=0.07, description="Length of the approach [m]."),
     }
     OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
 
