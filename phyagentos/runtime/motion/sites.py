@@ -111,7 +111,7 @@ def find_sites(
     ]
     sites: list[tuple[str, Array]] = []
     for prefix, radius_m in (("", footprint.outer_m), ("tight_", footprint.inner_m)):
-        for name, site in _iter_sites(space, radius_m, interest, tiled=request.near is None):
+        for name, site in _iter_sites(space, radius_m, interest):
             if request.near is not None and np.linalg.norm((site - interest)[:2]) > request.near_radius_m:
                 job.rejected["far"] += 1
             elif any(_is_beside(box, site, radius_m + GAP_M) for box in neighbours):
@@ -130,7 +130,7 @@ def _is_beside(box: Box, site: Array, distance_m: float) -> bool:
     return box.compute_distance(np.array((site[0], site[1], box.pose[2, 3]))) < distance_m
 
 
-def _iter_sites(space: Space, radius_m: float, interest_m: Array, *, tiled: bool) -> Iterator[tuple[str, Array]]:
+def _iter_sites(space: Space, radius_m: float, interest_m: Array) -> Iterator[tuple[str, Array]]:
     """Tiles, pulled in step by step, then the lattice; in each of these groups the nearest to `interest_m` first."""
     room = space.half_m - radius_m - GAP_M
     if space.walled and np.any(room < 0.0):
@@ -139,8 +139,7 @@ def _iter_sites(space: Space, radius_m: float, interest_m: Array, *, tiled: bool
     c, s = np.cos(space.yaw_rad), np.sin(space.yaw_rad)
     R = np.array(((c, -s), (s, c)))
     interest = R.T @ (interest_m - space.center_m)[:2]
-    groups = [*_tile(room, radius_m)] if tiled else []
-    for group in (*groups, _lattice(room, interest)):
+    for group in (*_tile(room, radius_m), _lattice(room, interest)):
         for name, point in sorted(
             group, key=lambda named: (round(float(np.linalg.norm(named[1] - interest)), 6), named[0])
         ):
