@@ -193,6 +193,7 @@ def main() -> int:
     parser.add_argument("--lanes", type=int, default=2, help="warm runtime planes side by side")
     parser.add_argument("--keep", type=Path, help="folder for the workspaces, kept afterwards")
     parser.add_argument("--only", choices=("clean", "faulty", "speed"), help="one of the three passes")
+    parser.add_argument("--faults", type=Path, default=FAULTS, help="what goes wrong in the second pass")
     given = parser.parse_args()
     console = Console(stderr=True)
     clean, faulty, alone = Tally("no fault"), Tally("one fault"), Tally("alone")
@@ -201,7 +202,7 @@ def main() -> int:
         if given.only in {None, "clean"}:
             run_pass(base, given.seeds, given.lanes, None, clean, console)
         if given.only in {None, "faulty"}:
-            run_pass(base, given.seeds, given.lanes, FAULTS, faulty, console)
+            run_pass(base, given.seeds, given.lanes, given.faults, faulty, console)
         if given.only in {None, "speed"}:
             run_pass(base, min(given.seeds, SPEED_SEEDS), 1, None, alone, console)
     show(Console(), clean, faulty, alone)

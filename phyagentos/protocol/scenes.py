@@ -64,12 +64,14 @@ class Placement(Authored):
         position_m: Fixed part of the position.
         jitter_m: Half width of the uniform spread around it, per axis.
         area: Name of an area to draw x and y from instead.
+        frame: Name of an earlier body in whose frame the position is meant.
         yaw_rad: Lowest and highest turn about z.
     """
 
     position_m: Number3 = (0.0, 0.0, 0.0)
     jitter_m: Number3 = (0.0, 0.0, 0.0)
     area: str | None = None
+    frame: str | None = None
     yaw_rad: Span = (0.0, 0.0)
 
 
@@ -172,6 +174,8 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
     for name, body in spec.bodies.items():
         require("MATERIAL", body.material, spec.materials, "bodies", name, "material")
         require("AREA", body.place.area, spec.areas, "bodies", name, "place", "area")
+        earlier = dict.fromkeys(list(spec.bodies)[: list(spec.bodies).index(name)])
+        require("BODY", body.place.frame, earlier, "bodies", name, "place", "frame")
         for index, solid in enumerate(body.shapes):
             require("MATERIAL", solid.material, spec.materials, "bodies", name, "shapes", index, "material")
     for name, region in spec.regions.items():

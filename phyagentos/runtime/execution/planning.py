@@ -2,9 +2,13 @@
 
 from typing import Any, final
 
+import numpy as np
+
+from phyagentos.protocol.environment import Entity
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.follow import Follower, Progress
 from phyagentos.runtime.execution.leaf import Leaf, Status
+from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
 
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
@@ -57,9 +61,14 @@ class PlanningLeaf(Leaf):
             self._ticket = None
 
     def world(self) -> World:
-        """The believed world, as the planner takes it."""
+        """The believed world, as the planner takes it: what is in a movable vessel travels with it, no obstacle."""
         environment = self.context.environment()
-        return World(entities=tuple(environment.entities.values()), regions=tuple(environment.regions.values()))
+        entities = environment.entities.values()
+        vessels = [entity for entity in entities if entity.movable and entity.interior is not None]
+        return World(
+            entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),
+            regions=tuple(environment.regions.values()),
+        )
 
     @final
     def ask(self) -> Status:
@@ -181,3 +190,12 @@ class MovingLeaf(PlanningLeaf):
         held = entity in self.context.step.target.holding
         self._lost_periods = 0 if held else self._lost_periods + 1
         return self._lost_periods >= LOST_PERIODS
+
+
+def _is_in(entity: Entity, vessel: Entity) -> bool:
+    """Whether the origin of a movable entity lies in the interior of another."""
+    if not entity.movable or vessel.interior is None or entity.name == vessel.name:
+        return False
+    world_T_vessel = compute_matrix(vessel.pose)
+    point = world_T_vessel[:3, :3].T @ (np.array(entity.pose.position_m) - world_T_vessel[:3, 3])
+    return bool(np.all(np.abs(point - vessel.interior.center_m) <= vessel.interior.half_m))

@@ -45,6 +45,13 @@ class PlacedBody:
         """(4,) of the start."""
         return (float(np.cos(self.yaw_rad / 2)), 0.0, 0.0, float(np.sin(self.yaw_rad / 2)))
 
+    def place(self, point_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3,) a point of this body's frame, in the world."""
+        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        x, y, z = point_m
+        turned: NDArray[np.float64] = np.array((c * x - s * y, s * x + c * y, z))
+        return turned + self.position_m
+
     def as_entity(self) -> Entity:
         """What a planner or a predicate must know of it; the pose is that of the start."""
         inside = self.body.interior
@@ -80,6 +87,8 @@ def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
     for name, body in spec.bodies.items():
         position = _draw_position(spec, name, body.place, rng, taken)
         yaw = float(rng.uniform(*body.place.yaw_rad))
+        if frame := next((item for item in placed if item.name == body.place.frame), None):
+            position, yaw = frame.place(position), yaw + frame.yaw_rad
         shapes, lift = _stretch(body, rng)
         x, y, z = (float(value) for value in position)
         placed.append(PlacedBody(name, body, shapes, (x, y, z + lift), yaw))

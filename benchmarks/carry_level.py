@@ -1,0 +1,143 @@
+"""An open, filled cup from one coaster to the other: timing shaped with casadi beside toppra's, on the same seeds.
+
+    python benchmarks/carry_level.py --seeds 10
+
+Both run through agent, journal, watchdog, worker, planner and world, as `paos run goal_graphs/carry_cup.yaml` does.
+What the cup felt is computed from the recorded motion with MuJoCo and numpy alone: the largest angle between its axis
+and the apparent gravity while it was carried, and how many of its balls are no longer in it.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tabletop import ROOT, watching
+
+from phyagentos.agent.mission import Mission
+from phyagentos.assembly.places import open_project
+from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Journal
+
+GRAPH = ROOT / "goal_graphs" / "carry_cup.yaml"
+METHODS = ("casadi", "toppra")
+GRAVITY = np.array([0.0, 0.0, 9.81])
+INNER_M, RIM_M = 0.0265, 0.07  # of the cup
+ASKED = {
+    "casadi_worst_tilt_rad_max": Ask(0.1, at_least=False),
+    "casadi_spilled": Ask(0, at_least=False),
+    "casadi_goals_met": Ask(1.0, at_least=True),
+    "tilt_ratio_median": Ask(0.5, at_least=False),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Ride:
+    """One transport: what the cup felt, what it lost, how long it took, and what the verdict was."""
+
+    worst_tilt_rad: float
+    spilled: int
+    duration_s: float
+    met: bool
+
+
+def measure(folder: Path, met: bool) -> Ride:
+    """From one evidence bundle."""
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    data = mujoco.MjData(model)
+    begin_s, end_s = find_carry(folder)
+    with np.load(folder / "trajectory.npz") as recorded:
+        chosen = (recorded["time_s"] >= begin_s) & (recorded["time_s"] <= end_s + 0.1)
+        times, joints = recorded["time_s"][chosen], recorded["q_measured"][chosen]
+    positions, axes = [], []
+    for q in joints:
+        data.qpos[: q.size] = q
+        mujoco.mj_kinematics(model, data)
+        positions.append(data.site("tcp").xpos.copy())
+        axes.append(-data.site("tcp").xmat.reshape(3, 3)[:, 2])
+    step_s = float(np.median(np.diff(times)))
+    felt = np.diff(positions, n=2, axis=0) / step_s**2 + GRAVITY
+    n = np.array(axes)[1:-1]
+    tilt = np.arctan2(np.linalg.norm(np.cross(n, felt), axis=1), np.einsum("ij,ij->i", n, felt))
+    return Ride(float(tilt.max()), count_spilled(model, folder), end_s - begin_s, met)
+
+
+def find_carry(folder: Path) -> tuple[float, float]:
+    """Simulated time at which the cup began and ended to be carried."""
+    events = [json.loads(line) for line in (folder / "trace.jsonl").read_text().splitlines()]
+    times = [event["time_s"] for event in events if event["path"].endswith("/carry")]
+    return times[0], times[-1]
+
+
+def count_spilled(model: mujoco.MjModel, folder: Path) -> int:
+    """Balls that are not between the cup's walls at the end."""
+    data = mujoco.MjData(model)
+    with np.load(folder / "terminal.npz") as terminal:
+        data.qpos[:] = terminal["qpos"]
+    mujoco.mj_kinematics(model, data)
+    rotation, origin = data.body("cup").xmat.reshape(3, 3), data.body("cup").xpos
+    spilled = 0
+    for name in (model.body(index).name for index in range(model.nbody)):
+        if name.startswith("ball_"):
+            x, y, z = rotation.T @ (data.body(name).xpos - origin)
+            spilled += not (np.hypot(x, y) < INNER_M and 0.0 < z < RIM_M)
+    return spilled
+
+
+def main() -> int:
+    """Run, show, and exit with whether every asked figure holds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=10)
+    given = parser.parse_args()
+    rides: dict[str, list[Ride]] = {method: [] for method in METHODS}
+    with tempfile.TemporaryDirectory(prefix="carry-") as scratch:
+        workspace = open_project(Path(scratch) / "w", ROOT)
+        journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=SystemClock())
+        mission = Mission(workspace, journal, clock=SystemClock())
+        with watching(workspace, None):
+            for seed in range(given.seeds):
+                for method in METHODS:
+                    overrides = {"sessions.cup.with.method": method}
+                    report = mission.run(GRAPH, seed=seed, overrides=overrides, goal=f"{method}-{seed}")
+                    folder = workspace.evidence_of(report.sessions[0].id)
+                    rides[method].append(measure(folder, report.verdict == "success" and len(report.sessions) == 1))
+        journal.close()
+    table = Table(title="an open cup, carried 0.44 m")
+    for column in ("", *METHODS):
+        table.add_column(column)
+    columns = {
+        "worst apparent tilt (rad), median": [Spread.of([r.worst_tilt_rad for r in rides[m]]).median for m in METHODS],
+        "worst apparent tilt (rad), largest": [max(r.worst_tilt_rad for r in rides[m]) for m in METHODS],
+        "balls spilled, all seeds": [sum(r.spilled for r in rides[m]) for m in METHODS],
+        "duration (s), median": [Spread.of([r.duration_s for r in rides[m]]).median for m in METHODS],
+        "goals met at the first attempt": [sum(r.met for r in rides[m]) / given.seeds for m in METHODS],
+    }
+    for name, values in columns.items():
+        table.add_row(name, *(f"{value:.3f}" for value in values))
+    Console().print(table)
+    ratios = [a.worst_tilt_rad / b.worst_tilt_rad for a, b in zip(rides["casadi"], rides["toppra"], strict=True)]
+    figures = {
+        "casadi_worst_tilt_rad_max": max(ride.worst_tilt_rad for ride in rides["casadi"]),
+        "toppra_worst_tilt_rad_max": max(ride.worst_tilt_rad for ride in rides["toppra"]),
+        "casadi_spilled": float(sum(ride.spilled for ride in rides["casadi"])),
+        "toppra_spilled": float(sum(ride.spilled for ride in rides["toppra"])),
+        "casadi_goals_met": sum(ride.met for ride in rides["casadi"]) / given.seeds,
+        "toppra_goals_met": sum(ride.met for ride in rides["toppra"]) / given.seeds,
+        "tilt_ratio_median": float(np.median(ratios)),
+        "seeds": float(given.seeds),
+    }
+    line, holds = format_outcome(figures, ASKED)
+    print(line)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
