@@ -18,7 +18,7 @@ from phyagentos.agent.goal_expansion import Node, expand_nodes
 from phyagentos.agent.goal_spec import GoalSpec
 from phyagentos.agent.selector import Choice
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.schema import Located, read_yaml, validate
+from phyagentos.protocol.schema import Located, read_yaml, salvage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,21 +114,24 @@ def render_mermaid(graph: GoalGraph, states: Mapping[str, str] | None = None) ->
 def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tuple[GoalGraph | None, list[Problem]]:
     try:
         located = override_yaml(read_yaml(path), overrides)
-        spec = validate(GoalSpec, located)
     except DefinitionError as error:
         return None, list(error.problems)
-    problems = [*catalogue.problems]
+    spec, problems = salvage(GoalSpec, located)
+    if spec is None:
+        return None, problems
+    problems += catalogue.problems
     nodes = expand_nodes(spec, located, problems)
     dag = _build_dag(nodes)
-    cycle = _find_cycle(dag)
-    if cycle:
+    while cycle := _find_cycle(dag):
         start = nodes[cycle[0]]
         problems.append(
             located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
         )
+        dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
     problems += check_spec(spec, nodes, located, catalogue)
-    choices, more = check_bindings(spec, nodes, dag, located, catalogue) if not cycle else ({}, [])
-    unique = list(dict.fromkeys([*problems, *more]))
+    choices, more = check_bindings(spec, nodes, dag, located, catalogue)
+    told = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
+    unique = list(reversed(told.values()))
     if len(choices) < len(nodes):
         return None, unique
     return GoalGraph(spec=spec, source=located.source, nodes=nodes, choices=choices, dag=dag), unique

@@ -161,13 +161,14 @@ def _check_skill(path: Path, library: Library) -> None:
 
 
 def _check_tree(path: Path, library: Library) -> None:
-    from phyagentos.protocol.trees import read_tree
+    from phyagentos.protocol.trees import load_tree
     from phyagentos.runtime.execution.registry import build_registry
     from phyagentos.runtime.execution.tree_check import check_loaded_tree
 
-    problems = check_loaded_tree(read_tree(path), library, build_registry(library))
-    if problems:
-        raise DefinitionError(problems)
+    tree, problems = load_tree(path)
+    found = [*problems, *(check_loaded_tree(tree, library, build_registry(library)) if tree is not None else ())]
+    if found:
+        raise DefinitionError(found)
 
 
 def _check_scene(path: Path, library: Library) -> None:

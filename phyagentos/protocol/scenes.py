@@ -11,7 +11,7 @@ import pydantic
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.environment import ShapeKind
-from phyagentos.protocol.schema import Authored, Located, read_yaml, validate
+from phyagentos.protocol.schema import Authored, Located, read_yaml, salvage
 
 Number3 = tuple[float, float, float]
 Span = tuple[float, float]
@@ -151,8 +151,10 @@ def read_scene(path: Path) -> SceneSpec:
         DefinitionError: With every problem, names that refer to nothing included.
     """
     located = read_yaml(path)
-    spec = validate(SceneSpec, located)
-    problems = _find_dangling(spec, located)
+    spec, problems = salvage(SceneSpec, located)
+    if spec is None:
+        raise DefinitionError(problems)
+    problems += _find_dangling(spec, located)
     if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
         problems.append(located.problem("NAME_MISMATCH", ("scene",), repr(spec.scene), "the file's path below scenes/"))
     if problems:

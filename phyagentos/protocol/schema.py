@@ -4,6 +4,7 @@ This is the only place where untyped data (`Any`) enters the project. Models are
 `Authored`, so unknown keys are refused and the JSON Schema for editors comes from the same source.
 """
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from phyagentos.errors import DefinitionError, Problem, format_hint, format_name
 Loader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 Address = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound="Authored")
+SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
 
 
 class Authored(pydantic.BaseModel):
@@ -139,6 +141,40 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
         return model.model_validate(data)
     except pydantic.ValidationError as error:
         raise DefinitionError([_to_problem(model, located, path, item) for item in error.errors()]) from error
+
+
+def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[ModelT | None, list[Problem]]:
+    """As `validate`, but goes on without what is wrong, so that everything else of the file can be checked too.
+
+    Returns:
+        The model without the offending values, None when it cannot be built without them; and every problem.
+    """
+    problems: list[Problem] = []
+    data = copy.deepcopy(located.data)
+    for _ in range(SALVAGE_ROUNDS):
+        try:
+            return validate(model, Located(data, located.source, located.marks), path), problems
+        except DefinitionError as error:
+            cause = error.__cause__
+            problems = problems or list(error.problems)
+        if not isinstance(cause, pydantic.ValidationError):
+            break
+        for item in cause.errors():  # without a key that it needs, a value goes as a whole
+            _drop(data, (*path, *(item["loc"][:-1] if item["type"] == "missing" else item["loc"])))
+    return None, problems
+
+
+def _drop(data: Any, path: Address) -> None:
+    """Remove the value at a path; steps that are not in the data (tags of a union) are passed over."""
+    owner: dict[Any, Any] | None = None
+    key: str | int = ""
+    for step in path:
+        if isinstance(data, dict) and step in data:
+            owner, key, data = data, step, data[step]
+        elif isinstance(data, list) and isinstance(step, int) and step < len(data):
+            data = data[step]
+    if owner is not None:
+        owner.pop(key, None)
 
 
 def _to_problem(model: type[Authored], located: Located, base: Address, item: Any) -> Problem:

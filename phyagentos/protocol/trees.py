@@ -16,7 +16,7 @@ from typing import Any, Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.schema import Address, Authored, Located, read_yaml, validate
+from phyagentos.protocol.schema import Address, Authored, Located, read_yaml, salvage, validate
 
 PortType = Literal[
     "entity", "place", "point", "number", "integer", "string", "boolean", "pose", "approach", "approaches", "payload"
@@ -166,34 +166,39 @@ def read_tree(path: Path) -> Tree:
     Raises:
         DefinitionError: With every structural problem, each at file:line:column.
     """
-    try:
-        changed = path.stat()
-    except OSError:
-        return _read_tree(path, 0, 0)
-    return _read_tree(path, changed.st_mtime_ns, changed.st_size)
-
-
-@lru_cache(maxsize=256)
-def _read_tree(path: Path, _changed_ns: int, _size: int) -> Tree:
-    located = read_yaml(path)
-    tree = build_tree_nodes(located)
-    if path.as_posix().removesuffix(".yaml").split("/")[-len(tree.header.tree.split("/")) :] != tree.header.tree.split(
-        "/"
-    ):
-        raise DefinitionError(
-            located.problem("NAME_MISMATCH", ("tree",), repr(tree.header.tree), f"the file's name {path.stem!r}")
-        )
+    tree, problems = load_tree(path)
+    if tree is None or problems:
+        raise DefinitionError(problems)
     return tree
 
 
-def build_tree_nodes(located: Located) -> Tree:
-    """Turn located YAML into a tree; see `read_tree`."""
-    header = validate(TreeHeader, located)
-    problems: list[Problem] = []
-    root = _build(located, ("root",), problems, default_name=header.tree.rsplit("/", 1)[-1])
-    if problems or root is None:
-        raise DefinitionError(problems)
-    return Tree(header=header, root=root, located=located)
+def load_tree(path: Path) -> tuple[Tree | None, tuple[Problem, ...]]:
+    """A tree as far as it can be read, and every structural problem of its file.
+
+    Raises:
+        DefinitionError: When the file is unreadable or no YAML.
+    """
+    try:
+        changed = path.stat()
+    except OSError:
+        return _load_tree(path, 0, 0)
+    return _load_tree(path, changed.st_mtime_ns, changed.st_size)
+
+
+@lru_cache(maxsize=256)
+def _load_tree(path: Path, _changed_ns: int, _size: int) -> tuple[Tree | None, tuple[Problem, ...]]:
+    located = read_yaml(path)
+    header, problems = salvage(TreeHeader, located)
+    if header is None:
+        return None, tuple(problems)
+    parts = header.tree.split("/")
+    if path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
+        problems.append(
+            located.problem("NAME_MISMATCH", ("tree",), repr(header.tree), f"the file's name {path.stem!r}")
+        )
+    root = _build(located, ("root",), problems, default_name=parts[-1])
+    tree = Tree(header=header, root=root, located=located) if root is not None else None
+    return tree, tuple(problems)
 
 
 def iter_nodes(node: Node) -> Iterator[Node]:

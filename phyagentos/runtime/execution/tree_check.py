@@ -12,7 +12,7 @@ from py_trees.ports import PortInformation
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references, iter_nodes, read_tree
+from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references, iter_nodes, load_tree, read_tree
 from phyagentos.runtime.execution.port_types import PORT_TYPES, convert_literal
 from phyagentos.runtime.execution.registry import LeafRegistry
 
@@ -37,9 +37,12 @@ def _iter_tree_problems(
     name: str, library: Library, registry: LeafRegistry, above: tuple[str, ...]
 ) -> Iterator[Problem]:
     try:
-        tree = read_tree(library.get_tree(name))
+        tree, problems = load_tree(library.get_tree(name))
     except DefinitionError as error:
         yield from error.problems
+        return
+    yield from problems
+    if tree is None:
         return
     yield from check_loaded_tree(tree, library, registry)
     below: dict[str, Node] = {}

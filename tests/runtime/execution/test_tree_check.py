@@ -111,7 +111,7 @@ def test_an_output_that_nothing_writes_is_refused(check):
 
 
 def test_all_problems_come_at_once(check):
-    assert len(check(["locat", "wait: {seconds: soon}", "locate", "retry: {attempts: 0, child: open_gripper}"])) == 1
+    assert len(check(["locat", "wait: {seconds: soon}", "locate", "retry: {attempts: 0, child: open_gripper}"])) == 4
     assert len(check(["locat", "wait: {seconds: soon}", "locate"])) == 3
 
 
