@@ -2,7 +2,8 @@
 
 Upstream: the believed pose and solids of the object. Downstream: `approaches`. A box-like thing offers four yaws, which
 close on its faces; a round one eight. Labels count the yaw from the object, so that they survive a nudge of it. Where
-nothing upright fits (a thing that leans against a wall), the hand comes down tilted about its closing axis.
+nothing upright fits (a thing that leans against a wall), the hand comes down tilted about its closing axis, and in the
+end it closes on opposite edges.
 """
 
 from dataclasses import replace
@@ -39,7 +40,9 @@ def find_grasps(
         return job.fail("TOO_WIDE", f"{entity.name} is wider than the gripper opens ({profile.gripper.max_width_m} m).")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried = 0
-    for batch in (ways, *(_tilt(ways, degrees) for degrees in TILTS_DEG)):
+    corners = compute_grasp_ways(entity, profile, scene.robot.fingers, request.hover_m, corners=True)
+    leaning = [_tilt(each, degrees) for each in (ways, corners) for degrees in TILTS_DEG]
+    for batch in (ways, *leaning[: len(TILTS_DEG)], corners, *leaning[len(TILTS_DEG) :]):
         wanted = [way for way in batch if way.label not in request.avoid]
         tried += len(wanted)
         found = find_approaches(
@@ -59,8 +62,18 @@ def _tilt(ways: list[Way], degrees: int) -> list[Way]:
     ]
 
 
-def compute_grasp_ways(entity: Entity, profile: TargetProfile, fingers: frozenset[str], hover_m: float) -> list[Way]:
-    """Every tool pose that would grasp an entity from above, those excepted for which it is too wide."""
+def compute_grasp_ways(
+    entity: Entity, profile: TargetProfile, fingers: frozenset[str], hover_m: float, *, corners: bool = False
+) -> list[Way]:
+    """Every tool pose that would grasp an entity from above, those excepted for which it is too wide.
+
+    Args:
+        entity: What to take hold of.
+        profile: Whose gripper.
+        fingers: Bodies that may touch it.
+        hover_m: Length of the straight approach.
+        corners: Close on opposite edges of a box instead of its faces: a last resort, where faces cannot be had.
+    """
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))
     first, second = (vertical + 1) % 3, (vertical + 2) % 3
@@ -70,9 +83,12 @@ def compute_grasp_ways(entity: Entity, profile: TargetProfile, fingers: frozense
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
     opening_m = profile.gripper.max_width_m - WIDTH_CLEARANCE_M
     ways = []
-    for degrees in range(0, 360, 45 if upright_round else 90):
+    if upright_round and corners:
+        return []
+    for degrees in range(45 if corners else 0, 360, 45 if upright_round else 90):
         closing = second if degrees % 180 == 0 else first  # at yaw 0 the tool's x axis lies along `first`
-        if 2.0 * box.half_m[closing] <= opening_m:
+        half_m = float(np.hypot(box.half_m[first], box.half_m[second])) if corners else box.half_m[closing]
+        if 2.0 * half_m <= opening_m:
             ways.append(
                 Way(
                     label=f"yaw+{degrees:03d}",

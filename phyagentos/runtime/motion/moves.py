@@ -2,20 +2,25 @@
 
 Upstream: hover postures of approaches. Downstream: the target. Search on spheres, round, time, then check every row
 with the exact model; a row that touches sends the path back, first with denser corners, then with another seed.
+A start that touches something begins with a short way out.
 Where the spheres refuse a start or all goals that are free in truth, the search itself uses the exact model.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from phyagentos.runtime.motion.escape import find_escape, leaves_contact
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
-from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
+from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.requests import Motion, NoPlan, PlanMove, Trajectory
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
+
+Array = NDArray[np.float64]
 
 ATTEMPTS = 3
 DENSE_RAD = 0.05
@@ -28,6 +33,8 @@ class _Search:
     checker: Checker
     goals: list[int]
     name: str
+    stuck_rad: Array | None = None  # where the arm touches something; the query starts where it no longer does
+    touched: tuple[Pair, ...] = ()
 
 
 def plan_move(
@@ -45,7 +52,7 @@ def plan_move(
         job.checkpoint()
         if path is None:
             return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
-        trajectory = _time_and_check(path, prepared.checker, scene, scaled, job)
+        trajectory = _time_and_check(path, prepared, scene, scaled, job)
         if trajectory is not None:
             return Motion(
                 trajectory=trajectory,
@@ -68,9 +75,13 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
     q_min, q_max = scene.robot.q_min_rad, scene.robot.q_max_rad
     start = np.clip(np.asarray(request.q_rad, dtype=float), q_min, q_max)
     goals = np.atleast_2d(np.asarray(request.goals_rad, dtype=float))
-    if contacts := scene.find_contacts(start):
-        job.rejected[name_pair(contacts[0])] += 1
-        return job.fail("IN_COLLISION", f"The arm already touches something: {name_pair(contacts[0])}.")
+    stuck, touched = None, tuple(scene.find_contacts(start))
+    if touched:
+        stuck, free_start = start, find_escape(start, touched, scene, request.seed)
+        if free_start is None:
+            job.rejected[name_pair(touched[0])] += 1
+            return job.fail("IN_COLLISION", f"The arm touches something and finds no way out: {name_pair(touched[0])}.")
+        start = free_start
     free: list[int] = []
     for index, goal in enumerate(goals):
         contacts = scene.find_contacts(goal)
@@ -85,19 +96,25 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
     checker = SphereChecker(spheres.build_arrays(scene))
     seen_free = [index for index in free if checker.is_free(goals[index])]
     if seen_free and checker.is_free(start):
-        return _Search(Query(start, goals[seen_free], q_min, q_max), checker, seen_free, "spheres")
-    return _Search(Query(start, goals[free], q_min, q_max), scene, free, "exact")
+        return _Search(Query(start, goals[seen_free], q_min, q_max), checker, seen_free, "spheres", stuck, touched)
+    return _Search(Query(start, goals[free], q_min, q_max), scene, free, "exact", stuck, touched)
 
 
 def _time_and_check(
-    path: Path, checker: Checker, scene: PlanningScene, limits: JointLimits, job: Job
+    path: Path, search: _Search, scene: PlanningScene, limits: JointLimits, job: Job
 ) -> Trajectory | None:
     for rounded in (True, False):
         with job.stage("path"):
-            rows = round_corners(path.rows_rad, checker) if rounded else densify(path.rows_rad, DENSE_RAD)
+            rows = round_corners(path.rows_rad, search.checker) if rounded else densify(path.rows_rad, DENSE_RAD)
+        if search.stuck_rad is not None:
+            rows = np.vstack((densify(np.vstack((search.stuck_rad, rows[0])), DENSE_RAD), rows[1:]))
         with job.stage("timing"):
             trajectory = time_path(rows, limits)
         with job.stage("check"):
+            if search.stuck_rad is not None:
+                if leaves_contact(trajectory.q_rad, search.touched, scene):
+                    return trajectory
+                continue
             blocked = scene.find_first_blocked(trajectory.q_rad)
         if blocked is None:
             return trajectory

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.environment import Pose
+from phyagentos.runtime.motion.escape import leaves_contact
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -123,15 +124,30 @@ def test_goals_inside_a_wall_are_refused_with_the_pair_that_touches(planner, bui
     assert "goal postures" in answer.message
 
 
-def test_an_arm_in_contact_is_told_so_and_may_ignore_the_entity(planner, build, home):
+def test_an_arm_in_contact_leaves_it_once_and_never_touches_it_again(planner, build, home):
     x, y, z = planner._chain.compute_tcp(home)[:3, 3]
-    world = World((build.cube("stone", x, y, half=0.05, z=float(z)),))
+    world = World((build.cube("stone", x, y + 0.03, half=0.02, z=float(z)),))
+    goal = home + np.array((-0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    motion = planner.answer(PlanMove(world=world, q_rad=home, goals_rad=goal[None], seed=1))
+
+    scene = PlanningScenes(planner.robot).get_scene(world, None)
+    touched = scene.find_contacts(home)
+    rows = np.vstack((home, motion.trajectory.q_rad))
+    assert any("stone" in pair for pair in touched)
+    assert leaves_contact(rows, touched, scene)
+    assert not leaves_contact(np.vstack((rows, rows[::-1])), touched, scene)
+    assert not leaves_contact(rows, [], scene)
+
+
+def test_an_arm_that_is_boxed_in_is_told_so_and_may_ignore_the_entity(planner, build, home):
+    x, y, z = planner._chain.compute_tcp(home)[:3, 3]
+    world = World((build.cube("stone", x, y, half=0.25, z=float(z)),))
     request = PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=1)
     answer = planner.answer(request)
     ignoring = planner.answer(msgspec.structs.replace(request, ignore=("stone",)))
 
     assert answer.code == "IN_COLLISION"
-    assert "already touches" in answer.message
+    assert "finds no way out" in answer.message
     assert isinstance(ignoring, Motion)
 
 
