@@ -5,7 +5,7 @@ This is the only place where untyped data (`Any`) enters the project. Models are
 """
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import pydantic
 import yaml
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint, format_names
 
 Loader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 Address = tuple[str | int, ...]
@@ -146,6 +146,8 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
 def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[ModelT | None, list[Problem]]:
     """As `validate`, but goes on without what is wrong, so that everything else of the file can be checked too.
 
+    A misspelt key stands in for the needed one that it resembles.
+
     Returns:
         The model without the offending values, None when it cannot be built without them; and every problem.
     """
@@ -159,9 +161,27 @@ def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[
             problems = problems or list(error.problems)
         if not isinstance(cause, pydantic.ValidationError):
             break
-        for item in cause.errors():  # without a key that it needs, a value goes as a whole
-            _drop(data, (*path, *(item["loc"][:-1] if item["type"] == "missing" else item["loc"])))
+        errors = cause.errors()
+        renamed = {loc for item in errors if item["type"] == "missing" for loc in _rename(data, path, item, errors)}
+        for item in errors:  # without a key that it needs, a value goes as a whole
+            if item["loc"] not in renamed:
+                _drop(data, (*path, *(item["loc"][:-1] if item["type"] == "missing" else item["loc"])))
     return None, problems
+
+
+def _rename(data: Any, path: Address, missing: Any, errors: Sequence[Any]) -> tuple[Address, ...]:
+    """Give an unknown key the name of the missing one that it resembles; what this settles, empty when none does."""
+    *owner, key = missing["loc"]
+    unknown = [
+        item["loc"][-1] for item in errors if item["type"] == "extra_forbidden" and item["loc"][:-1] == (*owner,)
+    ]
+    nearest = find_nearest(key, unknown)
+    for step in (*path, *owner):
+        data = data[step] if isinstance(data, list) else data.get(step, data)
+    if nearest is None or nearest not in data:
+        return ()
+    data[key] = data.pop(nearest)
+    return (*owner, key), (*owner, nearest)
 
 
 def _drop(data: Any, path: Address) -> None:

@@ -49,9 +49,15 @@ def test_a_value_that_lacks_what_it_needs_is_left_out_as_a_whole():
 
 
 def test_what_the_file_itself_needs_leaves_no_model_but_every_problem():
-    model, problems = salvage(Outer, parse_yaml("nmae: x\nparts: {a: {size: big}}\n", "f.yaml"))
+    model, problems = salvage(Outer, parse_yaml("title: x\nparts: {a: {size: big}}\n", "f.yaml"))
     assert model is None
     assert [problem.code for problem in problems] == ["MISSING_KEY", "INVALID_VALUE", "UNKNOWN_KEY"]
+
+
+def test_a_misspelt_key_stands_in_for_the_one_that_is_needed():
+    model, problems = salvage(Outer, parse_yaml("nmae: x\nparts: {a: {sise: 3}, b: {size: big}}\n", "f.yaml"))
+    assert model == Outer(name="x", parts={"a": Inner(size=3)})
+    assert [problem.code for problem in problems].count("UNKNOWN_KEY") == 2
 
 
 def test_a_sound_file_has_no_problem():
