@@ -9,6 +9,7 @@ import sys
 import typer
 
 from phyagentos.cli import authoring, explaining, running, scaffolding, showing
+from phyagentos.cli.doctor import command as doctor
 from phyagentos.cli.outcome import ExitCode, is_debugging, report_exception
 
 app = typer.Typer(
@@ -40,7 +41,7 @@ def _root(
         os.environ["PAOS_DEBUG"] = "1"  # both planes inherit it
 
 
-for group in (running, authoring, scaffolding, showing, explaining):
+for group in (running, authoring, scaffolding, showing, explaining, doctor):
     group.register(app)
 
 
