@@ -2,6 +2,7 @@
 
 import os
 import re
+from types import SimpleNamespace
 
 import pytest
 
@@ -89,7 +90,7 @@ def test_a_session_is_submitted_once_and_before_anything_else(open_journal, subm
     agent = open_journal()
     agent.commit([submit("s")])
 
-    with pytest.raises(IllegalTransition, match=r"'submit' in state 'pending'. Possible: cancel, claim, reject"):
+    with pytest.raises(IllegalTransition, match=r"'submit' in state 'pending'. Possible: amend, cancel, claim, reject"):
         agent.commit([submit("s")])
     with pytest.raises(IllegalTransition, match=r"'cancel' in state 'unknown'. Possible: submit"):
         agent.commit([Entry("t", "cancel")])
@@ -154,7 +155,7 @@ def test_a_goal_ends_with_its_verdict(open_journal):
 
 def test_a_lock_that_stays_taken_names_its_holder(open_journal, submit, monkeypatch):
     one, two = open_journal(), open_journal()
-    monkeypatch.setattr("phyagentos.protocol.store.journal._LOCK_TRIES", 3)
+    monkeypatch.setattr("phyagentos.protocol.store.lane_lock._TRIES", 3)
 
     with (
         one._locked(),
@@ -174,7 +175,7 @@ def test_a_closed_journal_says_so(open_journal, submit):
 
 
 def test_the_lane_is_the_only_one_there_is_or_that_of_this_host(tmp_path, monkeypatch):
-    monkeypatch.setattr("socket.gethostname", lambda: "edge 01")
+    monkeypatch.setattr("os.uname", lambda: SimpleNamespace(nodename="edge 01"))
     assert choose_lane(tmp_path / "missing") == "edge-01"
 
     (tmp_path / "a").mkdir()

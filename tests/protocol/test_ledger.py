@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from phyagentos.protocol.lifecycle import FINAL_STATES, SESSION_TRANSITIONS, IllegalTransition, Side
 from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.store.journal import Entry
-from phyagentos.protocol.store.ledger import Ledger, NodeState
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.tasks import NodeState
 from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
 
 EXECUTION = Execution(ended=Ended.COMPLETED, evidence="evidence/s", outputs={"place_site": [0.1, 0.2, 0.3]}, ticks=600)
@@ -128,7 +129,7 @@ def test_a_repair_changes_nobody(open_journal, submit):
     agent = open_journal()
     agent.commit([submit("s")])
     with next(agent.folder.glob("*.md")).open("ab") as file:
-        file.write(b"half")
+        file.write(b"<!-- phy1 00")
     before = fold(agent)
     late = open_journal()
     after = fold(late)

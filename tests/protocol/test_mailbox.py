@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.store.mailbox import Signal, drop_signal, take_signals
+from phyagentos.protocol.store.mailbox import Signal, SignalReader, drop_signal, take_signals
 
 
 def make_old(path):
@@ -105,6 +105,7 @@ def test_two_takers_never_get_the_same_one(tmp_path):
     clock = ManualClock()
     for number in range(100):
         drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
+        clock.advance(0.001)
     taken = [[], []]
     threads = [threading.Thread(target=lambda i=i: taken[i].extend(take_signals(tmp_path))) for i in range(2)]
     for thread in threads:
@@ -113,3 +114,77 @@ def test_two_takers_never_get_the_same_one(tmp_path):
         thread.join()
 
     assert sorted(int(signal.reason) for each in taken for signal in each) == list(range(100))
+
+
+def test_every_reader_gets_every_signal_once_whoever_is_faster(tmp_path, clock):
+    early, late = SignalReader(tmp_path), SignalReader(tmp_path / "new")
+    taken, heard = [], []
+    for number in range(20):
+        drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
+        if number % 3 == 0:
+            taken += take_signals(tmp_path)
+        if number % 2 == 0:
+            heard += early.read_new()
+        clock.advance(1)
+    taken += take_signals(tmp_path)
+    expected = [str(number) for number in range(20)]
+
+    assert [signal.reason for signal in taken] == expected
+    assert [signal.reason for signal in late.read_new()] == expected
+    assert [signal.reason for signal in [*heard, *early.read_new()]] == expected
+    assert late.read_new() == early.read_new() == []
+
+
+def test_a_reader_moves_nothing(tmp_path, clock):
+    path = drop_signal(tmp_path, Signal(kind="estop"), clock)
+    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["estop"]
+
+    assert path.exists()
+    assert [signal.kind for signal in take_signals(tmp_path)] == ["estop"]
+
+
+def test_what_was_taken_before_a_reader_began_is_old_and_what_waits_is_not(tmp_path, clock):
+    drop_signal(tmp_path, Signal(kind="cancel"), clock)
+    take_signals(tmp_path)
+    clock.advance(1)
+    drop_signal(tmp_path, Signal(kind="estop"), clock)
+
+    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["estop"]
+
+
+def test_a_reader_waits_for_a_file_that_is_finished_late_and_survives_one_of_the_same_name(tmp_path):
+    reader = SignalReader(tmp_path)
+    (tmp_path / "new").mkdir()
+    path = tmp_path / "new" / "stop"
+    path.touch()
+    assert reader.read_new() == []
+    for kind in ("pause", "resume"):
+        path.write_text(f"kind: {kind}\n")
+        assert [signal.kind for signal in reader.read_new()] == [kind]
+        take_signals(tmp_path)
+        assert reader.read_new() == []
+
+    assert {each.name for each in (tmp_path / "done").iterdir()} == {"stop", "stop.1"}
+
+
+def test_readers_and_the_taker_at_the_same_time_lose_nothing(tmp_path):
+    clock, readers, heard = ManualClock(), [SignalReader(tmp_path) for _ in range(2)], [[], [], []]
+    is_over = threading.Event()
+
+    def listen(read, heard):
+        while not is_over.wait(0.002):
+            heard.extend(read())
+        heard.extend(read())
+
+    reads = [reader.read_new for reader in readers] + [lambda: take_signals(tmp_path)]
+    threads = [threading.Thread(target=listen, args=each) for each in zip(reads, heard, strict=True)]
+    for thread in threads:
+        thread.start()
+    for number in range(50):
+        drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
+    is_over.set()
+    for thread in threads:
+        thread.join()
+
+    for each in heard:
+        assert sorted(int(signal.reason) for signal in each) == list(range(50))

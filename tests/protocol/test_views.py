@@ -5,19 +5,16 @@ import re
 import msgspec
 import pytest
 
-from phyagentos.errors import DefinitionError
 from phyagentos.protocol.document import iter_blocks
-from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, Region, Shape, ShapeKind, TargetState
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.schema import parse_yaml
 from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
 from phyagentos.protocol.store.journal import Entry
-from phyagentos.protocol.store.ledger import GoalStatus, Ledger, NodeState, NodeStatus
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.tasks import GoalStatus, NodeState, NodeStatus
 from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
-from phyagentos.protocol.views.environment import read_environment, render_environment
-from phyagentos.protocol.views.log import LINES_SHOWN, describe_record, render_log
 from phyagentos.protocol.views.renderer import Views
 from phyagentos.protocol.views.sessions import FINISHED_SHOWN, render_sessions
 from phyagentos.protocol.views.tasks import render_graph, render_tasks
@@ -101,7 +98,7 @@ def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger)
     ):
         assert fact in section
     assert "**Revises:** `tidy-7.red`; differently: avoid_grasps [3]" in text
-    assert text.startswith("---\nview: 12\n---\n")
+    assert text.startswith("---\nphy: sessions/1\nview: 12\n---\n")
     assert text.count("stateDiagram-v2") == 1
     assert text.endswith("<!-- end of view -->\n")
 
@@ -129,6 +126,46 @@ def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit
     assert "50 older sessions are in the journal." in text
 
 
+def test_a_session_and_its_child_are_drawn(ledger):
+    text = render_sessions(ledger)
+
+    assert '["<b>tidy-7.red</b><br/>replanned"]' in text
+    assert "    s0 -->|revised as| s1\n" in text
+    assert "flowchart" not in render_sessions(Ledger())
+
+
+def test_a_pending_session_shows_every_field_that_may_change(ledger):
+    text = render_sessions(ledger)
+    pending, replanned = text[text.index("## tidy-7.red.r1\n") :].split("## tidy-7.red\n")
+
+    for name in ("timeout_s: 60.0", "wall_timeout_s: 120.0", "queue_s: 3600.0", "heartbeat_s: 10.0", "priority: 0"):
+        assert f"{name}\n" in pending
+        assert name not in replanned
+
+
+def test_no_objective_can_break_the_page(open_journal, submit):
+    agent = open_journal()
+    agent.commit([submit("a", objective="x\n## fake\n```yaml\nstate: y\n```\n<!-- end of view -->\n"), submit("b")])
+    ledger = Ledger()
+    for record in agent.read_new():
+        ledger.apply(record)
+    text = render_sessions(ledger)
+
+    assert [block.name for block in iter_blocks(text)] == ["a", "b"]
+    assert text.count("\n<!-- end of view -->\n") == 1
+
+
+def test_what_is_shown_no_more_is_forgotten(open_journal, submit):
+    agent, ledger, cache = open_journal(), Ledger(), {}
+    for number in range(300):
+        agent.commit([submit(f"s{number}"), Entry(f"s{number}", "cancel")])
+        for record in agent.read_new():
+            ledger.apply(record)
+        render_sessions(ledger, cache)
+
+    assert len(cache) <= 3 * FINISHED_SHOWN + 2
+
+
 def test_a_block_that_did_not_change_is_not_rendered_again(ledger, monkeypatch):
     cache = {}
     first = render_sessions(ledger, cache)
@@ -136,37 +173,6 @@ def test_a_block_that_did_not_change_is_not_rendered_again(ledger, monkeypatch):
 
     assert render_sessions(ledger, cache) == first
     assert "rendered again" in render_sessions(ledger)
-
-
-def test_the_log_tells_the_story_in_order(run):
-    ledger, lines = Ledger(), []
-    for record in run.read_new():
-        ledger.apply(record)
-        lines.append(describe_record(record, ledger))
-    text = render_log([line for line in lines if line], ledger.seq)
-    told = [line for line in text.splitlines() if line.startswith("- ")]
-
-    assert [re.sub(r"^- \d\d:\d\d:\d\d ", "", line)[:60] for line in told] == [
-        "**tidy-7** (mission) goal asked for: Tidy the table, seed 7",
-        "**tidy-7** (mission) compiled into 2 nodes",
-        "**tidy-7/red** (mission) ready",
-        "**tidy-7.red** (mission) asks: Put the red cube into the red",
-        "**tidy-7.red** (watchdog) claimed, epoch 1",
-        "**tidy-7.red** (watchdog) passed preflight, running",
-        "**tidy-7.red** (watchdog) execution skill failed at `pick_an",
-        "**tidy-7.red** (mission) verdict replan (GRASP_LOST): verify",
-        "**tidy-7/red** (mission) continues as tidy-7.red.r1, child o",
-        "**tidy-7/red** (mission) a replan was paid for",
-        "**tidy-7.red.r1** (mission) asks: Put the red cube into the ",
-    ]
-
-
-def test_a_long_log_shows_its_end():
-    text = render_log([f"- {number}\n" for number in range(LINES_SHOWN + 5)], 9)
-
-    assert "5 older lines are not shown" in text
-    assert "\n- 4\n" not in text
-    assert "\n- 5\n- 6\n" in text
 
 
 def test_a_task_shows_goal_nodes_criteria_and_verdict(run, ledger):
@@ -177,11 +183,13 @@ def test_a_task_shows_goal_nodes_criteria_and_verdict(run, ledger):
 
     for fact in (
         "## tidy-7\n",
-        "**Asked:** Tidy the table (graph `tidy`, seed 7,",
+        "**Asked:** Tidy the table (graph `tidy`, seed 7, submitted by mission, 1970-01-12 ",
         ": both cubes are in",
-        "**Replans:** 1",
+        "**Sessions:** 2, replans: 1",
         "`count(inside(*, red_tray)) >= 1`",
-        "| red | active | the red cube |  | tidy-7.red (replanned), tidy-7.red.r1 (pending) |  |",
+        "| red | active | the red cube | pick_and_place |  | "
+        "[tidy-7.red](evidence/tidy-7.red) (replanned), tidy-7.red.r1 (pending) |  |",
+        "| [tidy-7.red](evidence/tidy-7.red) | tidy-7.red.r1 | the cube slipped |  |",
         "| `inside(red_cube, red_tray)` | accept | **no** |",
     ):
         assert fact in text
@@ -237,76 +245,3 @@ def test_publishing_replaces_a_document_as_a_whole(tmp_path):
 
     assert path.read_text() == "new"
     assert list(tmp_path.iterdir()) == [path]
-
-
-ENVIRONMENT = Environment(
-    time_s=12.5,
-    scene="tabletop/cubes_and_trays",
-    episode="tidy-7",
-    revision=3,
-    sensing="truth",
-    entities={
-        "red_cube": Entity(
-            name="red_cube",
-            kind="cube",
-            color="red",
-            pose=Pose((0.5, 0.1, 0.42)),
-            shapes=(Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),),
-            speed_m_s=1e-7,
-            observed_at_s=12.5,
-        ),
-        "blue_cube": Entity(name="blue_cube", kind="cube", pose=Pose(), held_by="panda"),
-        "red_tray": Entity(
-            name="red_tray",
-            kind="tray",
-            pose=Pose((0.5, 0.1, 0.4)),
-            interior=Interior(center_m=(0, 0, 0.03), half_m=(0.1, 0.1, 0.03)),
-        ),
-        "wall": Entity(name="wall", kind="wall", pose=Pose(), movable=False),
-    },
-    regions={"shelf": Region(name="shelf", pose=Pose((1.0, 0.0, 0.5)), half_m=(0.1, 0.2, 0.3))},
-    targets={
-        "panda": TargetState(
-            q_rad=(0.1,) * 7, qd_rad_s=(0.0,) * 7, gripper_width_m=0.0397, tcp=Pose(), holding=("blue_cube",)
-        )
-    },
-)
-
-
-def test_the_environment_comes_back_as_it_was(tmp_path):
-    path = tmp_path / "ENVIRONMENT.md"
-    publish(path, render_environment(ENVIRONMENT))
-
-    assert read_environment(path) == ENVIRONMENT
-
-
-def test_the_environment_tells_where_things_are():
-    text = render_environment(ENVIRONMENT)
-
-    assert "| red_cube | red cube | inside red_tray | 0.500 0.100 0.420 |" in text
-    assert "| blue_cube | cube | held by panda |" in text
-    assert "| wall | wall | fixed |" in text
-    assert "| shelf | 1.000 0.000 0.500 | 0.100 0.200 0.300 |" in text
-    assert "| panda | 0.000 0.000 0.000 | 0.0397 | blue_cube |" in text
-
-
-def test_two_snapshots_differ_in_the_lines_that_changed():
-    moved = msgspec.structs.replace(ENVIRONMENT.entities["red_cube"], visible=False)
-    later = msgspec.structs.replace(ENVIRONMENT, entities=ENVIRONMENT.entities | {"red_cube": moved})
-    before, after = (render_environment(each).splitlines() for each in (ENVIRONMENT, later))
-
-    changed = sorted(set(after) - set(before))
-
-    assert [line.split()[0 if line.startswith(" ") else 1] for line in changed] == ['"red_cube":', "red_cube"]
-
-
-def test_an_environment_that_nobody_observed_says_so(tmp_path):
-    path = tmp_path / "ENVIRONMENT.md"
-    with pytest.raises(DefinitionError, match=r"ENVIRONMENT_UNREADABLE: found .*No such file"):
-        read_environment(path)
-    path.write_text("# The world\n\nNothing has been observed yet.\n")
-    with pytest.raises(DefinitionError, match=r"found no block of data.*with its first observation"):
-        read_environment(path)
-    path.write_text(render_environment(ENVIRONMENT).replace('"time_s": 12.5', '"time_s": "noon"'))
-    with pytest.raises(DefinitionError, match=r"Expected `float`, got `str`"):
-        read_environment(path)

@@ -89,7 +89,7 @@ def test_it_waits_together_with_other_things(folder):
 
 
 def test_without_inotify_it_polls_and_says_so(folder, monkeypatch):
-    def refuse():
+    def refuse(**_):
         raise OSError(errno.EMFILE, "Too many open files")
 
     monkeypatch.setattr(watch_module.inotify_simple, "INotify", refuse)

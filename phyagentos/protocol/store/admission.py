@@ -1,22 +1,25 @@
 """Which records may be added: the lifecycle of sessions, fencing by epoch, and who may say what about goals.
 
 Upstream: the writer, which asks with the lane locked; so a check and the write that follows it are one step (the
-compare-and-set of the store). Downstream: `lifecycle`. It holds two short facts per session and nothing of its content.
+compare-and-set of the store). Downstream: `lifecycle`. It holds three short facts per session, nothing of its
+content, and forgets what is final once it can be looked up.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, format_hint, format_names
-from phyagentos.protocol.lifecycle import IllegalTransition, SessionState, Side, compute_next_state
-from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState, Side, compute_next_state
+from phyagentos.protocol.sessions import Amendment, Limits, Session
 from phyagentos.protocol.store.records import JOURNAL_ID, Record
 
 GOAL_PREFIX = "goal:"
 NODE_PREFIX = "node:"
+_StructT = TypeVar("_StructT", bound=msgspec.Struct)
+_OF_AGENT = (GOAL_PREFIX, NODE_PREFIX)
 _UNKNOWN = "unknown"  # state of a session that nobody has submitted
 
 
@@ -56,6 +59,7 @@ _OF_GOALS = frozenset(
 )
 _OF_NODES = frozenset(GoalEvent) - _OF_GOALS | {GoalEvent.BUDGET_SPENT}
 _BY_OPERATOR = frozenset({GoalEvent.GOAL_SUBMITTED, GoalEvent.GOAL_CANCELLED})
+_FORGETTABLE = frozenset({*FINAL_STATES, GoalEvent.GOAL_VERDICT})
 
 
 class Entry(msgspec.Struct, frozen=True):
@@ -64,8 +68,8 @@ class Entry(msgspec.Struct, frozen=True):
     Attributes:
         id: A session id, `goal:<goal id>` or `node:<goal id>/<node>`.
         ev: `submit`, a trigger of the lifecycle, or a `GoalEvent`.
-        body: The contract for `submit`; `execution` for `finish`; `attempt` for `accept`, `refuse`, `replan`;
-            `reason` for `reject`, `cancel`, `lose`; for goals see `ledger`.
+        body: The contract for `submit`; an `Amendment` for `amend`; `execution` for `finish`; `attempt` for `accept`,
+            `refuse`, `replan`; `reason` for `reject`, `cancel`, `lose`; for goals see `ledger`.
         epoch: The fencing token the caller acts under; None where there is none. With `claim`: the epoch it saw.
     """
 
@@ -107,19 +111,55 @@ class IllegalEvent(PhyAgentOSError):
         super().__init__(f"{id}: {event!r} refused: {reason}")
 
 
-class Admission:
-    """Judges entries against everything recorded so far."""
+class Known(msgspec.Struct, frozen=True, gc=False):
+    """What is remembered of a session or goal.
 
-    def __init__(self) -> None:
-        self._sessions: dict[str, tuple[str, int]] = {}  # id -> (state, epoch)
-        self._goals: dict[str, str] = {}  # goal id -> latest goal event that matters here
+    Attributes:
+        state: Of a session; of a goal, the latest event that matters here.
+        epoch: Fencing token in force; 0 for a goal.
+        seq: Sequence number of its latest record.
+    """
+
+    state: str
+    epoch: int
+    seq: int
+
+
+class Admission:
+    """Judges entries against everything recorded so far.
+
+    Args:
+        recall: Finds a session or goal (`goal:<goal id>`) that was forgotten, None when it never was.
+    """
+
+    def __init__(self, recall: Callable[[str], Known | None] = lambda _: None) -> None:
+        self._known: dict[str, Known] = {}
+        self._staged: dict[str, Known] = {}
+        self._recall = recall
 
     def apply(self, record: Record) -> None:
         """Take note of a record."""
-        if record.to is not None:
-            self._sessions[record.id] = (record.to, record.epoch or 0)
-        elif record.id.startswith(GOAL_PREFIX) and record.ev in _OF_GOALS:
-            self._goals[record.id[len(GOAL_PREFIX) :]] = record.ev
+        known = read_known(record)
+        if known is not None:
+            self._known[record.id] = known
+
+    def restore(self, known: Mapping[str, Known]) -> None:
+        """Take note of what a checkpoint, or an older record, says; what is known already stands."""
+        self._known = {**known, **self._known}
+
+    def knows(self, id: str) -> bool:
+        """Whether a session or goal of this id was ever submitted."""
+        return self._find(id) is not None
+
+    def forget(self, last_seq: int) -> None:
+        """Let go of what is final and can be recalled: all whose latest record is `last_seq` or an earlier one."""
+        self._known = {
+            id: known for id, known in self._known.items() if known.seq > last_seq or known.state not in _FORGETTABLE
+        }
+
+    def __len__(self) -> int:
+        """How many sessions and goals are remembered."""
+        return len(self._known)
 
     def admit(
         self, entries: Sequence[Entry], markdown: Sequence[str], *, last_seq: int, by: str, side: Side, at: str
@@ -127,7 +167,7 @@ class Admission:
         """The records these entries become, each checked as if those before it stood already.
 
         Args:
-            entries: One batch.
+            entries: One batch; bodies are plain data.
             markdown: The body of each, rendered.
             last_seq: Sequence number of the last record.
             by: Name of the writer.
@@ -140,15 +180,24 @@ class Admission:
             IllegalEvent: A goal or node event out of order, or from the wrong side.
             DefinitionError: A contract that is none.
         """
-        sessions, goals = self._sessions, self._goals
-        staged = Admission()
-        staged._sessions = _Overlay(sessions)
-        staged._goals = _Overlay(goals)
+        self._staged = {}
         records = []
-        for index, (entry, text) in enumerate(zip(entries, markdown, strict=True)):
-            source, to, epoch = staged._check(entry, side)
+        seq, more = last_seq, len(entries)
+        for entry, text in zip(entries, markdown, strict=True):
+            seq, more = seq + 1, more - 1
+            contract: Session | None = None
+            source: str | None = None
+            to: str | None = None
+            epoch: int | None = None
+            if entry.id.startswith(_OF_AGENT):
+                self._check_goal(entry, side)
+            elif entry.ev == "submit":
+                contract = self._check_submit(entry, side)
+                to, epoch = SessionState.PENDING.value, 0
+            else:
+                source, to, epoch = self._check(entry, side)
             record = Record(
-                seq=last_seq + 1 + index,
+                seq=seq,
                 id=entry.id,
                 ev=entry.ev,
                 source=source,
@@ -157,31 +206,54 @@ class Admission:
                 side=side.value,
                 epoch=epoch,
                 at=at,
-                more=len(entries) - 1 - index,
+                more=more,
                 markdown=text,
             )
-            staged.apply(record)
+            record.remember(entry.body or None, contract)
+            if more:
+                known = read_known(record)
+                if known is not None:
+                    self._staged[record.id] = known
             records.append(record)
         return records
 
-    def _check(self, entry: Entry, side: Side) -> tuple[str | None, str | None, int | None]:
+    def _find(self, id: str) -> Known | None:
+        """What is known, those before it in the batch included."""
+        known = self._staged.get(id) or self._known.get(id)
+        if known is None and (known := self._recall(id)) is not None:
+            self._known[id] = known
+        return known
+
+    def _check_submit(self, entry: Entry, side: Side) -> Session:
+        known = self._find(entry.id)
+        if known is not None:
+            compute_next_state(entry.id, known.state, entry.ev, side)  # refuses, and says what would be possible
+        if side is Side.RUNTIME or entry.id == JOURNAL_ID:
+            state = known.state if known else _UNKNOWN
+            raise IllegalTransition(entry.id, state, entry.ev, side, ("submit, by the agent or an operator",))
+        return self._check_contract(entry, side)
+
+    def _check(self, entry: Entry, side: Side) -> tuple[str, str, int]:
         """State before, state after and epoch after, or an error."""
-        if entry.id.startswith((GOAL_PREFIX, NODE_PREFIX)):
-            self._check_goal(entry, side)
-            return None, None, None
-        state, epoch = self._sessions.get(entry.id, (_UNKNOWN, 0))
-        if entry.ev == "submit":
-            if state != _UNKNOWN:
-                compute_next_state(entry.id, state, entry.ev, side)  # refuses, and says what would be possible
-            if side is Side.RUNTIME or entry.id == JOURNAL_ID:
-                raise IllegalTransition(entry.id, state, entry.ev, side, ("submit, by the agent or an operator",))
-            _check_contract(entry)
-            return None, SessionState.PENDING.value, 0
-        if state == _UNKNOWN:
-            raise IllegalTransition(entry.id, state, entry.ev, side, ("submit",))
-        if side is Side.RUNTIME and entry.epoch is not None and entry.epoch != epoch:
-            raise Fenced(entry.id, entry.ev, entry.epoch, epoch)
-        return state, compute_next_state(entry.id, state, entry.ev, side), epoch + (entry.ev == "claim")
+        known = self._find(entry.id)
+        if known is None:
+            raise IllegalTransition(entry.id, _UNKNOWN, entry.ev, side, ("submit",))
+        if side is Side.RUNTIME and entry.epoch is not None and entry.epoch != known.epoch:
+            raise Fenced(entry.id, entry.ev, entry.epoch, known.epoch)
+        to = compute_next_state(entry.id, known.state, entry.ev, side)
+        if entry.ev == "amend":
+            _check_amendment(entry)
+        return known.state, to, known.epoch + (entry.ev == "claim")
+
+    def _check_contract(self, entry: Entry, side: Side) -> Session:
+        session = _convert(entry, Session)
+        if session.id != entry.id:
+            raise DefinitionError(
+                Problem(code="NAME_MISMATCH", address=f"session {entry.id}", found=session.id, expected=entry.id)
+            )
+        if side is Side.OPERATOR and self._find(GOAL_PREFIX + session.goal) is not None:
+            raise IllegalEvent(entry.id, entry.ev, f"the sessions of goal {session.goal!r} belong to the agent")
+        return session
 
     def _check_goal(self, entry: Entry, side: Side) -> None:
         is_goal = entry.id.startswith(GOAL_PREFIX)
@@ -192,7 +264,8 @@ class Admission:
         if side is Side.RUNTIME or (side is Side.OPERATOR and entry.ev not in _BY_OPERATOR):
             raise IllegalEvent(entry.id, entry.ev, f"the {side} may not say this; goals and nodes belong to the agent")
         goal = entry.id.partition(":")[2] if is_goal else split_node_id(entry.id)[0]
-        latest = self._goals.get(goal)
+        known = self._find(GOAL_PREFIX + goal)
+        latest = known.state if known else None
         if (latest is None) != (entry.ev == GoalEvent.GOAL_SUBMITTED):
             said = "it was submitted before" if latest else "nobody has submitted this goal"
             raise IllegalEvent(entry.id, entry.ev, said)
@@ -200,16 +273,13 @@ class Admission:
             raise IllegalEvent(entry.id, entry.ev, "the goal has its verdict, which is final")
 
 
-class _Overlay(dict[str, Any]):
-    """A mapping that reads through to another one and keeps what is written to itself."""
-
-    def __init__(self, below: dict[str, Any]) -> None:
-        super().__init__()
-        self._below = below
-
-    def get(self, key: str, default: Any = None) -> Any:
-        """The staged value, else the one below."""
-        return super().get(key) if key in self else self._below.get(key, default)
+def read_known(record: Record) -> Known | None:
+    """What a record makes known of a session or goal; None when nothing that matters here."""
+    if record.to is not None:
+        return Known(record.to, record.epoch or 0, record.seq)
+    if record.id.startswith(GOAL_PREFIX) and record.ev in _OF_GOALS:
+        return Known(record.ev, 0, record.seq)
+    return None
 
 
 def split_node_id(id: str) -> tuple[str, str]:
@@ -224,19 +294,29 @@ def split_node_id(id: str) -> tuple[str, str]:
     return goal, node
 
 
-def _check_contract(entry: Entry) -> None:
+def _convert(entry: Entry, kind: type[_StructT]) -> _StructT:
     try:
-        session = msgspec.convert(entry.body, Session)
+        return msgspec.convert(entry.body or {}, kind)
     except msgspec.ValidationError as error:
         raise DefinitionError(
             Problem(
                 code="INVALID_CONTRACT",
                 address=f"session {entry.id}",
                 found=str(error),
-                expected="a Session as a mapping (msgspec.to_builtins)",
+                expected=f"{kind.__name__} as a mapping (msgspec.to_builtins)",
             )
         ) from error
-    if session.id != entry.id:
-        raise DefinitionError(
-            Problem(code="NAME_MISMATCH", address=f"session {entry.id}", found=session.id, expected=entry.id)
-        )
+
+
+def _check_amendment(entry: Entry) -> None:
+    for name in _convert(entry, Amendment).limits:
+        if name not in Limits.__struct_fields__:
+            raise DefinitionError(
+                Problem(
+                    code="INVALID_CONTRACT",
+                    address=f"session {entry.id}: limits",
+                    found=repr(name),
+                    expected=format_names(Limits.__struct_fields__),
+                    hint=format_hint(name, Limits.__struct_fields__),
+                )
+            )

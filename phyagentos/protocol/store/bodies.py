@@ -2,40 +2,69 @@
 
 Upstream: whoever commits. Downstream: the fold, and readers in other languages. The writer keeps to a small subset of
 YAML (block mappings and lists, flow style only as JSON, words plain, other texts quoted as JSON), so that its own
-blocks are written and read some ten times faster than with libyaml; any other YAML is left to libyaml.
+blocks are written and read some thirty times faster than with libyaml; any other YAML is left to libyaml. Words and
+lines come back again and again in a journal, so each is judged once and remembered.
 """
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
-import yaml
 
-_Loader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _OPENING = "\n```yaml\n"
 _CLOSING = "```\n"
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./()-]*(?: [A-Za-z0-9_./()-]+)*")
+_WORD = r"[A-Za-z_][A-Za-z0-9_./()-]*(?: [A-Za-z0-9_./()-]+)*"
+_PLAIN = re.compile(_WORD)
+_LINE = re.compile(rf"( *)(- )?(?:({_WORD}):(?: (.*))?$)?(.*)", re.DOTALL)
 _RESERVED = frozenset({"true", "false", "null", "yes", "no", "on", "off", "y", "n"})
 _BREAKS_YAML = re.compile("[\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]")  # JSON lets these stand, YAML does not
+_NUMBERS = re.compile(rb"[\[\]0-9.,-]*")  # lists of those that JSON, YAML and `repr` write alike
 _CONSTANTS = {"true": True, "false": False, "null": None}
+_JSON_BEGINS = frozenset('"[{-0123456789')
+_CONTAINERS = frozenset({dict, list, tuple})
 _INDENT = 2
+_REMEMBERED = 8192  # texts and lines that are kept; all are let go when one more comes
+_SHAPES_REMEMBERED = 1024  # mappings of the same keys; likewise
+_LONGEST_REMEMBERED = 200  # characters; longer ones do not come back
+
+_words: dict[str, str] = {}  # text -> as a plain or quoted scalar
+_spaced: dict[str, str] = {}  # the same behind a space
+_quoted: dict[str, str] = {}  # text -> as JSON
+_shapes: dict[tuple[str, ...], str] = {}  # margin and keys of a mapping -> its lines without the values
+_lines: dict[str, "_Line"] = {}
 
 
 def render_yaml(value: Any) -> str:
     """Block-style YAML of a mapping or list; lists of numbers and words stay on one line; structs become mappings."""
-    plain = msgspec.to_builtins(value, str_keys=True)
-    lines: list[str] = []
-    if not plain or not isinstance(plain, dict | list | tuple):
-        lines.append(_render_flow(plain))
-    else:
-        _render_block(plain, 0, lines)
-    return "\n".join(lines) + "\n"
+    return _render_plain(msgspec.to_builtins(value, str_keys=True))
 
 
-def render_body(body: Mapping[str, Any] | None) -> str:
-    """The Markdown that follows the first line of a record; empty without a body."""
-    return f"{_OPENING}{render_yaml(dict(body))}{_CLOSING}" if body else ""
+def render_flow(value: Any) -> str:
+    """One line of flow-style YAML; structs become mappings."""
+    return _render_flow(msgspec.to_builtins(value, str_keys=True))
+
+
+def to_plain(body: Any) -> Any:
+    """The body as any reader will get it: mappings with text as keys, lists, scalars."""
+    if body is None:
+        return None
+    data = msgspec.json.encode(body)
+    if b"null" in data:  # JSON has no infinity
+        return _to_lists(msgspec.to_builtins(body, str_keys=True))
+    return msgspec.json.decode(data)
+
+
+def render_body(body: Mapping[str, Any] | None, *, is_plain: bool = False) -> str:
+    """The Markdown that follows the first line of a record; empty without a body.
+
+    Args:
+        body: What the record says.
+        is_plain: It comes from `to_plain`.
+    """
+    if not body:
+        return ""
+    return f"{_OPENING}{_render_plain(body) if is_plain else render_yaml(dict(body))}{_CLOSING}"
 
 
 def parse_body(markdown: str) -> dict[str, Any] | None:
@@ -50,57 +79,127 @@ def parse_body(markdown: str) -> dict[str, Any] | None:
         return None
     text = markdown[begin + len(_OPENING) : end + 1]
     try:
-        value = _Block(text).parse()
+        value = _parse_block(text)
     except (_OtherYaml, msgspec.DecodeError):
-        value = yaml.load(text, Loader=_Loader)
+        value = _load_yaml(text)
     return value if isinstance(value, dict) else None
 
 
-def _render_block(value: Any, indent: int, lines: list[str]) -> None:
-    margin = " " * indent
-    if isinstance(value, dict):
-        for key, each in value.items():
-            if _is_flow(each):
-                lines.append(f"{margin}{_render_scalar(key)}: {_render_value(each)}")
-            else:
-                lines.append(f"{margin}{_render_scalar(key)}:")
-                _render_block(each, indent + _INDENT, lines)
-        return
-    for each in value:
-        if isinstance(each, dict) and each:
-            first = len(lines)
-            _render_block(each, indent + _INDENT, lines)
-            lines[first] = f"{margin}- {lines[first][indent + _INDENT :]}"
+def _to_lists(value: Any) -> Any:
+    kind = type(value)
+    if kind is dict:
+        return {key: _to_lists(each) if type(each) in _CONTAINERS else each for key, each in value.items()}
+    if kind is list or kind is tuple:
+        return [_to_lists(each) if type(each) in _CONTAINERS else each for each in value]
+    return value
+
+
+def _load_yaml(text: str) -> Any:
+    import yaml  # only for what somebody else wrote: a start without it is 9 ms shorter
+
+    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
+# -- writing -----------------------------------------------------------------------------------------------------------
+
+
+def _render_plain(plain: Any) -> str:
+    if plain and type(plain) is dict:
+        return _render_map(plain, "")[1:] + "\n"
+    if plain and isinstance(plain, list | tuple):
+        return _render_list(plain, "")[1:] + "\n"
+    return _render_flow(plain) + "\n"
+
+
+def _render_map(value: dict[str, Any], margin: str) -> str:
+    """Its lines, each with a line feed in front."""
+    parts = []
+    for each in value.values():
+        kind = type(each)
+        if kind is str:
+            parts.append(_spaced.get(each) or _render_spaced(each))
+        elif kind is dict and each:
+            parts.append(_render_map(each, margin + "  "))
+        elif (kind is list or kind is tuple) and not _is_flow(each):
+            parts.append(_render_list(each, margin + "  "))
         else:
-            lines.append(f"{margin}- {_render_value(each)}")
+            parts.append(f" {_render_flow(each)}")
+    keys = (margin, *value)
+    return (_shapes.get(keys) or _render_shape(keys)) % tuple(parts)
 
 
-def _is_flow(value: Any) -> bool:
-    if isinstance(value, list | tuple):
-        return not any(isinstance(each, dict) and each for each in value)
-    return not (isinstance(value, dict) and value)
+def _render_list(value: list[Any] | tuple[Any, ...], margin: str) -> str:
+    """Its lines, each with a line feed in front."""
+    return "".join(
+        [
+            f"\n{margin}- {_render_map(each, margin + '  ')[len(margin) + 3 :]}"
+            if isinstance(each, dict) and each
+            else f"\n{margin}- {_render_scalar(each)}"
+            for each in value
+        ]
+    )
 
 
-def _render_value(value: Any) -> str:
-    return _render_flow(value) if isinstance(value, dict | list | tuple) else _render_scalar(value)
+def _render_shape(keys: tuple[str, ...]) -> str:
+    """The lines of a mapping with these keys (the margin comes first), with a gap for each value."""
+    margin, *names = keys
+    lines = [f"\n{margin}{_render_word(name)}:".replace("%", "%%") + "%s" for name in names]
+    shape = "".join(lines)
+    if len(_shapes) >= _SHAPES_REMEMBERED:
+        _shapes.clear()
+    _shapes[keys] = shape
+    return shape
+
+
+def _render_spaced(text: str) -> str:
+    rendered = f" {_render_word(text)}"
+    _remember(_spaced, text, rendered)
+    return rendered
+
+
+def _is_flow(value: list[Any] | tuple[Any, ...]) -> bool:
+    return not any(isinstance(each, dict) and each for each in value)
 
 
 def _render_scalar(value: Any) -> str:
-    if isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _RESERVED:
-        return value
-    return _render_flow(value)
+    return (_words.get(value) or _render_word(value)) if isinstance(value, str) else _render_flow(value)
+
+
+def _render_word(text: str) -> str:
+    is_plain = _PLAIN.fullmatch(text) is not None and text.lower() not in _RESERVED
+    rendered = text if is_plain else _render_text(text)
+    _remember(_words, text, rendered)
+    return rendered
+
+
+def _render_text(text: str) -> str:
+    rendered = _quoted.get(text)
+    if rendered is None:
+        rendered = msgspec.json.encode(text).decode()
+        if not text.isascii() or "\x7f" in text:
+            rendered = _BREAKS_YAML.sub(lambda match: f"\\u{ord(match[0]):04x}", rendered)
+        _remember(_quoted, text, rendered)
+    return rendered
 
 
 def _render_flow(value: Any) -> str:
     """JSON, which is YAML, with numbers as YAML 1.1 reads them."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_render_flow(key)}: {_render_flow(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join([_render_flow(each) for each in value]) + "]"
-    if isinstance(value, float):
+    kind = type(value)
+    if kind is str:
+        return _render_text(value)
+    if kind is float:
         return _render_float(value)
-    text = msgspec.json.encode(value).decode()
-    return _BREAKS_YAML.sub(lambda match: f"\\u{ord(match[0]):04x}", text) if isinstance(value, str) else text
+    if kind is dict:
+        return "{" + ", ".join([f"{_render_flow(key)}: {_render_flow(each)}" for key, each in value.items()]) + "}"
+    if kind is list or kind is tuple:
+        if value and type(value[0]) is float:
+            data = msgspec.json.encode(value)
+            if _NUMBERS.fullmatch(data):
+                return data.decode().replace(",", ", ")
+        return "[" + ", ".join([_render_flow(each) for each in value]) + "]"
+    if kind is int:
+        return str(value)
+    return msgspec.json.encode(value).decode()
 
 
 def _render_float(value: float) -> str:
@@ -110,68 +209,120 @@ def _render_float(value: float) -> str:
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
+def _remember(known: dict[str, Any], text: str, value: Any) -> None:
+    if len(text) <= _LONGEST_REMEMBERED:
+        if len(known) >= _REMEMBERED:
+            known.clear()
+        known[text] = value
+
+
+# -- reading -----------------------------------------------------------------------------------------------------------
+
+
 class _OtherYaml(Exception):
     """The text is outside the subset."""
 
 
-class _Block:
-    """Reads the subset that `render_yaml` writes; refuses everything else."""
+class _Line(NamedTuple):
+    """One line of the subset.
 
-    def __init__(self, text: str) -> None:
-        self._lines = [(len(line) - len(rest), rest) for line in text.split("\n") if (rest := line.lstrip(" "))]
-        self._at = 0
+    Attributes:
+        indent: Spaces before it.
+        is_item: Whether it begins with a dash.
+        key: In front of the colon; None for a bare item of a list.
+        text: JSON that is read anew each time, because the result may be changed by whoever gets it.
+        value: What stands there, where nobody can change it.
+        is_parent: The value stands in the lines below.
+    """
 
-    def parse(self) -> Any:
-        value = self._parse(0)
-        if self._at < len(self._lines):
+    indent: int
+    is_item: bool
+    key: str | None
+    text: str | None = None
+    value: Any = None
+    is_parent: bool = False
+
+
+def _parse_block(text: str) -> Any:
+    known = _lines.get
+    lines = [known(line) or _read_line(line) for line in text.split("\n") if line.strip(" ")]
+    if not lines or lines[0].indent:
+        raise _OtherYaml
+    value, at = _parse_lines(lines, 0, 0)
+    if at < len(lines):
+        raise _OtherYaml
+    return value
+
+
+def _read_line(line: str) -> _Line:
+    match = _LINE.fullmatch(line)
+    if match is None:
+        raise _OtherYaml
+    margin, dash, key, value, other = match.groups()
+    if key is not None:
+        if other or key.lower() in _RESERVED:
             raise _OtherYaml
-        return value
-
-    def _parse(self, indent: int) -> Any:
-        if self._at == len(self._lines) or self._lines[self._at][0] != indent:
-            raise _OtherYaml
-        return self._parse_list(indent) if self._lines[self._at][1].startswith("- ") else self._parse_map(indent)
-
-    def _parse_map(self, indent: int) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        while self._at < len(self._lines) and self._lines[self._at][0] == indent:
-            key, colon, rest = self._lines[self._at][1].partition(":")
-            if not colon or key in found or _parse_plain(key) != key:
-                raise _OtherYaml
-            self._at += 1
-            if rest.startswith(" "):
-                found[key] = _parse_value(rest[1:])
-            elif rest:
-                raise _OtherYaml
-            else:
-                found[key] = self._parse(indent + _INDENT)
-        return found
-
-    def _parse_list(self, indent: int) -> list[Any]:
-        found = []
-        while self._at < len(self._lines) and self._lines[self._at][0] == indent:
-            dash, rest = self._lines[self._at][1][:2], self._lines[self._at][1][2:]
-            if dash != "- ":
-                raise _OtherYaml
-            key, colon, _ = rest.partition(":")
-            if colon and _PLAIN.fullmatch(key):  # a mapping begins behind the dash
-                self._lines[self._at] = (indent + _INDENT, rest)
-                found.append(self._parse_map(indent + _INDENT))
-            else:
-                self._at += 1
-                found.append(_parse_value(rest))
-        return found
+        read = _Line(len(margin), bool(dash), key, *_read_value(value))
+    elif dash:
+        read = _Line(len(margin), True, None, *_read_value(other))
+    else:
+        raise _OtherYaml
+    _remember(_lines, line, read)
+    return read
 
 
-def _parse_value(text: str) -> Any:
-    if text and text[0] in '"[{-0123456789':
-        return msgspec.json.decode(text)
-    return _parse_plain(text)
-
-
-def _parse_plain(text: str) -> Any:
+def _read_value(text: str | None) -> tuple[str | None, Any, bool]:
+    """`text`, `value` and `is_parent` of a line."""
+    if text is None:
+        return None, None, True
+    if text and text[0] in _JSON_BEGINS:
+        value = msgspec.json.decode(text)
+        return (text, None, False) if isinstance(value, dict | list) else (None, value, False)
     if text in _CONSTANTS:
-        return _CONSTANTS[text]
+        return None, _CONSTANTS[text], False
     if text.lower() in _RESERVED or _PLAIN.fullmatch(text) is None:
         raise _OtherYaml
-    return text
+    return None, text, False
+
+
+def _parse_lines(lines: list[_Line], at: int, indent: int) -> tuple[Any, int]:
+    """The mapping or list that begins at line `at`, and the line behind it."""
+    if at == len(lines) or lines[at].indent != indent:
+        raise _OtherYaml
+    return _parse_list(lines, at, indent) if lines[at].is_item else _parse_map(lines, at, indent)
+
+
+def _parse_map(lines: list[_Line], at: int, indent: int, *, behind_dash: bool = False) -> tuple[dict[str, Any], int]:
+    found: dict[str, Any] = {}
+    end = len(lines)
+    while at < end:
+        begin, is_item, key, text, value, is_parent = lines[at]
+        if behind_dash:
+            begin, is_item, behind_dash = indent, False, False
+        if begin != indent:
+            break
+        if is_item or key is None or key in found:
+            raise _OtherYaml
+        at += 1
+        if is_parent:
+            value, at = _parse_lines(lines, at, indent + _INDENT)
+        elif text is not None:
+            value = msgspec.json.decode(text)
+        found[key] = value
+    return found, at
+
+
+def _parse_list(lines: list[_Line], at: int, indent: int) -> tuple[list[Any], int]:
+    found: list[Any] = []
+    while at < len(lines) and lines[at].indent == indent:
+        _, is_item, key, text, value, _ = lines[at]
+        if not is_item:
+            raise _OtherYaml
+        if key is not None:  # a mapping begins behind the dash
+            value, at = _parse_map(lines, at, indent + _INDENT, behind_dash=True)
+        else:
+            at += 1
+            if text is not None:
+                value = msgspec.json.decode(text)
+        found.append(value)
+    return found, at

@@ -2,34 +2,48 @@
 
 Upstream: both planes and the operator. Downstream: followers, the fold (`ledger`) and the views. One `commit` is one
 lock, one check, one write and one wait for the disk. A database was measured and rejected: the truth must be text.
+
+Which records may lag. A wait for the disk covers everything that stands before it in the lane, whoever wrote it, so
+what is on the disk is always a prefix of the journal. A record may therefore be committed with `durable=False` when
+losing it in a power cut is harmless, or when a durable one follows before anybody acts on it. A session needs three
+waits:
+
+- `submit` (agent), before anybody is told that it was accepted;
+- `start` (runtime), before the first command: it covers `claim` and `check`;
+- the verdict (agent): it covers `finish` and `verify`. Without them, after a power cut, the session is taken for
+  running; the watchdog observes the world anew and the same evidence is judged.
 """
 
 import contextlib
-import fcntl
-import hashlib
-import os
-import re
-import socket
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import msgspec
-
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.admission import Admission, Entry, Fenced, IllegalEvent
-from phyagentos.protocol.store.bodies import render_body
-from phyagentos.protocol.store.follower import LOCK_NAME, Follower, find_holder
+from phyagentos.protocol.store.admission import Entry, Fenced, IllegalEvent
+from phyagentos.protocol.store.bodies import render_body, to_plain
+from phyagentos.protocol.store.checkpoint import (
+    find_checkpoint,
+    find_seen_seq,
+    refuse_missing_end,
+    start_reading,
+)
+from phyagentos.protocol.store.follower import Follower
+from phyagentos.protocol.store.lane import choose_lane
+from phyagentos.protocol.store.lane_lock import LaneLock
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.memory import Cold, Memory
+from phyagentos.protocol.store.reading import Reading
 from phyagentos.protocol.store.records import JOURNAL_ID, Record, Tail, encode_record
-from phyagentos.protocol.store.segments import FileIO, Front, SystemIO, choose_next_name, create_segment, write_all
+from phyagentos.protocol.store.segments import FileIO, SyncFailedError, SystemIO, choose_next_name, sync_folder
+from phyagentos.protocol.store.upkeep import Upkeep
+from phyagentos.protocol.store.writer import SegmentWriter
 
 __all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_lane"]
 
 SEGMENT_BYTES = 16 << 20
-_LOCK_WAIT_S = 0.0005  # pause between two tries; the lock is held for some ten microseconds
-_LOCK_TRIES = 20_000  # about ten seconds
 
 
 class Journal:
@@ -65,29 +79,60 @@ class Journal:
         self._side, self._by, self._clock = side, by, clock
         self._durable = durable
         self._segment_bytes = segment_bytes
-        self._io = file_io or SystemIO()
         self._mutex = threading.Lock()  # one commit at a time in this process
-        self._sync_mutex = threading.Lock()  # one fdatasync at a time; taken after `_mutex`, never before
-        self._synced_seq = 0
-        self._failure: ExecutionError | None = None
-        self._admission = Admission()
-        self._unread: list[Record] = []
-        self._fd = -1
-        self._fd_segment: str | None = None
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self._lock_fd, self._pid = self._open_lock()
-        self._follower = Follower(self.folder)
-        with self._mutex, self._locked():
-            self._catch_up()
+        self._ledger: Ledger | None = None
+        self._has_looked = False
+        io = file_io or SystemIO()
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}: {error}") from error
+        self._lock = LaneLock(self.folder)
+        self._writer = SegmentWriter(self.folder, self._lock, io, durable=durable)
+        if durable:  # whoever made these folders may have died before their names reached the disk
+            self._writer.be_durable(sync_folder, root, io)
+            self._writer.be_durable(sync_folder, self.folder.parent, io)
+        checkpoint = find_checkpoint(self.folder)
+        self._seen_seq = find_seen_seq(self.folder) if checkpoint is None else 0
+        self._follower = Follower(self.folder, checkpoint.position if checkpoint else None)
+        self._memory = Memory(self.folder, checkpoint)
+        self._admission = self._memory.admission
+        self._reading = Reading(self.folder)
+        self._upkeep = Upkeep(self.folder, clock, io, durable=durable)
+        try:
+            with self._mutex, self._locked():
+                self._catch_up()
+        except BaseException:
+            self._let_go()
+            raise
 
-    def commit(self, entries: Sequence[Entry]) -> list[Record]:
+    def open_ledger(self) -> Ledger:
+        """The fold of all that stands here, from the checkpoint where there is one; `read_new` goes on behind it.
+
+        Apply what `read_new` gives to this ledger: then checkpoints are made of it now and then.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`.
+        """
+        ledger, follower = start_reading(self.folder)
+        try:
+            for record in follower.read_new():
+                ledger.apply(record)
+            self._reading.begin_at(follower.position)
+        finally:
+            follower.close()
+        self._ledger = ledger
+        return ledger
+
+    def commit(self, entries: Sequence[Entry], *, durable: bool = True) -> list[Record]:
         """Record all of these, or none.
 
         Args:
             entries: One batch, in order; each is checked as if those before it stood already.
+            durable: Whether to wait for the disk now; if not, the next durable commit or `sync` covers it.
 
         Returns:
-            Its records, durable.
+            Its records.
 
         Raises:
             IllegalTransition: The lifecycle does not allow it, or not to this side.
@@ -100,27 +145,50 @@ class Journal:
         if not entries:
             return []
         plain = [
-            Entry(entry.id, entry.ev, msgspec.to_builtins(entry.body, str_keys=True), entry.epoch) for entry in entries
+            entry if entry.body is None else Entry(entry.id, entry.ev, to_plain(entry.body), entry.epoch)
+            for entry in entries
         ]
-        markdown = [render_body(entry.body) for entry in plain]
+        markdown = [render_body(entry.body, is_plain=True) if entry.body else "" for entry in plain]
         with self._mutex:
-            self._raise_failure()
-            with self._locked():
-                self._catch_up()
-                at = self._clock.wall_iso()
-                self._rotate_if_due(at[:10])
-                records = self._admission.admit(
-                    plain,
-                    markdown,
-                    last_seq=self._follower.seq,
-                    by=self._by,
-                    side=self._side,
-                    at=at,
-                )
-                self._append(records)
-        if self._durable:
-            self._sync(records[-1].seq)
+            self._writer.refuse_if_failed()
+            try:
+                records = self._record(plain, markdown)
+            except Cold:
+                self._memory.warm_up()
+                records = self._record(plain, markdown)
+            if self._follower.segment != self._memory.segment:
+                self._memory.shrink(str(self._follower.segment))
+        if self._durable and durable:
+            self._writer.sync(records[-1].seq, self._follower)
         return records
+
+    def sync(self) -> None:
+        """Wait until everything that was committed or read here is on the disk.
+
+        Raises:
+            ExecutionError: `JOURNAL_NOT_DURABLE`.
+        """
+        with self._mutex:
+            self._writer.refuse_if_failed()
+            self._writer.open(self._follower)
+            seq = self._follower.seq
+        if self._durable:
+            self._writer.sync(seq, self._follower)
+
+    def knows(self, id: str) -> bool:
+        """Whether a session or goal (`goal:<goal id>`) of this id was ever submitted, archived or not."""
+        with self._mutex:
+            self._note(self._follower.read_new())
+            return self._memory.knows(id)
+
+    def find_history(self, id: str) -> list[Record]:
+        """Every record of a session, `goal:<goal id>` or `node:<goal id>/<node>`, archived or not; oldest first.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
+        """
+        with self._mutex:
+            return self._memory.histories.find(id)
 
     def read_new(self) -> list[Record]:
         """Every record since the last call, those of this object's own commits among them, each once and in order.
@@ -130,81 +198,96 @@ class Journal:
         Raises:
             ExecutionError: `JOURNAL_DAMAGED`.
         """
+        self._tidy_if_due()
         with self._mutex:
             self._note(self._follower.read_new())
-            unread, self._unread = self._unread, []
-            return unread
+            before = self._follower.seq
+            records, self._follower = self._reading.take(self._follower)
+            if self._follower.seq > before:
+                for record in records:
+                    if record.seq > before:
+                        self._admission.apply(record)
+            return records
 
     def close(self) -> None:
         """Let go of the files; everything committed stays."""
-        with self._mutex, self._sync_mutex:
-            self._follower.close()
-            for fd in (self._fd, self._lock_fd):
-                if fd >= 0:
-                    os.close(fd)
-            self._fd = self._lock_fd = -1
-            self._failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
+        with self._mutex:
+            if self._writer.failure is None:
+                with contextlib.suppress(SyncFailedError):  # what was acknowledged stands without it
+                    self._upkeep.finish(self._ledger, self._follower.position)
+            self._let_go()
+            self._writer.failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
 
-    def _open_lock(self) -> tuple[int, int]:
-        return os.open(self.folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644), os.getpid()
+    def _let_go(self) -> None:
+        for each in (self._writer, self._follower, self._reading, self._memory, self._lock):
+            each.close()
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
-            self._lock_fd, self._pid = self._open_lock()
-        for _ in range(_LOCK_TRIES):
-            try:
-                fcntl.flock(self._lock_fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                threading.Event().wait(_LOCK_WAIT_S)
-        else:
-            raise ExecutionError(
-                "JOURNAL_LOCKED",
-                f"{self.folder / LOCK_NAME}: held for ten seconds by {find_holder(self._lock_fd)}. "
-                "If that process is stopped, continue it or end it.",
-            )
+        self._lock.acquire()
         try:
             yield
         finally:
-            fcntl.flock(self._lock_fd, fcntl.LOCK_UN)
+            self._lock.release()
+
+    def _record(self, entries: Sequence[Entry], markdown: Sequence[str]) -> list[Record]:
+        self._lock.acquire()
+        try:
+            self._catch_up()
+            at = self._clock.wall_iso()
+            self._rotate_if_due(at[:10])
+            records = self._admission.admit(
+                entries, markdown, last_seq=self._follower.seq, by=self._by, side=self._side, at=at
+            )
+            self._append(records)
+        finally:
+            self._lock.release()
+        return records
 
     def _note(self, records: Sequence[Record]) -> None:
-        for record in records:
-            self._admission.apply(record)
-        self._unread += records
+        if records:
+            for record in records:
+                self._admission.apply(record)
+            self._reading.add(records)
+
+    def _tidy_if_due(self) -> None:
+        ledger, delivered = self._ledger, self._reading.delivered
+        if ledger is None or delivered is None or ledger.seq != delivered.seq:
+            return
+        if self._upkeep.is_due(delivered):
+            self._writer.be_durable(self._upkeep.tidy, ledger, delivered)
 
     def _catch_up(self) -> None:
         """Know everything that stands in the lane; cut what a dying writer left half."""
-        self._note(self._follower.advance())
+        is_first_look, self._has_looked = not self._has_looked, True
+        records = self._follower.advance(trusts_lock=not is_first_look)
+        self._note(records)
+        if self._writer.segment == self._follower.segment and self._follower.tail is Tail.CLEAN and not is_first_look:
+            return
+        refuse_missing_end(self._follower, self._seen_seq)
         if self._follower.segment is None:
-            self._create(choose_next_name(None, self._clock.wall_iso()[:10]))
+            self._writer.create(choose_next_name(None, self._clock.wall_iso()[:10]), self._follower)
             self._note(self._follower.advance())
-        self._open_current()
+        self._writer.open(self._follower)
         if self._follower.tail is Tail.DAMAGED:
-            self._set_aside(self._follower.read_rest())
-            raise self._follower.describe_damage()
+            error = self._follower.describe_damage()
+            self._set_aside()
+            raise error
+        if is_first_look:  # a writer that died may have announced one that never appeared
+            self._writer.announce(str(self._follower.segment))
         if self._follower.tail is Tail.TORN:
             self._repair()
 
-    def _open_current(self) -> None:
-        if self._fd_segment == self._follower.segment:
-            return
-        with self._sync_mutex:
-            if self._fd >= 0:
-                os.close(self._fd)
-            self._fd = os.open(self._follower.path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
-            # whoever opened this segment made the one before it durable first
-            self._synced_seq = max(self._synced_seq, self._follower.first_seq - 1)
-            self._fd_segment = self._follower.segment
-
-    def _set_aside(self, rest: bytes) -> None:
+    def _set_aside(self) -> None:
         name = f"{self._follower.segment}.{self._follower.offset}.damaged"
-        with contextlib.suppress(OSError):
-            (self.folder / name).write_bytes(rest)
+        with contextlib.suppress(OSError, ExecutionError):
+            if rest := self._follower.read_rest():
+                (self.folder / name).write_bytes(rest)
 
     def _repair(self) -> None:
         """Cut a torn tail: nobody was ever told that it stands."""
+        import hashlib
+
         rest = self._follower.read_rest()
         body = {
             "segment": self._follower.segment,
@@ -212,7 +295,12 @@ class Journal:
             "cut_bytes": len(rest),
             "cut_sha256": hashlib.sha256(rest).hexdigest(),
         }
-        self._io.truncate(self._fd, self._follower.offset)
+        try:
+            self._writer.cut(self._follower.offset)
+        except OSError as error:
+            raise ExecutionError(
+                "JOURNAL_WRITE_FAILED", f"{self._follower.path}: {error}. Nothing was changed."
+            ) from error
         self._follower.tail = Tail.CLEAN
         record = Record(
             seq=self._follower.seq + 1,
@@ -227,14 +315,7 @@ class Journal:
 
     def _append(self, records: Sequence[Record]) -> None:
         data = b"".join([encode_record(record) for record in records])
-        try:
-            write_all(self._io, self._fd, data)
-        except OSError as error:
-            with contextlib.suppress(OSError):  # else the next writer finds a torn tail and cuts it
-                self._io.truncate(self._fd, self._follower.offset)
-            raise ExecutionError(
-                "JOURNAL_WRITE_FAILED", f"{self._follower.path}: {error}. Nothing was recorded; free space, try again."
-            ) from error
+        self._writer.append(data, self._follower)
         self._follower.accept(data, records)
         self._note(records)
 
@@ -242,63 +323,7 @@ class Journal:
         current = str(self._follower.segment)
         if self._follower.offset < self._segment_bytes and today <= current[:10]:
             return
-        try:
-            self._io.fsync(self._fd)
-        except OSError as error:
-            raise self._fail(error) from error
-        self._create(choose_next_name(current, today))
+        self._writer.seal()
+        self._writer.create(choose_next_name(current, today), self._follower)
         self._note(self._follower.advance())
-        self._open_current()
-
-    def _create(self, name: str) -> None:
-        follower = self._follower
-        front = Front(lane=self.folder.name, name=name, first_seq=follower.seq + 1)
-        if follower.segment is not None:
-            front = Front(front.lane, name, front.first_seq, prev=follower.segment, prev_sha256=follower.sha256)
-        try:
-            create_segment(self.folder, front, self._io, durable=self._durable)
-        except OSError as error:
-            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}, segment {name}: {error}") from error
-
-    def _sync(self, seq: int) -> None:
-        """Wait until record `seq` is on the disk; one call serves every thread that waits meanwhile."""
-        with self._sync_mutex:
-            if self._synced_seq >= seq:
-                return
-            self._raise_failure()
-            reached = self._follower.seq
-            try:
-                self._io.fdatasync(self._fd)
-            except OSError as error:
-                raise self._fail(error) from error
-            self._synced_seq = max(self._synced_seq, reached)
-
-    def _fail(self, error: OSError) -> ExecutionError:
-        """After a failed fsync the system may drop the data and report success next time, so there is no next time."""
-        self._failure = ExecutionError(
-            "JOURNAL_NOT_DURABLE",
-            f"{self._follower.path}: {error}. What was written last may be lost; end this process, check the disk and "
-            "start again from what stands there.",
-        )
-        return self._failure
-
-    def _raise_failure(self) -> None:
-        if self._failure is not None:
-            raise self._failure
-
-
-def choose_lane(folder: Path) -> str:
-    """Name of the lane to use: the only one there is, else this host's.
-
-    Raises:
-        ExecutionError: `LANE_UNCLEAR` when there are several and none is this host's.
-    """
-    host = re.sub(r"[^A-Za-z0-9._-]", "-", socket.gethostname()) or "host"
-    lanes = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
-    if host in lanes or not lanes:
-        return host
-    if len(lanes) == 1:
-        return lanes[0]
-    raise ExecutionError(
-        "LANE_UNCLEAR", f"{folder}: found {', '.join(lanes)}, none of this host ({host}); name a lane."
-    )
+        self._writer.open(self._follower)

@@ -1,10 +1,12 @@
-"""Stop requests as files: any tool can drop one into `signals/new/`, whoever may act takes it.
+"""Stop requests as files: any tool can drop one into `signals/new/`, everybody who may act on it reads it.
 
-Upstream: the operator, the command line, another tool. Downstream: watchdog and world process. It takes no lock, so a
-request never waits for the journal; nothing that arrives is lost, not even what nobody can read.
+Upstream: the operator, the command line, another tool. Downstream: the watchdog, which takes each away
+(`take_signals`), and any number of others, a world process among them, which read along (`SignalReader`). It takes no
+lock, so a request never waits for the journal; nothing that arrives is lost, not even what nobody can read.
 """
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +18,7 @@ from phyagentos.errors import find_nearest
 
 EVERY_SESSION = "*"
 _SETTLING_S = 0.5  # a shell writes a file in two steps: it appears empty
+_UNREADABLE = (msgspec.MsgspecError, yaml.YAMLError, UnicodeDecodeError, IsADirectoryError)
 _KINDS = ("cancel", "pause", "resume", "estop")
 
 
@@ -73,7 +76,7 @@ def drop_signal(folder: Path, signal: Signal, clock: Clock) -> Path:
 
 
 def take_signals(folder: Path) -> list[Signal]:
-    """Every request that waits, oldest name first.
+    """Every request that waits, oldest name first; for the watchdog alone, others read along with a `SignalReader`.
 
     Each is moved to `signals/done/`; one that cannot be read to `signals/rejected/`, with a file that says why, once it
     is half a second old. Two takers never get the same one.
@@ -89,19 +92,84 @@ def take_signals(folder: Path) -> list[Signal]:
     return [signal for path in paths if (signal := _take(path, root)) is not None]
 
 
+class SignalReader:
+    """Reads the same requests as everybody else and moves none; each is given once to each reader.
+
+    It looks at what waits and at what was taken, so it does not matter who is faster. What was taken before the reader
+    began is old.
+
+    Args:
+        folder: `signals/` or `signals/new/` of a workspace.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._root = _get_root(folder)
+        self._seen = {key for key, _ in _iter_files(self._root / "done")}
+
+    def read_new(self) -> list[Signal]:
+        """Every request since the last call, oldest name first; one that cannot be read yet is tried again."""
+        signals: list[Signal] = []
+        while not self._read_into(signals):
+            pass
+        return signals
+
+    def _read_into(self, signals: list[Signal]) -> bool:
+        """Read what is new; False when something was moved meanwhile, so that it must be looked for again."""
+        found = {key: path for folder in ("new", "done") for key, path in _iter_files(self._root / folder)}
+        self._seen &= found.keys()
+        for key, path in sorted(found.items(), key=lambda each: each[1].name):
+            if key in self._seen:
+                continue
+            try:
+                with path.open("rb") as file:
+                    if _get_key(os.fstat(file.fileno())) != key:  # another one took over the name
+                        return False
+                    signal = _parse(file.read())
+            except FileNotFoundError:
+                return False
+            except _UNREADABLE:
+                continue
+            self._seen.add(key)
+            signals.append(signal)
+        return True
+
+
+def _iter_files(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
+    try:
+        entries = list(os.scandir(folder))
+    except FileNotFoundError:
+        return
+    for entry in entries:
+        try:
+            found = entry.stat()
+        except FileNotFoundError:
+            continue
+        if not entry.name.startswith("."):
+            yield _get_key(found), Path(entry.path)
+
+
+def _get_key(found: os.stat_result) -> tuple[int, int]:
+    """What a rename leaves as it is: inode and time of the last change."""
+    return found.st_ino, found.st_mtime_ns
+
+
+def _parse(data: bytes) -> Signal:
+    return msgspec.convert(yaml.load(data, Loader=yaml.BaseLoader), Signal)
+
+
 def _get_root(folder: Path) -> Path:
     return folder.parent if folder.name == "new" else folder
 
 
 def _take(path: Path, root: Path) -> Signal | None:
     try:
-        signal = msgspec.convert(yaml.load(path.read_bytes(), Loader=yaml.BaseLoader), Signal)
-    except (msgspec.MsgspecError, yaml.YAMLError, UnicodeDecodeError, IsADirectoryError) as error:
+        signal = _parse(path.read_bytes())
+    except _UNREADABLE as error:
         _reject(path, root / "rejected", error)
         return None
     except FileNotFoundError:
         return None  # somebody else took it
-    return signal if _move(path, root / "done") is not None else None
+    return signal if move_aside(path, root / "done") is not None else None
 
 
 def _reject(path: Path, folder: Path, error: Exception) -> None:
@@ -113,12 +181,12 @@ def _reject(path: Path, folder: Path, error: Exception) -> None:
         age_s = reason.stat().st_mtime - path.stat().st_mtime  # both by the file system's clock
     except FileNotFoundError:
         age_s = 0.0
-    if age_s < _SETTLING_S or _move(path, folder) is None:
+    if age_s < _SETTLING_S or move_aside(path, folder) is None:
         reason.unlink(missing_ok=True)
 
 
-def _move(path: Path, folder: Path) -> Path | None:
-    """Move a file under its own name, or a numbered one when that is taken; None when it is gone."""
+def move_aside(path: Path, folder: Path) -> Path | None:
+    """Move a file into a folder under its own name, or a numbered one when that is taken; None when it is gone."""
     folder.mkdir(parents=True, exist_ok=True)
     number = 0
     while True:

@@ -7,15 +7,14 @@ count only together: each but the last says how many `more` follow.
 
 import re
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
-from functools import cached_property
-from typing import Any
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.sessions import Session
 from phyagentos.protocol.store.bodies import parse_body
 
 HEADER_BYTES = 41
@@ -23,6 +22,8 @@ MAX_PAYLOAD_BYTES = 999_999
 JOURNAL_ID = "journal"  # id of records about the journal itself (`repair`)
 
 _HEADER = re.compile(rb"<!-- phy1 (\d{10}) (\d{6}) ([0-9a-f]{8}) -->\n")
+_ValueT = TypeVar("_ValueT")
+_PLACE = re.compile(rb'<!-- phy1 (\d{10}) (\d{6}) [0-9a-f]{8} -->\n- \{"id":"((?:[^"\\]|\\.)*)"')
 
 
 class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -41,6 +42,19 @@ class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 _ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(_Line)
+
+
+class _Lazy(Generic[_ValueT]):
+    """Computed when first asked for, then kept: `functools.cached_property` without its lock."""
+
+    def __init__(self, compute: Callable[[Any], _ValueT]) -> None:
+        self._compute, self._name, self.__doc__ = compute, compute.__name__, compute.__doc__
+
+    def __get__(self, record: Any, _: type | None = None) -> _ValueT:
+        """The value; only asked for the first time, because the record's own dictionary comes first."""
+        value = self._compute(record)
+        record.__dict__[self._name] = value
+        return value
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
@@ -72,10 +86,25 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     more: int = 0
     markdown: str = ""
 
-    @cached_property
+    @_Lazy
     def body(self) -> dict[str, Any] | None:
         """The YAML block as plain data, parsed when first asked for."""
         return parse_body(self.markdown)
+
+    @_Lazy
+    def contract(self) -> Session:
+        """The body of a `submit` record.
+
+        Raises:
+            msgspec.ValidationError: When it is none.
+        """
+        return msgspec.convert(self.body or {}, Session)
+
+    def remember(self, body: dict[str, Any] | None, contract: Session | None) -> None:
+        """Keep what the writer knows already, so that nobody parses it again in this process."""
+        self.__dict__["body"] = body
+        if contract is not None:
+            self.__dict__["contract"] = contract
 
 
 def encode_record(record: Record) -> bytes:
@@ -119,8 +148,46 @@ def compute_crc(seq: int, payload: bytes) -> int:
     return zlib.crc32(payload, seq & 0xFFFFFFFF)
 
 
+def read_record(data: bytes, position: int) -> tuple[Record, int] | None:
+    """The record that begins at `position`, whatever its number, and where it ends; None when none is intact there."""
+    match = _HEADER.match(data, position)
+    if match is None:
+        return None
+    seq, stop = int(match[1]), match.end() + int(match[2])
+    payload = data[match.end() : stop]
+    if stop > len(data) or compute_crc(seq, payload) != int(match[3], 16):
+        return None
+    try:
+        return _decode_record(seq, payload), stop
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return None
+
+
+def iter_places(data: bytes, position: int) -> Iterator[tuple[str, int, int, int]]:
+    """Id, sequence number, offset and length of each record from `position` on, its contents unread.
+
+    Args:
+        data: A sealed segment.
+        position: Offset of a record.
+    """
+    while match := _PLACE.match(data, position):
+        name = match[3]
+        id = name.decode() if b"\\" not in name else str(msgspec.json.decode(b'"%b"' % name))
+        length = HEADER_BYTES + int(match[2])
+        yield id, int(match[1]), position, length
+        position += length
+
+
+def find_header(data: bytes, position: int) -> int:
+    """Where the next header begins, intact or not, from `position` on; -1 when there is none."""
+    match = _HEADER.search(data, position)
+    return match.start() if match is not None else -1
+
+
 def _decode_record(seq: int, payload: bytes) -> Record:
     first, _, rest = payload.partition(b"\n")
+    if first[:2] != b"- " or payload[-1:] != b"\n":
+        raise msgspec.ValidationError("a payload begins with '- ' and ends with a line feed")
     line = _DECODER.decode(first[2:])
     return Record(
         seq=seq,
@@ -148,8 +215,7 @@ class Tail(StrEnum):
     """Bytes that no writer leaves: something acknowledged has changed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scan:
+class Scan(NamedTuple):
     """What a stretch of a segment holds.
 
     Attributes:
@@ -187,17 +253,20 @@ def scan_records(data: bytes, last_seq: int) -> Scan:
         position, seq = stop, seq + 1
         if record.more == 0:
             end, whole = position, len(records)
-    tail = Tail.CLEAN if end == len(data) else _judge(data[position:])
+    tail = Tail.CLEAN if end == len(data) else _judge(data[position:], seq + 1)
     return Scan(records[:whole], end, tail)
 
 
-def _judge(rest: bytes) -> Tail:
+def _judge(rest: bytes, seq: int) -> Tail:
     """Tell an append that was cut short from a change of what stood there."""
-    if len(rest) < HEADER_BYTES:  # nothing at all, where only a later record of the batch is missing
+    if not rest.strip(b"\0"):  # a file may have grown before its bytes arrived: ext4 leaves this after a power cut
         return Tail.TORN
-    match = _HEADER.match(rest)
-    if match is None:
+    some_header = b"<!-- phy1 %010d 000000 00000000 -->\n" % seq
+    match = _HEADER.match(rest + some_header[len(rest) :])  # no byte at all: a later record of the batch is missing
+    if match is None or int(match[1]) != seq:
         return Tail.DAMAGED
+    if len(rest) < HEADER_BYTES:
+        return Tail.TORN
     payload = rest[HEADER_BYTES:]
     is_short = len(payload) < int(match[2])
     is_length_changed = compute_crc(int(match[1]), payload) == int(match[3], 16)

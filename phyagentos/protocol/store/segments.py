@@ -1,10 +1,13 @@
 """Segments: the files of one lane of the journal, `<date>.<number>.md`, each naming and hashing the one before.
 
-Upstream: the writer, which opens a new one at midnight (UTC) or at 16 MB. Downstream: the follower.
+Upstream: the writer, which opens a new one at midnight (UTC) or at 16 MB. Downstream: the follower. A segment lies in
+its lane, `sessions/<lane>/`, or in the archive, `sessions/archive/<yyyy-mm>/<lane>/` with the month of its name; those
+in the archive precede those in the lane.
 """
 
 import os
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -17,6 +20,7 @@ _FRONT = re.compile(
     rb"prev: (?P<prev>[^\n]+)\nprev_sha256: (?P<hash>[^\n]+)\n---\n\n# Session journal (?P=name)\n\n"
 )
 _FRONT_MAX_BYTES = 2048
+ARCHIVE = "archive"  # beside the lanes
 NONE = "none"  # in place of the segment before the first
 
 
@@ -42,6 +46,10 @@ class FileIO(Protocol):
     def replace(self, source: Path, destination: Path) -> None:
         """Rename over."""
         ...
+
+
+class SyncFailedError(OSError):
+    """The disk did not confirm; what it holds now, and what a second try would say, means nothing."""
 
 
 class SystemIO:
@@ -95,13 +103,64 @@ class Front:
 
 
 def list_segments(folder: Path) -> list[str]:
-    """Names of the lane's segments without suffix, oldest first."""
-    return sorted(name[:-3] for name in os.listdir(folder) if _NAME.fullmatch(name))  # noqa: PTH208 - in every commit
+    """Names of the segments that lie in the lane, without suffix, oldest first."""
+    return _sort(_list_names(folder))
+
+
+def list_all_segments(folder: Path) -> list[str]:
+    """Names of the lane's segments, archived ones included, oldest first."""
+    names = _list_names(folder)  # before the archive: one that is moved meanwhile is met at least once
+    return _sort({*names, *_list_archived(folder)})
 
 
 def find_next_segment(folder: Path, name: str) -> str | None:
     """The segment after `name`, or None."""
-    return next((later for later in list_segments(folder) if later > name), None)
+    names = _list_names(folder)
+    if name not in names:  # it was archived, so the next one may have been as well
+        names += _list_archived(folder)
+    later = [each for each in set(names) if _order(each) > _order(name)]
+    return min(later, key=_order) if later else None
+
+
+def locate_archived(folder: Path, name: str) -> Path:
+    """Where a segment lies once it is archived."""
+    return folder.parent / ARCHIVE / name[:7] / folder.name / f"{name}.md"
+
+
+def locate(folder: Path, name: str) -> Path:
+    """The file of a segment: in the archive, where it is no longer in the lane."""
+    path = folder / f"{name}.md"
+    archived = locate_archived(folder, name)
+    return archived if not path.exists() and archived.exists() else path
+
+
+def open_segment(folder: Path, name: str) -> int:
+    """A descriptor to read a segment with, wherever it lies.
+
+    Raises:
+        FileNotFoundError: It lies nowhere.
+    """
+    try:
+        return os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return os.open(locate_archived(folder, name), os.O_RDONLY | os.O_CLOEXEC)
+
+
+def _list_names(folder: Path) -> list[str]:
+    names = os.listdir(folder)  # noqa: PTH208 - often
+    return [name[:-3] for name in names if _NAME.fullmatch(name)]
+
+
+def _list_archived(folder: Path) -> list[str]:
+    return [path.stem for path in (folder.parent / ARCHIVE).glob(f"*/{folder.name}/*.md") if _NAME.fullmatch(path.name)]
+
+
+def _sort(names: Iterable[str]) -> list[str]:
+    return sorted(names, key=_order)
+
+
+def _order(name: str) -> tuple[str, int, str]:
+    return name[:10], len(name), name  # .999 comes before .1000
 
 
 def read_front(path: Path, data: bytes) -> Front:
@@ -135,15 +194,18 @@ def choose_next_name(current: str | None, today: str) -> str:
 
 
 def create_segment(folder: Path, front: Front, file_io: FileIO, *, durable: bool) -> None:
-    """Let a segment appear as a whole: temporary file, fsync, rename, fsync of the folder."""
+    """Let a segment appear as a whole: temporary file, fsync, rename. Who writes to it syncs the folder first.
+
+    Raises:
+        SyncFailedError: The disk did not confirm.
+        OSError: Nothing appeared.
+    """
     temporary = folder / f".{front.name}.tmp"
     with temporary.open("wb", buffering=0) as file:
         write_all(file_io, file.fileno(), front.encode())
         if durable:
-            file_io.fsync(file.fileno())
+            sync_file(file.fileno(), file_io.fsync)
     file_io.replace(temporary, folder / f"{front.name}.md")
-    if durable:
-        sync_folder(folder, file_io)
 
 
 def write_all(file_io: FileIO, fd: int, data: bytes) -> None:
@@ -152,19 +214,35 @@ def write_all(file_io: FileIO, fd: int, data: bytes) -> None:
     Raises:
         OSError: When the system takes nothing any more.
     """
-    rest = memoryview(data)
+    rest = data
     while rest:
-        taken = file_io.write(fd, rest)  # type: ignore[arg-type]  # any buffer will do
+        taken = file_io.write(fd, rest)
         if taken == 0:
             raise OSError("the system took no byte of a write")
         rest = rest[taken:]
 
 
+def sync_file(fd: int, sync: Callable[[int], None]) -> None:
+    """Make a file durable.
+
+    Raises:
+        SyncFailedError: The disk did not confirm.
+    """
+    try:
+        sync(fd)
+    except OSError as error:
+        raise SyncFailedError(*error.args) from error
+
+
 def sync_folder(folder: Path, file_io: FileIO) -> None:
-    """Make the names in a folder durable."""
+    """Make the names in a folder durable.
+
+    Raises:
+        SyncFailedError: The disk did not confirm.
+    """
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        file_io.fsync(fd)
+        sync_file(fd, file_io.fsync)
     finally:
         os.close(fd)
 

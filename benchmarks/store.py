@@ -1,0 +1,110 @@
+"""What the protocol store costs: CPU, waits for the disk, latency, start, memory, and claims under contention.
+
+    python benchmarks/store.py            # some four minutes
+    python benchmarks/store.py --quick    # small numbers, for a look
+
+Times that depend on the disk are given as multiples of a bare write and fdatasync in the same run, in turns with it.
+CPU and start are the least of several tries: what others do on the machine only adds. Folders are made below
+the working directory, because the temporary one may be held in memory.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+from store_parts.claims import CLAIMERS, measure_claims
+from store_parts.cost import count_waits, measure_cpu
+from store_parts.events import measure_events
+from store_parts.sessions import open_pair, scratch, store_many
+from store_parts.start import measure_life, measure_start, measure_statechart
+from store_parts.transitions import measure_transitions
+
+from phyagentos.bench.report import Ask, format_outcome
+
+ASKED = {
+    "cpu_ms_per_session": Ask(0.15, at_least=False),
+    "waits_per_session": Ask(3, at_least=False),
+    "transition_p50_in_waits": Ask(2, at_least=False),
+    "transition_p50_growth": Ask(1.2, at_least=False),
+    "start_ms_above_interpreter": Ask(100, at_least=False),
+    "start_bytes_per_known_session": Ask(1000, at_least=False),
+    "lived_bytes_per_known_session": Ask(1000, at_least=False),
+    "statechart_models_mb": Ask(100, at_least=False),
+    "claims_double": Ask(0, at_least=False),
+    "claims_lost": Ask(0, at_least=False),
+    "claims_per_s": Ask(2000, at_least=True),
+    "claims_smallest_share": Ask(0.5, at_least=True),
+    "event_p50_ms": Ask(2, at_least=False),
+    "event_p99_ms": Ask(20, at_least=False),
+    "idle_cpu_percent": Ask(1, at_least=False),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """How much of everything."""
+
+    serial: int
+    stored: tuple[int, ...]
+    windows: int
+    starts: int
+    models: int
+    claimed: int
+    events: int
+    polled: int
+    idle_s: float
+
+
+FULL = Size(3500, (0, 1000, 100_000), 15, 15, 100_000, 10_000, 500, 8, 12.0)
+QUICK = Size(350, (0, 100, 1000), 3, 3, 10_000, 800, 30, 2, 1.0)
+
+
+def measure(size: Size) -> tuple[dict[str, float], list[Sequence[str]]]:
+    """Every figure, and the rows of the table of transitions."""
+    figures: dict[str, float] = {}
+    with scratch() as root:
+        figures |= measure_cpu(root / "cpu", size.serial)
+        figures |= count_waits(root / "waits", 50)
+        roots = {stored: root / f"stored{stored}" for stored in size.stored}
+        for stored, place in roots.items():
+            for journal in open_pair(place, durable=False):
+                journal.close()
+            store_many(place, stored)
+        figures |= measure_start(roots[max(roots)], roots[0], size.starts)
+        figures |= measure_statechart(root / "cpu", size.models)
+        figures |= measure_life(root / "life", max(size.stored))
+        transitions, rows = measure_transitions(roots, size.windows)
+        figures |= transitions
+        figures |= measure_claims(root / "claims", size.claimed)
+        figures |= measure_events(root / "events", size.events, size.polled, size.idle_s)
+    return figures, rows
+
+
+def main() -> int:
+    """Measure, show, and exit with whether every asked figure holds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="Small numbers; only the counts mean anything.")
+    size = QUICK if parser.parse_args().quick else FULL
+    figures, rows = measure(size)
+    table = Table(title="durable transitions", caption=f"bare fdatasync p50: {figures['fdatasync_p50_ms']:.3f} ms")
+    for column in ("sessions stored", "p50 (ms)", "p50 (bare waits)", "p99 (bare waits)"):
+        table.add_column(column, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
+    table = Table(title=f"the store; {CLAIMERS} claimers, {size.claimed} sessions, {max(size.stored)} archived")
+    for column in ("figure", "measured", "asked"):
+        table.add_column(column)
+    for name, value in figures.items():
+        table.add_row(name, f"{value:.3f}", str(ASKED.get(name, "")))
+    Console().print(table)
+    line, holds = format_outcome(figures, ASKED)
+    print(line)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

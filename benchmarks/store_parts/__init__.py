@@ -1,0 +1,1 @@
+"""The parts of `benchmarks/store.py`, one question a file."""
