@@ -57,13 +57,13 @@ format: $(STAMP)  ## let ruff rewrite what it can
 	@$(BIN)/ruff format --quiet .
 	@$(BIN)/ruff check --fix --quiet .
 
-schemas: $(STAMP)  ## write protocol/schemas/*.schema.json again
-	@$(BIN)/paos schema --write protocol/schemas
+schemas: $(STAMP)  ## write JSON Schemas, pristine documents and the fields in docs/documents again
+	@$(BIN)/paos schema --write protocol/schemas --pristine protocol --pages docs/documents
 
 wheel: $(STAMP)  ## build dist/*.whl
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist . > /dev/null
 	@ls dist/*.whl
 
 clean:  ## remove everything that these targets create
-	rm -rf $(VENV) workspaces dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) workspaces dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache tools/mermaid/node_modules
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

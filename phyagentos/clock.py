@@ -25,13 +25,20 @@ class Clock(Protocol):
 class SystemClock:
     """The machine's own clock."""
 
+    _second = (-1, "")  # the latest one, as text: every record is stamped
+
     def now_s(self) -> float:
         """Monotonic seconds since an arbitrary start."""
         return time.perf_counter()
 
     def wall_iso(self) -> str:
         """UTC wall time with microseconds."""
-        return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")  # noqa: TID251 - the one place
+        second, microsecond = divmod(time.time_ns() // 1000, 1_000_000)
+        known, text = self._second
+        if known != second:
+            text = datetime.datetime.fromtimestamp(second, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S")
+            self._second = (second, text)
+        return f"{text}.{microsecond:06d}Z"
 
     def sleep(self, seconds: float) -> None:
         """Block this thread."""

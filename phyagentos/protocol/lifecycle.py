@@ -7,10 +7,12 @@ the side that may fire it, and a trigger from the wrong side is refused.
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-
-from transitions import Machine
+from typing import TYPE_CHECKING
 
 from phyagentos.errors import PhyAgentOSError
+
+if TYPE_CHECKING:
+    from transitions import Machine
 
 
 class SessionState(StrEnum):
@@ -80,6 +82,7 @@ _HELD = (_S.CLAIMED, _S.PREFLIGHT, _S.RUNNING, _S.HALTING)
 _ANY = (Side.AGENT, Side.RUNTIME, Side.OPERATOR)
 
 SESSION_TRANSITIONS: tuple[Row, ...] = (
+    Row("amend", (_S.PENDING,), _S.PENDING, (Side.OPERATOR,)),
     Row("claim", (_S.PENDING,), _S.CLAIMED, (Side.RUNTIME,)),
     Row("release", (_S.CLAIMED, _S.PREFLIGHT), _S.PENDING, (Side.RUNTIME,)),
     Row("check", (_S.CLAIMED,), _S.PREFLIGHT, (Side.RUNTIME,)),
@@ -120,8 +123,10 @@ class IllegalTransition(PhyAgentOSError):
 
 
 @cache
-def build_machine() -> Machine:
+def build_machine() -> "Machine":
     """The one shared `transitions` machine; it holds no model."""
+    from transitions import Machine  # late: who only reads needs no machine
+
     return Machine(
         model=None,
         states=[state.value for state in SessionState],

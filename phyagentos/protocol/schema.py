@@ -54,17 +54,25 @@ class Located:
         return Problem(code=code, address=self.address_of(path), found=found, expected=expected, hint=hint)
 
 
-def read_yaml(path: Path) -> Located:
-    """Read one YAML file; see `parse_yaml`."""
+def read_text(path: Path) -> str:
+    """Read a text file that a person may have written.
+
+    Raises:
+        DefinitionError: When it is not there, or not UTF-8.
+    """
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DefinitionError(
             Problem(
                 code="UNREADABLE_FILE", address=str(path), found=str(error), hint="Check the path and its encoding."
             )
         ) from error
-    return parse_yaml(text, str(path))
+
+
+def read_yaml(path: Path) -> Located:
+    """Read one YAML file; see `parse_yaml`."""
+    return parse_yaml(read_text(path), str(path))
 
 
 def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
@@ -79,18 +87,22 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
         DefinitionError: On a syntax error or a key written twice.
     """
     offset = first_line - 1
+    marks: dict[Address, tuple[int, int]] = {}
+    problems: list[Problem] = []
     try:
-        node = yaml.compose(text, Loader=Loader)
-        data = yaml.load(text, Loader=Loader)
+        loader = Loader(text)
+        try:
+            node = loader.get_single_node()
+            if node is not None:
+                _collect_marks(node, (), source, offset, marks, problems)  # first: a merge (`<<`) changes the nodes
+            data = loader.construct_document(node) if node is not None else None
+        finally:
+            loader.dispose()
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = f"{source}:{mark.line + 1 + offset}:{mark.column + 1}" if mark else source
         detail = getattr(error, "problem", None) or str(error)
         raise DefinitionError(Problem(code="YAML_SYNTAX", address=place, found=str(detail))) from error
-    marks: dict[Address, tuple[int, int]] = {}
-    problems: list[Problem] = []
-    if node is not None:
-        _collect_marks(node, (), source, offset, marks, problems)
     if problems:
         raise DefinitionError(problems)
     return Located(data=data, source=source, marks=marks)

@@ -1,14 +1,16 @@
 """A session: the unit of scheduling, preflight, execution, evidence and acceptance. Its document is SESSIONS.md.
 
-Upstream: the agent's compiler. Downstream: the watchdog. The contract is written once, with the `submit` record, and
-never changes; what happens to it is told by later records (see `lifecycle`). Paper sections 3.1 and 3.5.
+Upstream: the agent's compiler, or a person (see `edits`). Downstream: the watchdog. The contract is written once, with
+the `submit` record; a person may amend limits and priority while it is pending, then it never changes. What happens to
+it is told by later records (see `lifecycle`). Paper sections 3.1 and 3.5.
 """
 
 from enum import StrEnum
-from typing import Any, NewType
+from typing import Annotated, Any, NewType
 
 import msgspec
 
+from phyagentos.protocol.document import Document, DocumentFormat, FrontMatter, read_document
 from phyagentos.protocol.verdicts import Attempt
 
 SessionId = NewType("SessionId", str)
@@ -67,12 +69,12 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The contract of one session, immutable after `submit`.
+    """The contract of one session, immutable once it is claimed.
 
     Attributes:
         id: Unique: `<goal>.<node>` plus `.r<k>` for the k-th child.
-        goal: The goal it serves.
-        node: The node of the goal graph.
+        goal: The goal it serves; empty for a session that a person submitted by hand.
+        node: The node of the goal graph; empty without a goal.
         parent: The session that this one revises, else None.
         attempt: 0 for the first session of a node, then 1, 2, ...
         objective: What a person would say.
@@ -108,6 +110,27 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     priority: int = 0
 
 
+class Amendment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """What a person changes of a contract that nobody has claimed yet; the body of the `amend` record.
+
+    Attributes:
+        limits: Limits that change, in seconds, by name.
+        priority: The new one, None for as before.
+    """
+
+    limits: dict[str, Annotated[float, msgspec.Meta(gt=0)]] = {}
+    priority: int | None = None
+
+
+def apply_amendment(contract: Session, amendment: Amendment) -> Session:
+    """The contract as amended; limits that nobody knows are left out."""
+    known = {name: value for name, value in amendment.limits.items() if name in Limits.__struct_fields__}
+    priority = contract.priority if amendment.priority is None else amendment.priority
+    return msgspec.structs.replace(
+        contract, limits=msgspec.structs.replace(contract.limits, **known), priority=priority
+    )
+
+
 class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the runtime reports when a session leaves `running`; the body of the `finish` record.
 
@@ -138,7 +161,8 @@ class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     """A session as it stands: the fold of its records.
 
     Attributes:
-        contract: As submitted.
+        contract: As submitted and amended.
+        asked_by: Who submitted it.
         state: A state of the lifecycle table.
         epoch: Fencing token of the latest claim.
         claimed_by: Who holds it.
@@ -150,9 +174,29 @@ class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
 
     contract: Session
     state: str
+    asked_by: str = ""
     epoch: int = 0
     claimed_by: str = ""
     execution: Execution | None = None
     attempts: tuple[Attempt, ...] = ()
     reason: str = ""
     updated_at: str = ""
+
+
+SESSIONS = DocumentFormat(
+    name="sessions",
+    file="SESSIONS.md",
+    says="Every live session and the latest finished ones: contract, state, execution, judgements.",
+    block=SessionStatus,
+    key="contract.id",
+    front=FrontMatter,
+)
+
+
+def read_sessions(text: str, source: str = "") -> Document[SessionStatus]:
+    """Read SESSIONS.md as it was rendered; what a person adds to it is read by `edits`.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, SESSIONS, source)

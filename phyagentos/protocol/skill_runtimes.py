@@ -9,7 +9,10 @@ from typing import Any, Literal, TypeGuard
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.document import split_front_matter
+from phyagentos.protocol.action_spaces import ActionSpace
+from phyagentos.protocol.document import Document, DocumentFormat, read_document, split_front_matter
+from phyagentos.protocol.operations import Operation
+from phyagentos.protocol.policies import PolicyDescriptor
 from phyagentos.protocol.schema import Authored, Located, parse_yaml, validate
 
 _NUMERIC: dict[str, tuple[type, ...]] = {
@@ -29,6 +32,16 @@ class Parameter(Authored):
 
     `entity` is the name of a thing, `place` of a thing with an interior or of a region, `point` three metres in the
     world frame.
+
+    Attributes:
+        type: What it takes.
+        description: One sentence for people.
+        unit: Of a number.
+        default: Taken where nothing is said.
+        optional: Whether it may be left out without a default.
+        choices: The only values, where there are few.
+        minimum: Smallest number.
+        maximum: Largest number.
     """
 
     type: ParameterType
@@ -42,24 +55,53 @@ class Parameter(Authored):
 
 
 class Output(Authored):
-    """A value a skill leaves behind, for data edges of the goal graph."""
+    """A value a skill leaves behind, for data edges of the goal graph.
+
+    Attributes:
+        type: What it is.
+        description: One sentence for people.
+    """
 
     type: ParameterType
     description: str = ""
 
 
 class Needs(Authored):
-    """What a target must offer."""
+    """What a target must offer.
+
+    Attributes:
+        observations: Names of the target's `observations`.
+        actions: Names of the target's `actions`.
+        capabilities: Names of the target's `capabilities`.
+        operations: Operations besides commanding, observing, halting and settling.
+        phyagentos: Versions of this software that can run it, as in `>=0.2,<1` (PEP 440); empty for any.
+    """
 
     observations: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
     capabilities: tuple[str, ...] = ()
+    operations: tuple[Operation, ...] = ()
+    phyagentos: str = ""
 
 
 class SkillRuntime(Authored):
     """The front matter of one SKILL.md.
 
     Predicates may refer to parameters as `${name}`.
+
+    Attributes:
+        skill: Its name; also the folder's.
+        description: One sentence for people.
+        kind: `builtin` is carried out by a behaviour tree, `policy` by a policy server.
+        tree: Name of the tree; a policy has none.
+        parameters: By name.
+        outputs: By name.
+        requires: Predicates that must hold before it starts.
+        hold: Predicates that must hold all through.
+        guarantees: Predicates that hold after success; they are judged, never believed.
+        needs: Of its target.
+        action_space: How a policy speaks; a tree of leaves speaks the target's own language.
+        policy: The policy server of a `policy`.
     """
 
     skill: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
@@ -72,6 +114,33 @@ class SkillRuntime(Authored):
     hold: tuple[str, ...] = ()
     guarantees: tuple[str, ...] = ()
     needs: Needs = Needs()
+    action_space: ActionSpace | None = None
+    policy: PolicyDescriptor | None = None
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _drop_tree_of_policy(cls, data: Any) -> Any:
+        """A policy is not carried out by a tree, so that it need not name one."""
+        is_policy = isinstance(data, dict) and data.get("kind") == "policy"
+        return {"tree": "", **data} if is_policy else data
+
+
+SKILLRUNTIME = DocumentFormat(
+    name="skillruntime",
+    file="SKILLRUNTIME.md",
+    says="Every skill that a workspace can run: parameters, conditions, promises, needs, and its behaviour tree.",
+    block=SkillRuntime,
+    key="skill",
+)
+
+
+def read_skill_runtimes(text: str, source: str = "") -> Document[SkillRuntime]:
+    """Read SKILLRUNTIME.md: skills by name.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, SKILLRUNTIME, source)
 
 
 def read_skill(path: Path) -> tuple[SkillRuntime, Located]:

@@ -94,7 +94,7 @@ class Workspace:
 
     @property
     def inbox(self) -> Path:
-        """Requests of writers without this library, `new/` and `tmp/`."""
+        """Requests of writers without this library, `new/` and `tmp/` (see `edits.inbox`)."""
         return self.root / "inbox"
 
     @property
@@ -116,6 +116,16 @@ class Workspace:
     def sessions_document(self) -> Path:
         """SESSIONS.md."""
         return self.root / "SESSIONS.md"
+
+    @property
+    def rejected_document(self) -> Path:
+        """SESSIONS.rejected.md: edits of SESSIONS.md that were not taken."""
+        return self.root / "SESSIONS.rejected.md"
+
+    @property
+    def edits(self) -> Path:
+        """Versions of SESSIONS.md that came out when a rendering was swapped in, until they are dealt with."""
+        return self.root / ".edits"
 
     @property
     def task(self) -> Path:

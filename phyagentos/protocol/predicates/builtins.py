@@ -191,6 +191,12 @@ def measure_speed(view: View, a: Entity) -> Reading:
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
 
 
+def measure_unstated(view: View) -> Reading:
+    """Stands where a person has still to say what decides; always unknown, so never a success."""
+    del view
+    raise FactUnknown("nobody has said yet what decides: write a predicate in the place of unstated()")
+
+
 def _read_tilt(a: Entity, limit_rad: float, sign: float) -> Reading:
     tilt_rad = compute_tilt(a.pose)
     because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees, the limit is {math.degrees(limit_rad):.0f}"
@@ -244,6 +250,13 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
         lasting=False,
         by_name=True,
         description="Both fingers of the target touch it.",
+    ),
+    PredicateDefinition(
+        name="unstated",
+        arguments=(),
+        measure=measure_unstated,
+        lasting=False,
+        description=(measure_unstated.__doc__ or "").splitlines()[0],
     ),
     _number("tilt", measure_tilt, max_age_s=1.0),
     _number("height", measure_height, max_age_s=1.0),

@@ -1,37 +1,51 @@
 """ENVIRONMENT.md: the world as last observed, as tables for people and one block of data for programs.
 
-Upstream: the worker of the target. Downstream: predicates, compiler, people.
+Upstream: the worker of the target. Downstream: people, and programs in any language.
 """
 
-import re
-from pathlib import Path
+from collections.abc import Mapping
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.environment import Entity, Environment, Interior
-from phyagentos.protocol.markdown import render_table
-from phyagentos.protocol.predicates.geometry import compute_center, compute_tilt, to_child
+from phyagentos.protocol.document import Front
+from phyagentos.protocol.environment import ENVIRONMENT, Entity, Environment, Snapshot
+from phyagentos.protocol.markdown import flatten, render_front, render_table
+from phyagentos.protocol.predicates.evaluation import evaluate
+from phyagentos.protocol.predicates.geometry import compute_tilt
+from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.syntax import Call, Name
+from phyagentos.protocol.store.bodies import render_flow
+from phyagentos.protocol.verdicts import Truth
 
-_DATA = re.compile(r"^```json\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _HEAD = """# The world as last observed
 
-Poses are in the frame `world`: z up, metres, quaternions w x y z. Every entity carries the time it was observed at; a
-predicate over a stale or missing fact is *unknown*, which is never success.
+What the runtime saw after a session had ended. Poses are in the frame `world`: z up, metres, quaternions w x y z.
+
+- **Written by** the worker of the target whose session ended last, from its own observation; of sessions that end
+  within a fifth of a second the latest.
+- **An edit is lost** with the next observation: nothing reads this file back. The snapshots that verdicts rest on are
+  in the evidence bundles (`environment_before.json`, `environment_after.json`).
+- **Old facts are not facts.** Each thing carries the time it was observed at; a predicate over a stale or missing fact
+  is *unknown*, which is never success.
 
 """
+_NOTHING = "Nothing has been observed yet.\n"
 _COLUMNS = ("name", "kind", "where", "x y z [m]", "tilt [rad]", "speed [m/s]", "seen", "observed at [s]", "confidence")
 
 
-def render_environment(environment: Environment) -> str:
-    """ENVIRONMENT.md."""
+def render_environment(environment: Environment | None) -> str:
+    """ENVIRONMENT.md; without an argument as it is before anything was observed."""
+    front = render_front(Front(phy=ENVIRONMENT.phy))
+    if environment is None:
+        return f"{front}{_HEAD}{_NOTHING}"
+    places = {each.name: _find_places(each, environment) for each in environment.entities.values()}
     facts = (
-        f"- **Scene:** {environment.scene}, episode {environment.episode}\n"
-        f"- **Time:** {environment.time_s:.3f} s, snapshot {environment.revision}\n"
-        f"- **Sensing:** {environment.sensing}\n\n"
+        f"- **Scene:** {flatten(environment.scene)}, episode {flatten(environment.episode)}\n"
+        f"- **Time:** {environment.time_s:.3f} s of the target's own clock, snapshot {environment.revision}\n"
+        f"- **Sensing:** {flatten(environment.sensing)}\n\n"
     )
-    things = [(name, *_describe(entity, environment)) for name, entity in environment.entities.items()]
-    text = f"{_HEAD}{facts}## Things\n\n" + render_table(_COLUMNS, things)
+    things = [(name, *_describe(entity, places[entity.name])) for name, entity in environment.entities.items()]
+    text = f"{front}{_HEAD}{facts}## Things\n\n" + render_table(_COLUMNS, things)
     regions = [
         (name, _format_numbers(region.pose.position_m), _format_numbers(region.half_m))
         for name, region in environment.regions.items()
@@ -44,37 +58,45 @@ def render_environment(environment: Environment) -> str:
     ]
     if targets:
         text += "\n## Targets\n\n" + render_table(("name", "tcp x y z [m]", "gripper [m]", "holds"), targets)
-    return f"{text}\n## Data\n\n```json\n{_encode(environment)}```\n"
+    return f"{text}\n## Snapshot\n\n```yaml\n{_render_snapshot(environment, _tell_relations(environment, places))}```\n"
 
 
-def read_environment(path: Path) -> Environment:
-    """The block of data of ENVIRONMENT.md.
-
-    Raises:
-        DefinitionError: `ENVIRONMENT_UNREADABLE` when there is none (nothing was observed yet) or it is damaged.
-    """
-    try:
-        match = _DATA.search(path.read_text(encoding="utf-8"))
-        found = "no block of data"
-        if match is not None:
-            return msgspec.json.decode(match[1].encode(), type=Environment)
-    except (OSError, UnicodeDecodeError, msgspec.MsgspecError) as error:
-        found = str(error)
-    raise DefinitionError(
-        Problem(
-            code="ENVIRONMENT_UNREADABLE",
-            address=str(path),
-            found=found,
-            expected="a fenced json block with one Environment",
-            hint="It is written by the worker of a target with its first observation.",
-        )
-    )
+def compute_relations(environment: Environment) -> tuple[str, ...]:
+    """Where each movable thing is: `holding`, else `inside`, else `on`, judged by the predicates that verdicts use."""
+    places = {each.name: _find_places(each, environment) for each in environment.entities.values()}
+    return _tell_relations(environment, places)
 
 
-def _describe(entity: Entity, environment: Environment) -> tuple[str, ...]:
+def _tell_relations(environment: Environment, places: Mapping[str, list[tuple[str, str]]]) -> tuple[str, ...]:
+    relations: list[str] = []
+    for entity in environment.entities.values():
+        if entity.held_by:
+            relations.append(f"holding({entity.held_by}, {entity.name})")
+        relations += [f"{name}({entity.name}, {place})" for name, place in places[entity.name]]
+    return tuple(relations)
+
+
+def _find_places(entity: Entity, environment: Environment) -> list[tuple[str, str]]:
+    """What a thing is inside of, else what it is on; empty for what is fixed or held."""
+    if entity.held_by or not entity.movable:
+        return []
+    others = [other for other in environment.entities.values() if other.name != entity.name]
+    interiors = [*environment.regions, *(other.name for other in others if other.interior)]
+    inside = [("inside", place) for place in interiors if _is_true("inside", entity.name, place, environment)]
+    if inside:
+        return inside
+    return [("on", other.name) for other in others if _is_true("on", entity.name, other.name, environment)]
+
+
+def _is_true(predicate: str, thing: str, place: str, environment: Environment) -> bool:
+    view = View(now=environment, initial=None, target=None)
+    return evaluate(Call(predicate, (Name(thing), Name(place))), view).truth is Truth.TRUE
+
+
+def _describe(entity: Entity, places: list[tuple[str, str]]) -> tuple[str, ...]:
     return (
         f"{entity.color} {entity.kind}".strip(),
-        _locate(entity, environment),
+        _locate(entity, places),
         _format_numbers(entity.pose.position_m),
         f"{compute_tilt(entity.pose):.3f}",
         f"{entity.speed_m_s:.3f}",
@@ -84,39 +106,25 @@ def _describe(entity: Entity, environment: Environment) -> tuple[str, ...]:
     )
 
 
-def _locate(entity: Entity, environment: Environment) -> str:
-    """Who holds it, else what it is inside of."""
+def _locate(entity: Entity, places: list[tuple[str, str]]) -> str:
     if entity.held_by:
         return f"held by {entity.held_by}"
     if not entity.movable:
         return "fixed"
-    center = compute_center(entity)
-    for other in environment.entities.values():
-        if other.name != entity.name and other.interior and _is_in(other.interior, to_child(other.pose, center)):
-            return f"inside {other.name}"
-    return ""
-
-
-def _is_in(box: Interior, point: tuple[float, float, float]) -> bool:
-    return all(abs(p - c) <= h for p, c, h in zip(point, box.center_m, box.half_m, strict=True))
+    return ", ".join(f"{name} {place}" for name, place in places) or "unknown"
 
 
 def _format_numbers(values: tuple[float, ...]) -> str:
     return " ".join(f"{value:.3f}" for value in values)
 
 
-def _encode(environment: Environment) -> str:
-    """JSON with one thing a line, so that two snapshots can be compared line by line."""
-    plain = msgspec.to_builtins(environment)
-    groups = []
-    for name, value in plain.items():
+def _render_snapshot(environment: Environment, relations: tuple[str, ...]) -> str:
+    """YAML with one thing a line, so that two snapshots can be compared line by line."""
+    snapshot = Snapshot(**(msgspec.structs.asdict(environment) | {"relations": relations}))
+    lines = []
+    for name, value in msgspec.to_builtins(snapshot).items():
         if isinstance(value, dict) and value:
-            inner = ",\n".join(f"  {_json(key)}: {_json(each)}" for key, each in value.items())
-            groups.append(f"{_json(name)}: {{\n{inner}\n}}")
+            lines += [f"{name}:", *(f"  {render_flow(key)}: {render_flow(each)}" for key, each in value.items())]
         else:
-            groups.append(f"{_json(name)}: {_json(value)}")
-    return "{\n" + ",\n".join(groups) + "\n}\n"
-
-
-def _json(value: object) -> str:
-    return msgspec.json.encode(value).decode()
+            lines.append(f"{name}: {render_flow(value)}")
+    return "\n".join(lines) + "\n"

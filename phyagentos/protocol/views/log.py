@@ -3,29 +3,41 @@
 Upstream: records of a follower. Downstream: people.
 """
 
+from collections import deque
 from collections.abc import Sequence
+from itertools import groupby
 from typing import Any
 
 import msgspec
 
-from phyagentos.protocol.markdown import format_time
-from phyagentos.protocol.sessions import SessionId, SessionStatus
+from phyagentos.protocol.log import LOG, LogFront, LogLine
+from phyagentos.protocol.markdown import flatten, format_time, render_front
+from phyagentos.protocol.sessions import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.store.admission import GoalEvent
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.records import JOURNAL_ID, Record
+from phyagentos.protocol.tasks import Replan
 from phyagentos.protocol.verdicts import Attempt
 from phyagentos.protocol.views.sessions import describe_attempt, describe_execution
+from phyagentos.protocol.views.tasks import split_reason
 
-LINES_SHOWN = 2000
+NODES_NAMED = 10
+LINES_SHOWN = 1000  # some hundred sessions; a person scrolls no further back
 
 _HEAD = """# Log
 
-One line an event, newest last: time (UTC), about what, by whom, what. A view of the journal in `sessions/`.
+One line an event, newest last: time (UTC), about what, by whom, what happened.
+
+- **Written by** the renderer, from the journal in `sessions/`, which has every record whole.
+- **An edit is lost** with the next rendering. To change something, edit `SESSIONS.md` or use `paos cancel`.
+- **What the programs printed** is in `logs/`.
 
 """
+_NOTHING = "Nothing has happened yet.\n"
 _PLAIN = {
     "release": "let go, waiting again",
     "halt": "coming to rest",
+    "amend": "amended",
     "request_cancel": "asked to end",
     "confirm_cancel": "at rest, cancelled",
     "lose": "runner or target lost, outcome unknown",
@@ -41,32 +53,57 @@ _PLAIN = {
 _SILENT = frozenset({"check", "verify"})
 
 
-def render_log(lines: Sequence[str], seq: int) -> str:
-    """LOG.md from lines of `describe_record`; of a long story the end.
+class LogTail:
+    """The latest lines; a long run costs no more memory than a short one."""
+
+    def __init__(self) -> None:
+        self._lines: deque[tuple[int, LogLine]] = deque(maxlen=LINES_SHOWN)  # with the number of its record
+
+    def take(self, record: Record, ledger: Ledger) -> None:
+        """Note one record; see `describe_record`."""
+        line = describe_record(record, ledger)
+        if line is not None:
+            self._lines.append((record.seq, line))
+
+    def render(self, seq: int) -> str:
+        """LOG.md as of a record."""
+        older = self._lines[0][0] - 1 if self._lines else seq
+        return render_log([line for _, line in self._lines], seq, older=older)
+
+
+def render_log(lines: Sequence[LogLine], seq: int, *, older: int = 0) -> str:
+    """LOG.md.
 
     Args:
-        lines: All of them.
+        lines: Oldest first.
         seq: Sequence number of the last record.
+        older: How many records came before the first line.
     """
-    hidden = len(lines) - LINES_SHOWN
-    note = f"{hidden} older lines are not shown; the journal has them all.\n\n" if hidden > 0 else ""
-    return f"---\nview: {seq}\n---\n\n{_HEAD}{note}" + "".join(lines[-LINES_SHOWN:])
+    front = render_front(LogFront(phy=LOG.phy, view=seq, older=older))
+    note = f"{older} older records are not told here; they are in `sessions/`.\n\n" if older else ""
+    days = groupby(lines, key=lambda line: line.at[:10])
+    told = [f"## {day}\n\n{''.join(map(_render_line, each))}" for day, each in days]
+    return f"{front}{_HEAD}{note}" + ("\n".join(told) or _NOTHING)
 
 
-def describe_record(record: Record, ledger: Ledger) -> str:
-    """One line for people, or an empty string for a record that says nothing new to them.
+def describe_record(record: Record, ledger: Ledger) -> LogLine | None:
+    """One line for people, or None for a record that says nothing new to them.
 
     Args:
         record: The one applied last.
         ledger: The fold, this record included.
     """
     if record.ev in _SILENT:
-        return ""
+        return None
     body = record.body or {}
     status = ledger.sessions.get(SessionId(record.id))
     about = record.id.removeprefix("goal:").removeprefix("node:")
-    text = _tell_session(record, body, status) if status is not None else _tell_goal(record, body)
-    return f"- {format_time(record.at)} **{about}** ({record.by}) {' '.join(text.split())}\n"
+    text = _tell_session(record, body, status) if status is not None else _tell_goal(record, body, ledger)
+    return LogLine(at=f"{record.at[:19]}Z", about=about, by=record.by, text=flatten(text))
+
+
+def _render_line(line: LogLine) -> str:
+    return f"- {format_time(line.at)} **{line.about}** ({line.by}) {line.text}\n"
 
 
 def _tell_session(record: Record, body: dict[str, Any], status: SessionStatus) -> str:
@@ -86,21 +123,46 @@ def _tell_session(record: Record, body: dict[str, Any], status: SessionStatus) -
     return _with_reason(_PLAIN.get(record.ev, record.ev), body)
 
 
-def _tell_goal(record: Record, body: dict[str, Any]) -> str:
+def _tell_journal(record: Record, body: dict[str, Any]) -> str:
+    if record.ev == "lost":
+        return "a record is lost; its number stays empty"
+    if "cut_bytes" in body:
+        place = f"{body.get('segment')}:{body.get('offset')}"
+        return f"cut {body['cut_bytes']} bytes that a writer left half at {place}"
+    return f"the journal was repaired: {body.get('lost', 0)} records are lost"
+
+
+def _tell_goal(record: Record, body: dict[str, Any], ledger: Ledger) -> str:
     if record.id == JOURNAL_ID:
-        return (
-            f"cut {body.get('cut_bytes')} bytes that a writer left half at {body.get('segment')}:{body.get('offset')}"
-        )
+        return _tell_journal(record, body)
     match record.ev:
         case GoalEvent.GOAL_SUBMITTED:
             return f"goal asked for: {body.get('objective') or body.get('graph', '')}, seed {body.get('seed')}"
         case GoalEvent.GOAL_COMPILED:
-            return f"compiled into {len(body.get('nodes', ()))} nodes"
+            nodes = body.get("nodes", {})
+            shown = ", ".join(list(nodes)[:NODES_NAMED]) + (", …" if len(nodes) > NODES_NAMED else "")
+            return f"compiled into {len(nodes)} nodes: {shown}"
         case GoalEvent.CHILD_OF:
-            return _with_reason(f"continues as {body.get('child')}, child of {body.get('parent')}", body)
+            replan = Replan(
+                session=body.get("parent", ""), child=body.get("child", ""), reason=str(body.get("reason", ""))
+            )
+            _, differently = split_reason(replan, ledger)
+            return f"{replan.session} continues as {replan.child}: {differently or replan.reason or 'as before'}"
+        case GoalEvent.NODE_DONE | GoalEvent.NODE_BLOCKED:
+            return _with_reason(_PLAIN[record.ev], {"reason": _find_judged(record, body, ledger) or body.get("reason")})
         case GoalEvent.GOAL_VERDICT:
             return _with_reason(f"goal verdict {body.get('verdict')}", body)
     return _with_reason(_PLAIN.get(record.ev, record.ev), body)
+
+
+def _find_judged(record: Record, body: dict[str, Any], ledger: Ledger) -> str:
+    """The session whose verdict is the reason, and its state, so that it is not told twice; empty without one."""
+    goal, _, node = record.id.removeprefix("node:").partition("/")
+    status = ledger.goals.get(GoalId(goal))
+    sessions = status.nodes[node].sessions if status is not None and node in status.nodes else ()
+    latest = ledger.sessions.get(sessions[-1]) if sessions else None
+    is_told = latest is not None and bool(latest.attempts) and latest.attempts[-1].reason == body.get("reason")
+    return f"{sessions[-1]} {latest.state}" if is_told and latest is not None else ""
 
 
 def _with_reason(text: str, body: dict[str, Any]) -> str:

@@ -1,22 +1,46 @@
 """The rendered documents of the runtime plane: SESSIONS.md and LOG.md, kept in step with the journal.
 
-Upstream: a follower of its own, so it can run in any process and never slows the one that decides. Downstream: people.
+Upstream: a follower of its own, so it can run in any process and never slows the one that decides. Downstream: people,
+who may also write into SESSIONS.md: a desk takes their edits in between two renderings (see `edits`).
 TASK.md is the agent's (`tasks`); SKILLRUNTIME.md and TARGETS.md are in `registries`, ENVIRONMENT.md in
 `environment_view`.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.markdown import publish
-from phyagentos.protocol.sessions import SessionId, SessionStatus
-from phyagentos.protocol.store.follower import Follower
 from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.views.log import describe_record, render_log
-from phyagentos.protocol.views.sessions import render_sessions
+from phyagentos.protocol.store.records import Record
+from phyagentos.protocol.views.history import History
+from phyagentos.protocol.views.log import LogTail
 from phyagentos.protocol.workspace import Workspace
 
 PERIOD_S = 0.2  # a person reads no faster
+CLOSING_TURNS = 3  # an edit comes out with the first rendering, is shown by the second
+
+
+class Desk(Protocol):
+    """Puts SESSIONS.md where people edit it, and takes in what they wrote; see `edits.desk`."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """One line for each edit that was refused lately."""
+        ...
+
+    def take(self, history: History, *, at_once: bool = False) -> bool:
+        """Deal with the edits that arrived; whether anything was recorded or refused."""
+        ...
+
+    def is_touched(self) -> bool:
+        """Whether somebody wrote SESSIONS.md since it was put there."""
+        ...
+
+    def put(self, text: str) -> bool:
+        """Put a rendering there, unless somebody keeps it from changing; whether it was done."""
+        ...
 
 
 class Views:
@@ -26,22 +50,29 @@ class Views:
         workspace: Where they are published.
         lane: Folder of the journal to follow (`Journal.folder`).
         clock: For the rate.
+        desk: Where edits of SESSIONS.md are taken in; without one they are overwritten.
         period_s: Shortest time between two renderings [s].
     """
 
-    def __init__(self, workspace: Workspace, lane: Path, clock: Clock, *, period_s: float = PERIOD_S) -> None:
-        self.ledger = Ledger()
+    def __init__(
+        self, workspace: Workspace, lane: Path, clock: Clock, *, desk: Desk | None = None, period_s: float = PERIOD_S
+    ) -> None:
         self._workspace = workspace
-        self._follower = Follower(lane)
         self._clock = clock
+        self._desk = desk
         self._period_s = period_s
-        self._lines: list[str] = []
-        self._blocks: dict[SessionId, tuple[SessionStatus, str]] = {}
+        self._log = LogTail()
+        self._history = History(lane, on_record=self._note)
         self._published_seq = -1
         self._published_at_s = -float("inf")
 
+    @property
+    def ledger(self) -> Ledger:
+        """The fold, as of the last `refresh`."""
+        return self._history.ledger
+
     def refresh(self, *, at_once: bool = False) -> bool:
-        """Publish what changed since the last time.
+        """Take in what changed since the last time, and publish it.
 
         Args:
             at_once: Even within the period (at the end of a run).
@@ -49,20 +80,33 @@ class Views:
         Returns:
             Whether anything was written.
         """
-        for record in self._follower.read_new():
-            self.ledger.apply(record)
-            if line := describe_record(record, self.ledger):
-                self._lines.append(line)
-        now_s = self._clock.now_s()
-        is_early = now_s - self._published_at_s < self._period_s and not at_once
-        if is_early or self.ledger.seq == self._published_seq:
+        self._history.read_new()
+        is_edited = self._desk is not None and (
+            self._desk.take(self._history, at_once=at_once) or self._desk.is_touched()
+        )
+        is_early = self._clock.now_s() - self._published_at_s < self._period_s and not at_once
+        if not is_edited and (is_early or self.ledger.seq == self._published_seq):
             return False
-        publish(self._workspace.sessions_document, render_sessions(self.ledger, self._blocks))
-        publish(self._workspace.log, render_log(self._lines, self.ledger.seq))
-        self._published_seq, self._published_at_s = self.ledger.seq, now_s
+        if self._put_sessions():
+            self._published_seq = self.ledger.seq
+        publish(self._workspace.log, self._log.render(self.ledger.seq))
+        self._published_at_s = self._clock.now_s()
         return True
 
     def close(self) -> None:
-        """Publish what is still due and let go of the journal."""
-        self.refresh(at_once=True)
-        self._follower.close()
+        """Publish what is still due, take in what came out, and let go of the journal."""
+        for _ in range(CLOSING_TURNS):
+            if not self.refresh(at_once=True):
+                break
+        self._history.close()
+
+    def _note(self, record: Record, ledger: Ledger) -> None:
+        self._log.take(record, ledger)
+
+    def _put_sessions(self) -> bool:
+        notes = self._desk.notes if self._desk is not None else ()
+        text = self._history.render(self._history.build_page(notes))
+        if self._desk is not None:
+            return self._desk.put(text)
+        publish(self._workspace.sessions_document, text)
+        return True

@@ -1,21 +1,38 @@
 """TASK.md: the goals of a workspace, the graph of each with the state of its nodes, and why its verdict fell.
 
-Upstream: the fold. Downstream: people; the graph is Mermaid, which every forge draws.
+Upstream: the fold. Downstream: people, and programs in any language; the graph is Mermaid, which every forge draws.
 """
 
-import msgspec
-
-from phyagentos.protocol.markdown import escape_label, render_criteria, render_table
+from phyagentos.protocol.document import FrontMatter
+from phyagentos.protocol.markdown import (
+    escape_label,
+    flatten,
+    format_moment,
+    render_block,
+    render_criteria,
+    render_front,
+    render_link,
+    render_table,
+)
 from phyagentos.protocol.sessions import SessionId
-from phyagentos.protocol.store.bodies import render_yaml
-from phyagentos.protocol.store.ledger import GoalStatus, Ledger, NodeState
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.tasks import TASK, GoalStatus, NodeState, Replan
+
+GOALS_SHOWN = 20  # that have their verdict; the others are all shown
+NODES_DRAWN = 150  # more than a person can follow, and close to what a forge still draws
+EDGES_DRAWN = 400  # Mermaid draws 500
 
 _HEAD = """# Tasks
 
-The goals of this workspace, newest first, and the nodes of their graphs. A view of the journal; each graph as it was
-submitted stands in `goals/<goal id>.yaml`.
+The goals of this workspace, newest first: what was asked, how each node of the graph stands, and why the verdict fell.
+
+- **Written by** the agent, from the goal and node records of the journal in `sessions/`, which is the truth.
+- **An edit is lost** with the next rendering. To end a goal use `paos cancel`; to change one, submit another.
+- **A node** becomes a session only when it is ready; the runtime never sees the graph. What each session did is in
+  `SESSIONS.md`, what it saw in its folder under `evidence/`. The graph as submitted is `goals/<goal id>.yaml`.
 
 """
+_NOTHING = "No goal has been submitted yet.\n"
 _COLORS = {
     NodeState.WAITING: "fill:#eceff1,stroke:#90a4ae,color:#263238",
     NodeState.READY: "fill:#e3f2fd,stroke:#1e88e5,color:#0d47a1",
@@ -28,35 +45,51 @@ _COLORS = {
 
 def render_tasks(ledger: Ledger) -> str:
     """TASK.md."""
-    sections = [render_task(goal, ledger) for goal in reversed(ledger.goals.values())]
-    return f"---\nview: {ledger.seq}\n---\n\n{_HEAD}" + ("".join(sections) or "No goal has been submitted yet.\n")
+    shown, older = select_goals(ledger)
+    sections = [render_task(goal, ledger) for goal in shown]
+    note = f"{older} older goals are not shown; their records are in `sessions/`, their graphs in `goals/`.\n"
+    front = render_front(FrontMatter(phy=TASK.phy, view=ledger.seq))
+    return f"{front}{_HEAD}{''.join(sections) or _NOTHING}{note if older else ''}"
+
+
+def select_goals(ledger: Ledger) -> tuple[list[GoalStatus], int]:
+    """The goals that are shown, newest first, and how many are not: only of the judged ones the oldest are left out."""
+    shown = []
+    judged = 0
+    for goal in reversed(ledger.goals.values()):
+        judged += is_over(goal)
+        if not is_over(goal) or judged <= GOALS_SHOWN:
+            shown.append(goal)
+    return shown, max(0, ledger.goal_count - len(shown))
+
+
+def is_over(goal: GoalStatus) -> bool:
+    """Whether nothing more happens to it."""
+    return bool(goal.verdict) or goal.is_cancelled
 
 
 def render_task(goal: GoalStatus, ledger: Ledger) -> str:
-    """One `## <goal id>` section: what was asked, how it went, the graph, the nodes, the criteria, then all as YAML."""
-    lines = [f"**Asked:** {goal.objective or goal.graph} (graph `{goal.graph}`, seed {goal.seed}, {goal.submitted_at})"]
-    lines.append(f"**Verdict:** {_describe_verdict(goal)}")
-    if goal.replans:
-        lines.append(f"**Replans:** {goal.replans}")
+    """One `## <goal id>` section: what was asked, how it went, graph, nodes, replans, criteria, then all as YAML."""
+    by = f" by {goal.asked_by}" if goal.asked_by else ""
+    lines = [
+        f"**Asked:** {goal.objective or goal.graph} (graph `{goal.graph}`, seed {goal.seed},"
+        f" submitted{by}, {format_moment(goal.submitted_at)})",
+        f"**Verdict:** {_describe_verdict(goal)}",
+        f"**Sessions:** {sum(len(node.sessions) for node in goal.nodes.values())}, replans: {goal.replans}",
+    ]
     for name, predicates in (("Accepted when", goal.accept), ("All through", goal.constraints)):
         if predicates:
             lines.append(f"**{name}:** {', '.join(f'`{each}`' for each in predicates)}")
-    rows = (
-        (
-            name,
-            node.state.value,
-            node.objective or node.skill,
-            ", ".join(node.after),
-            ", ".join(f"{id} ({_get_session_state(ledger, id)})" for id in node.sessions),
-            node.reason,
-        )
-        for name, node in goal.nodes.items()
-    )
-    told = "\n".join(f"- {line}" for line in lines)
-    graph = f"```mermaid\n{render_graph(goal)}```\n\n" if goal.nodes else ""
-    table = render_table(("node", "state", "what", "after", "sessions", "why"), rows) + "\n" if goal.nodes else ""
-    data = render_yaml(msgspec.to_builtins(goal))
-    return f"## {goal.id}\n\n{told}\n\n{graph}{table}{render_criteria(goal.criteria)}```yaml\n{data}```\n\n"
+    parts = [f"## {goal.id}\n", "".join(f"- {flatten(line)}\n" for line in lines)]
+    if goal.nodes:
+        parts += [_draw(goal), _render_nodes(goal, ledger)]
+    if any(node.replans for node in goal.nodes.values()):
+        parts.append("**Replans:**\n")
+        parts.append(_render_replans(goal, ledger))
+    if goal.criteria:
+        parts += ["**Why the goal's verdict fell:**\n", render_criteria(goal.criteria, ".").rstrip("\n") + "\n"]
+    parts.append(render_block(goal))
+    return "\n".join(parts) + "\n"
 
 
 def render_graph(goal: GoalStatus) -> str:
@@ -74,12 +107,64 @@ def render_graph(goal: GoalStatus) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _draw(goal: GoalStatus) -> str:
+    edges = sum(len(node.after) for node in goal.nodes.values())
+    if len(goal.nodes) > NODES_DRAWN or edges > EDGES_DRAWN:
+        return f"The graph has {len(goal.nodes)} nodes and {edges} edges, too many to draw; the table has them all.\n"
+    return f"```mermaid\n{render_graph(goal)}```\n"
+
+
+def _render_nodes(goal: GoalStatus, ledger: Ledger) -> str:
+    rows = (
+        (
+            name,
+            node.state.value,
+            node.objective,
+            f"{node.skill} on {node.target}" if node.target else node.skill,
+            ", ".join(node.after),
+            ", ".join(_describe_session(ledger, id) for id in node.sessions),
+            "; ".join((node.reason, *node.reasons)) if node.reason else "; ".join(node.reasons),
+        )
+        for name, node in goal.nodes.items()
+    )
+    return render_table(("node", "state", "what", "by", "after", "sessions", "why"), rows)
+
+
+def _render_replans(goal: GoalStatus, ledger: Ledger) -> str:
+    rows = (
+        (_link(ledger, each.session), _link(ledger, each.child), *split_reason(each, ledger))
+        for node in goal.nodes.values()
+        for each in node.replans
+    )
+    return render_table(("session", "revised as", "what went wrong", "what is done differently"), rows)
+
+
+def split_reason(replan: Replan, ledger: Ledger) -> tuple[str, str]:
+    """What went wrong, and what the child does differently; all of it as the former when they cannot be told apart."""
+    parent = ledger.sessions.get(replan.session)
+    if parent is not None and parent.attempts:
+        attempt = parent.attempts[-1]
+        wrong = f"{attempt.cause}: {attempt.reason}".rstrip(".")
+        if replan.reason.startswith(wrong):
+            return wrong, replan.reason[len(wrong) :].strip(" .;")
+    return replan.reason, ""
+
+
 def _describe_verdict(goal: GoalStatus) -> str:
     if not goal.verdict:
         return f"cancelled, {goal.reason or 'no reason given'}" if goal.is_cancelled else "none yet"
-    return f"{goal.verdict}, {goal.updated_at}" + (f": {goal.reason}" if goal.reason else "")
+    why = f": {goal.reason}" if goal.reason else ""
+    return f"**{goal.verdict}**, {format_moment(goal.updated_at)}{why}"
 
 
-def _get_session_state(ledger: Ledger, id: SessionId) -> str:
+def _link(ledger: Ledger, id: SessionId) -> str:
+    """The session, linked to its evidence where it left some."""
     status = ledger.sessions.get(id)
-    return status.state if status is not None else "unknown"
+    evidence = status.execution.evidence if status is not None and status.execution is not None else ""
+    return render_link(evidence, id) if evidence else id
+
+
+def _describe_session(ledger: Ledger, id: SessionId) -> str:
+    """The session and its state; of one that is long over its name only."""
+    status = ledger.sessions.get(id)
+    return f"{_link(ledger, id)} ({status.state})" if status is not None else id

@@ -1,0 +1,69 @@
+"""What an entry of the agent's memory carries, whatever it says: scope, evidence, support, and whether it still stands.
+
+Upstream: `lessons` and `knowledge`. An entry is never deleted: it is retracted, with the reason.
+"""
+
+from enum import StrEnum
+from typing import Annotated
+
+import msgspec
+
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+
+
+class Standing(StrEnum):
+    """Whether an entry counts."""
+
+    ACTIVE = "active"
+    """It may be used."""
+    RETRACTED = "retracted"
+    """It is kept for the record and used no more."""
+
+
+class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where an entry holds; what is left empty does not narrow it.
+
+    Attributes:
+        scene: Name of a scene (`tabletop/cubes_and_trays`).
+        skill: Name of a skill.
+        target: Name of a target.
+        entities: Names or kinds of the things it is about.
+    """
+
+    scene: str = ""
+    skill: str = ""
+    target: str = ""
+    entities: tuple[str, ...] = ()
+
+
+class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One entry.
+
+    Attributes:
+        id: Unique in its document; also its heading.
+        statement: One sentence that can be true or false.
+        scope: Where it holds.
+        evidence: Bundles that it rests on, as paths relative to the workspace (`evidence/tidy_table-7.red`).
+        supported: Number of verified outcomes that speak for it.
+        contradicted: Number of verified outcomes that speak against it.
+        confidence: 0..1; how it follows from the two counts is up to whoever writes it.
+        state: Whether it counts.
+        reason: Why it was retracted; empty while it is active.
+        note: What a person adds.
+        by: Who wrote it.
+        at: UTC wall time of the latest change.
+    """
+
+    id: str
+    statement: str
+    scope: Scope = Scope()
+    evidence: tuple[str, ...] = ()
+    supported: Count = 0
+    contradicted: Count = 0
+    confidence: Share = 0.0
+    state: Standing = Standing.ACTIVE
+    reason: str = ""
+    note: str = ""
+    by: str = ""
+    at: str = ""

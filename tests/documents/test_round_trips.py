@@ -1,0 +1,175 @@
+"""What a document is rendered from is what a reader gets back, and its JSON Schema agrees."""
+
+import msgspec
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind, read_environment
+from phyagentos.protocol.knowledge import Fact, read_knowledge, render_knowledge
+from phyagentos.protocol.lessons import Lesson, read_lessons, render_lessons
+from phyagentos.protocol.log import LogLine, read_log
+from phyagentos.protocol.registries import read_target, render_skills, render_targets
+from phyagentos.protocol.runtime_signal import RuntimeState, Signs, read_runtime_signal
+from phyagentos.protocol.sessions import Session, SessionStatus, read_sessions
+from phyagentos.protocol.skill_runtimes import Needs, Output, Parameter, SkillRuntime, read_skill_runtimes
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.targets import Health, RegisteredTarget, TargetHealth, read_targets
+from phyagentos.protocol.tasks import GoalStatus, read_tasks
+from phyagentos.protocol.views.environment import compute_relations, render_environment
+from phyagentos.protocol.views.log import render_log
+from phyagentos.protocol.views.runtime_signal import render_runtime_signal
+from phyagentos.protocol.views.sessions import Page, render_page
+from phyagentos.protocol.views.tasks import render_tasks
+
+from .values import NAMES, NUMBERS, TEXTS, WHOLE, check_schema, draw, draw_struct
+
+FEW = settings(
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+    phases=[Phase.explicit, Phase.reuse, Phase.generate],  # the values are large: shrinking them takes minutes
+)
+STATES = st.sampled_from(["pending", "running", "succeeded", "failed", "replanned", "rejected"])
+STATUSES = draw_struct(SessionStatus, contract=draw_struct(Session, id=NAMES), state=STATES)
+GOALS = draw_struct(GoalStatus, id=NAMES)
+SIZES = {ShapeKind.BOX: 3, ShapeKind.CYLINDER: 2, ShapeKind.CAPSULE: 2, ShapeKind.SPHERE: 1}
+POINTS = st.tuples(*[st.floats(-2, 2)] * 3)
+POSES = st.builds(Pose, position_m=POINTS)
+SHAPES = st.sampled_from(list(SIZES)).flatmap(
+    lambda kind: st.builds(Shape, kind=st.just(kind), size_m=st.tuples(*[st.floats(0.01, 1)] * SIZES[kind]), pose=POSES)
+)
+INTERIORS = st.none() | st.builds(Interior, center_m=POINTS, half_m=st.tuples(*[st.floats(0.01, 1)] * 3))
+ENTITIES = draw_struct(
+    Entity, name=NAMES, pose=POSES, shapes=st.lists(SHAPES, max_size=2).map(tuple), interior=INTERIORS
+)
+ENVIRONMENTS = draw_struct(
+    Environment, entities=st.lists(ENTITIES, max_size=3).map(lambda each: {entity.name: entity for entity in each})
+)
+SKILLS = st.builds(
+    SkillRuntime,
+    skill=st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True),
+    description=TEXTS,
+    tree=TEXTS,
+    parameters=st.dictionaries(
+        NAMES, st.builds(Parameter, type=st.just("number"), unit=TEXTS, default=NUMBERS, minimum=NUMBERS), max_size=2
+    ),
+    outputs=st.dictionaries(NAMES, st.builds(Output, type=st.just("point"), description=TEXTS), max_size=2),
+    guarantees=st.lists(TEXTS, max_size=2).map(tuple),
+    needs=st.builds(Needs, capabilities=st.lists(TEXTS, max_size=2).map(tuple)),
+)
+HEALTH = st.builds(TargetHealth, state=st.sampled_from(list(Health)), since=TEXTS, session=TEXTS)
+LINES = st.builds(
+    LogLine,
+    at=st.builds("2026-11-{:02}T{:02}:{:02}:59Z".format, st.integers(1, 30), st.integers(0, 23), st.integers(0, 59)),
+    about=NAMES,
+    by=NAMES,
+    text=TEXTS.map(lambda text: " ".join(text.split())),
+)
+
+
+def by_id(values):
+    return list({value.id: value for value in values}.values())
+
+
+@FEW
+@given(st.lists(STATUSES, max_size=3), WHOLE)
+def test_sessions_come_back_as_they_were(statuses, seq):
+    statuses = {status.contract.id: status for status in statuses}
+    text = render_page(Page(seq, list(statuses.values()), len(statuses)))
+    found = read_sessions(text)
+
+    assert found.front.view == seq
+    assert found.blocks == statuses
+    check_schema(text, "SESSIONS.md")
+
+
+@FEW
+@given(st.lists(GOALS, max_size=3).map(by_id), WHOLE)
+def test_tasks_come_back_as_they_were(goals, seq):
+    ledger = Ledger()
+    ledger.seq, ledger.goals = seq, {goal.id: goal for goal in goals}
+    text = render_tasks(ledger)
+    found = read_tasks(text)
+
+    assert found.front.view == seq
+    assert found.blocks == ledger.goals
+    assert list(found.blocks) == list(reversed(ledger.goals))
+    check_schema(text, "TASK.md")
+
+
+@FEW
+@given(st.lists(SKILLS, max_size=3))
+def test_skills_come_back_as_they_were(skills):
+    skills = {skill.skill: skill for skill in skills}
+    text = render_skills(list(skills.values()))
+
+    assert read_skill_runtimes(text).blocks == skills
+    check_schema(text, "SKILLRUNTIME.md")
+
+
+@pytest.fixture(scope="module")
+def panda(root):
+    return read_target(root / "robots" / "panda" / "target.yaml").model_dump()
+
+
+@FEW
+@given(health=HEALTH, description=TEXTS, width_m=NUMBERS)
+def test_targets_come_back_as_they_were(panda, health, description, width_m):
+    gripper = panda["gripper"] | {"max_width_m": width_m}
+    target = RegisteredTarget.model_validate(
+        panda | {"description": description, "gripper": gripper, "health": health.model_dump()}
+    )
+    text = render_targets([target])
+
+    assert read_targets(text).blocks == {"panda": target}
+    check_schema(text, "TARGETS.md")
+
+
+@FEW
+@given(ENVIRONMENTS)
+def test_the_environment_comes_back_as_it_was(environment):
+    text = render_environment(environment)
+    found = read_environment(text)
+
+    assert {name: getattr(found, name) for name in Environment.__struct_fields__} == msgspec.structs.asdict(environment)
+    assert found.relations == compute_relations(environment)
+    check_schema(text, "ENVIRONMENT.md")
+
+
+@FEW
+@given(st.lists(draw_struct(Lesson, id=NAMES), max_size=3).map(by_id))
+def test_lessons_come_back_as_they_were(lessons):
+    text = render_lessons(lessons)
+
+    assert list(read_lessons(text).blocks.values()) == lessons
+    check_schema(text, "LESSONS.md")
+
+
+@FEW
+@given(st.lists(draw_struct(Fact, id=NAMES), max_size=3).map(by_id))
+def test_facts_come_back_as_they_were(facts):
+    text = render_knowledge(facts)
+
+    assert list(read_knowledge(text).blocks.values()) == facts
+    check_schema(text, "KNOWLEDGE.md")
+
+
+@FEW
+@given(st.lists(LINES, max_size=6), WHOLE, WHOLE)
+def test_log_lines_come_back_as_they_were(lines, seq, older):
+    text = render_log(lines, seq, older=older)
+    found = read_log(text)
+
+    assert (found.front.view, found.front.older) == (seq, older)
+    assert list(found.lines) == lines
+    check_schema(text, "LOG.md")
+
+
+@FEW
+@given(draw(Signs).filter(lambda signs: signs.runtime is not RuntimeState.NOT_STARTED))
+def test_signs_come_back_as_they_were(signs):
+    text = render_runtime_signal(signs)
+
+    assert read_runtime_signal(text).blocks == {"Signs": signs}
+    check_schema(text, "RUNTIME_SIGNAL.md")

@@ -1,0 +1,98 @@
+"""TASK.md stays readable: it forgets what is long over, and says so; it draws what can be drawn."""
+
+import pytest
+
+from phyagentos.protocol.sessions import Ended, Execution, Scene, Session, SessionStatus
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.tasks import GoalStatus, NodeState, NodeStatus, Replan, read_tasks
+from phyagentos.protocol.verdicts import Attempt, Verdict
+from phyagentos.protocol.views.tasks import EDGES_DRAWN, GOALS_SHOWN, NODES_DRAWN, render_tasks, split_reason
+
+
+@pytest.fixture
+def ledger():
+    return Ledger()
+
+
+def add_goals(ledger, *goals):
+    for goal in goals:
+        ledger.goals[goal.id] = goal
+        ledger.goal_count += 1
+
+
+def make_status(id, **facts):
+    contract = Session(
+        id=id,
+        goal="g",
+        node="n",
+        objective="o",
+        skill="s",
+        target="t",
+        parameters={},
+        accept=(),
+        scene=Scene(name="table", seed=1, episode="g"),
+        seed=1,
+    )
+    return SessionStatus(contract=contract, state="replanned", **facts)
+
+
+def test_of_the_goals_that_are_over_the_latest_are_shown_and_of_the_others_all(ledger):
+    add_goals(ledger, GoalStatus(id="open-0"))
+    add_goals(ledger, *(GoalStatus(id=f"over-{number}", verdict="success") for number in range(GOALS_SHOWN + 3)))
+    add_goals(ledger, GoalStatus(id="gone", is_cancelled=True), GoalStatus(id="open-1"))
+    text = render_tasks(ledger)
+    shown = list(read_tasks(text).blocks)
+
+    latest = [f"over-{number}" for number in range(GOALS_SHOWN + 2, 3, -1)]
+    assert shown == ["open-1", "gone", *latest, "open-0"]
+    assert text.endswith("4 older goals are not shown; their records are in `sessions/`, their graphs in `goals/`.\n")
+
+
+def test_goals_that_the_ledger_has_forgotten_are_counted(ledger):
+    add_goals(ledger, GoalStatus(id="g"))
+    ledger.goal_count = 8
+
+    assert "7 older goals are not shown" in render_tasks(ledger)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "after", "is_drawn"),
+    [(NODES_DRAWN, 0, True), (NODES_DRAWN + 1, 0, False), (100, 4, True), (100, 5, False)],
+)
+def test_a_graph_is_drawn_while_a_forge_can_draw_it(ledger, nodes, after, is_drawn):
+    names = [f"n{number}" for number in range(nodes)]
+    graph = {name: NodeStatus(after=tuple(names[:after])) for name in names}
+    add_goals(ledger, GoalStatus(id="g", nodes=graph))
+    text = render_tasks(ledger)
+
+    assert ("```mermaid" in text) is is_drawn
+    assert (f"The graph has {nodes} nodes and {nodes * after} edges, too many to draw" in text) is not is_drawn
+    assert (nodes <= NODES_DRAWN and nodes * after <= EDGES_DRAWN) is is_drawn
+    assert text.count("| waiting |") == nodes
+
+
+def test_a_replan_is_told_in_two_parts_as_long_as_the_verdict_is_known(ledger):
+    attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", reason="the cube slipped.")
+    replan = Replan(
+        session="a", child="a.r1", reason="GRASP_LOST: the cube slipped; another grasp than yaw+90; slower."
+    )
+    assert split_reason(replan, ledger) == (replan.reason, "")
+
+    ledger.sessions["a"] = make_status("a", attempts=(attempt,))
+    assert split_reason(replan, ledger) == ("GRASP_LOST: the cube slipped", "another grasp than yaw+90; slower")
+
+
+def test_a_session_is_linked_to_its_evidence_where_it_left_some(ledger):
+    execution = Execution(ended=Ended.COMPLETED, evidence="evidence/a")
+    ledger.sessions |= {"a": make_status("a", execution=execution), "b": make_status("b")}
+    add_goals(ledger, GoalStatus(id="g", nodes={"n": NodeStatus(state=NodeState.ACTIVE, sessions=("old", "a", "b"))}))
+
+    assert "| old, [a](evidence/a) (replanned), b (replanned) |" in render_tasks(ledger)
+
+
+def test_a_cancelled_goal_says_why(ledger):
+    add_goals(ledger, GoalStatus(id="g", is_cancelled=True, reason="dinner\nis ready"), GoalStatus(id="h"))
+    text = render_tasks(ledger)
+
+    assert "- **Verdict:** cancelled, dinner is ready\n" in text
+    assert "- **Verdict:** none yet\n" in text
