@@ -8,7 +8,19 @@ import sys
 
 import typer
 
-from phyagentos.cli import authoring, explaining, running, scaffolding, showing
+from phyagentos.cli import (
+    authoring,
+    editing,
+    error_codes,
+    evidence,
+    explaining,
+    importing,
+    preflight,
+    running,
+    scaffolding,
+    showing,
+    store,
+)
 from phyagentos.cli.doctor import command as doctor
 from phyagentos.cli.outcome import ExitCode, is_debugging, report_exception
 
@@ -41,7 +53,20 @@ def _root(
         os.environ["PAOS_DEBUG"] = "1"  # both planes inherit it
 
 
-for group in (running, authoring, scaffolding, showing, explaining, doctor):
+for group in (
+    running,
+    preflight,
+    authoring,
+    scaffolding,
+    showing,
+    explaining,
+    editing,
+    evidence,
+    importing,
+    doctor,
+    error_codes,
+    store,
+):
     group.register(app)
 
 

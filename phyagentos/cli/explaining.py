@@ -27,7 +27,7 @@ def why(session: Id, workspace: Space) -> None:
     from phyagentos.cli.why import explain_session
     from phyagentos.protocol.workspace import Workspace
 
-    ledger = read_ledger(workspace)
+    ledger = read_ledger(workspace, session)
     print_result(explain_session(Workspace.open(workspace), ledger, get_session(session, ledger.sessions)))
 
 
@@ -36,7 +36,7 @@ def rerun(session: Id, workspace: Space) -> int:
     from phyagentos.assembly.repetition import rerun_session
     from phyagentos.cli.past import read_ledger
 
-    id = get_session(session, read_ledger(workspace).sessions)
+    id = get_session(session, read_ledger(workspace, session).sessions)
     repetition = rerun_session(workspace, id)
     if repetition.differences:
         print_result("\n".join([f"{id} came out differently:", *repetition.differences]))

@@ -10,15 +10,10 @@ from typing import Any
 
 from phyagentos.cli.projects import FOLDERS, open_library
 from phyagentos.errors import DefinitionError, Problem, find_nearest
-from phyagentos.protocol.document import iter_blocks, split_front_matter
+from phyagentos.protocol.formats import FORMATS, check_document
 from phyagentos.protocol.library import Library
-from phyagentos.protocol.schema import parse_yaml, read_yaml
+from phyagentos.protocol.schema import read_text, read_yaml
 from phyagentos.protocol.settings import SETTINGS_FILES, check_settings
-
-DOCUMENTS = (
-    *("SESSIONS.md", "TASK.md", "SKILLRUNTIME.md", "TARGETS.md", "ENVIRONMENT.md"),
-    *("LESSONS.md", "KNOWLEDGE.md", "LOG.md", "RUNTIME_SIGNAL.md"),
-)
 
 
 class FileKind(StrEnum):
@@ -91,7 +86,7 @@ def lint_file(path: Path) -> list[Problem]:
 def find_kind(path: Path) -> FileKind | None:
     """The kind of a file, by its name, then by its first keys, then by its folder."""
     if path.suffix == ".md":
-        known = {"SKILL.md": FileKind.SKILL} | dict.fromkeys(DOCUMENTS, FileKind.DOCUMENT)
+        known = {"SKILL.md": FileKind.SKILL} | dict.fromkeys(FORMATS, FileKind.DOCUMENT)
         return known.get(path.name)
     if path.name in SETTINGS_FILES:
         return FileKind.SETTINGS
@@ -126,19 +121,8 @@ def _unknown_kind(path: Path) -> Problem:
 
 
 def _check_document(path: Path, _: Library) -> None:
-    """Front matter, where there is one, and every fenced YAML block must parse."""
-    text = path.read_text(encoding="utf-8")
-    problems: list[Problem] = []
-    pieces = [(block.yaml, block.line) for block in iter_blocks(text)]
-    if text.startswith("---\n"):
-        pieces.insert(0, split_front_matter(text, str(path)))
-    for yaml, line in pieces:
-        try:
-            parse_yaml(yaml, str(path), line)
-        except DefinitionError as error:
-            problems += error.problems
-    if problems:
-        raise DefinitionError(problems)
+    """Front matter and every fenced block, as the readers of the document check them."""
+    check_document(read_text(path), path.name, str(path))
 
 
 def _check_settings(path: Path, _: Library) -> None:

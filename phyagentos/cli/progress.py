@@ -11,8 +11,9 @@ from pathlib import Path
 from phyagentos.protocol.heartbeats import Heartbeat, find_heartbeat
 from phyagentos.protocol.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions import SessionStatus
-from phyagentos.protocol.store.ledger import GoalStatus, Ledger
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.records import Record
+from phyagentos.protocol.tasks import GoalStatus
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +72,7 @@ class RunFold:
     """
 
     def __init__(self, heartbeats: Path) -> None:
-        self.ledger = Ledger()
+        self.ledger = Ledger(forgets=False)
         self._heartbeats = heartbeats
         self._first_at: dict[str, str] = {}
         self._last_at: dict[str, str] = {}

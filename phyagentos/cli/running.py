@@ -61,14 +61,24 @@ def run(
 
 
 def agent(
-    graph: Graph, workspace: Space, seed: Seed = 0, set_: Overrides = None, with_parent: WithParent = False
+    graph: Graph,
+    workspace: Space,
+    seed: Seed = 0,
+    set_: Overrides = None,
+    goal: Annotated[
+        str | None,
+        typer.Option(
+            help="Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
+        ),
+    ] = None,
+    with_parent: WithParent = False,
 ) -> int:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
     from phyagentos.cli.projects import get_file
 
     _prepare(with_parent)
-    report = run_agent(workspace, get_file(graph, "goal_graphs"), seed, overrides=parse_overrides(set_))
+    report = run_agent(workspace, get_file(graph, "goal_graphs"), seed, overrides=parse_overrides(set_), goal=goal)
     print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
     return report.exit_code
 

@@ -1,11 +1,14 @@
-"""JSON Schemas of every authored file, made from the same models that read them.
+"""JSON Schemas of every authored file and of every document, made from the same models that read them.
 
-Editors use them through `# yaml-language-server: $schema=…`; `protocol/schemas/` holds them, and a test compares.
+Editors use those of authored files through `# yaml-language-server: $schema=…`. The schema of a document describes its
+front matter with one more key, `blocks`: heading -> YAML block. `protocol/schemas/` holds them all; a test compares.
 """
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.schema import Authored
@@ -74,7 +77,7 @@ _MODELS: dict[str, Callable[[], type[Authored]]] = {
 
 def names_of_schemas() -> list[str]:
     """Every kind that has a schema, sorted."""
-    return sorted(_MODELS)
+    return sorted(_builders())
 
 
 def render_schema(kind: str) -> str:
@@ -83,18 +86,27 @@ def render_schema(kind: str) -> str:
     Raises:
         DefinitionError: For an unknown kind.
     """
-    if kind not in _MODELS:
+    return json.dumps({"$schema": BASE, **build_schema(kind)}, indent=2, ensure_ascii=False) + "\n"
+
+
+def build_schema(kind: str) -> dict[str, Any]:
+    """The schema as data.
+
+    Raises:
+        DefinitionError: For an unknown kind.
+    """
+    builders = _builders()
+    if kind not in builders:
         raise DefinitionError(
             Problem(
                 code="UNKNOWN_SCHEMA",
                 address="paos schema",
                 found=repr(kind),
-                expected=format_names(_MODELS),
-                hint=format_hint(kind, _MODELS),
+                expected=format_names(builders),
+                hint=format_hint(kind, builders),
             )
         )
-    schema = {"$schema": BASE, **_MODELS[kind]().model_json_schema(by_alias=True)}
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    return builders[kind]()
 
 
 def write_schemas(folder: Path) -> list[Path]:
@@ -106,3 +118,31 @@ def write_schemas(folder: Path) -> list[Path]:
         path.write_text(render_schema(kind), encoding="utf-8")
         paths.append(path)
     return paths
+
+
+def write_documents(folder: Path) -> list[Path]:
+    """Write every document as it is in a new workspace; returns the paths."""
+    from phyagentos.protocol.views.pristine import render_pristine
+
+    paths = []
+    for name, text in render_pristine().items():
+        path = folder / name
+        path.write_text(text, encoding="utf-8")
+        paths.append(path)
+    return paths
+
+
+def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
+    from phyagentos.protocol.document import build_schema as build_document_schema
+    from phyagentos.protocol.formats import FORMATS
+
+    authored = {kind: partial(_build_authored, model) for kind, model in _MODELS.items()}
+    documents = {each.name: partial(build_document_schema, each) for each in FORMATS.values()}
+    return {**authored, **documents}
+
+
+def _build_authored(model: Callable[[], type[Authored]]) -> dict[str, Any]:
+    from phyagentos.protocol.struct_schema import build_authored_schema
+
+    schema, definitions = build_authored_schema(model())
+    return {"$defs": definitions, **schema} if definitions else schema

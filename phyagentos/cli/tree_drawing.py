@@ -11,6 +11,7 @@ from pathlib import Path
 from phyagentos.cli.projects import find_project
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.markdown import escape_label
 from phyagentos.protocol.trees import Kind, Node, Reference, Tree, read_tree
 
 SYMBOLS = {
@@ -119,7 +120,7 @@ def render_mermaid(root: Drawing) -> str:
     """A Mermaid flowchart, top down."""
     lines = ["flowchart TD"]
     for number, (node, parent) in enumerate(_iter_numbered(root)):
-        text = "<br/>".join(escape(part) for part in (node.label, *node.ports))
+        text = "<br/>".join(escape_label(part) for part in (node.label, *node.ports))
         left, right = {"leaf": ("[", "]"), "subtree": ("[[", "]]"), "control": ("([", "])")}[node.family]
         lines.append(f'    n{number}{left}"{text}"{right}')
         if parent is not None:

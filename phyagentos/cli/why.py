@@ -8,6 +8,7 @@ from typing import Any
 
 from phyagentos.agent.diagnosis import diagnose, find_failed_leaf
 from phyagentos.protocol.evidence import Bundle, read_bundle
+from phyagentos.protocol.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions import Execution, SessionId, SessionStatus
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.verdicts import Attempt, Truth, Verdict
@@ -28,6 +29,7 @@ def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
         for attempt in status.attempts:
             lines += _explain_attempt(attempt, bundle)
         lines.append(f"  evidence    {bundle.folder}")
+        lines += _explain_thinning(bundle)
     lines += [
         f"  child       {child.contract.id}, strategy {_show(child.contract.strategy)}"
         for child in ledger.sessions.values()
@@ -67,6 +69,12 @@ def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
         yield f"  leaf        {event.path} at {event.time_s:.2f} s: {event.code} {event.message}".rstrip()
         if event.numbers:
             yield f"  numbers     {_show(event.numbers)}"
+
+
+def _explain_thinning(bundle: Bundle) -> Iterator[str]:
+    manifest = read_manifest(bundle.folder)
+    for thinning in manifest.thinned if manifest is not None else ():
+        yield f"  thinned     {thinning.at}: {', '.join(thinning.files)} ({thinning.rule})"
 
 
 def _show(values: Mapping[str, Any]) -> str:

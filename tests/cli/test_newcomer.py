@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.cli.app import app
 from phyagentos.cli.outcome import ExitCode
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,6 +21,7 @@ TEXTS = sorted(
 )
 FENCE = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)")
+GROUPS = {group.name for group in app.registered_groups}  # `paos tree show`
 PLACEHOLDERS = {"GRAPH", "SESSION", "FILE…", "DIR"}
 
 
@@ -45,7 +47,7 @@ def test_every_command_in_the_texts_exists(path, paos):
                 targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
                 assert words[1] in targets, f"{name_of(path)}: {part}"
             elif words[:1] == ["paos"] and len(words) > 1 and not words[1].startswith("-"):
-                depth = 3 if words[1] == "tree" and len(words) > 2 else 2
+                depth = 3 if words[1] in GROUPS and len(words) > 2 else 2
                 usage = paos(*words[1:depth], "--help")
                 assert usage.code == ExitCode.GOAL_MET, f"{name_of(path)}: {part}"
                 for option in re.findall(r"(?<=\s)--?[a-z][a-z-]*", part):

@@ -1,0 +1,137 @@
+"""`paos edit`: SESSIONS.md in an editor, while nobody renders over it. `paos judge`: verdicts of sessions by hand."""
+
+import os
+import shlex
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+
+if TYPE_CHECKING:
+    from phyagentos.protocol.edits.desk import Desk
+    from phyagentos.protocol.edits.merge import Merge
+    from phyagentos.protocol.views.history import History
+
+DEFAULT_EDITOR = "vi"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    app.command("edit")(edit)
+    app.command("judge")(judge)
+
+
+def edit(
+    workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path(),
+    editor: Annotated[
+        str, typer.Option("--editor", help="Command that edits a file; $VISUAL, $EDITOR or vi by default.")
+    ] = "",
+) -> int:
+    """Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions."""
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.edits.desk import Desk
+    from phyagentos.protocol.store.journal import choose_lane
+    from phyagentos.protocol.views.history import History
+    from phyagentos.protocol.workspace import Workspace
+
+    place = Workspace.open(workspace)
+    lane = place.sessions / choose_lane(place.sessions)
+    lane.mkdir(parents=True, exist_ok=True)
+    desk, history = Desk(place, SystemClock(), adopts=False), History(lane)
+    try:
+        merged = _edit_copy(desk, history, place.sessions_document.name, _choose_editor(editor))
+        _publish(desk, history)
+    finally:
+        history.close()
+        desk.close()
+    return int(_report(merged, place.sessions_document.name, place.rejected_document))
+
+
+def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
+    """Judge the sessions by hand that have run: those that serve no goal, which no agent looks at."""
+    from phyagentos.agent.by_hand import judge_by_hand
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.lifecycle import Side
+    from phyagentos.protocol.store.journal import Journal
+    from phyagentos.protocol.verdicts import Verdict
+    from phyagentos.protocol.workspace import Workspace
+
+    place = Workspace.open(workspace)
+    journal = Journal(place.root, side=Side.AGENT, by="paos judge", clock=SystemClock())
+    try:
+        judged = judge_by_hand(place, journal)
+    finally:
+        journal.close()
+    for id, attempt in judged:
+        print_result(f"{id}: {attempt.verdict}  {attempt.reason}")
+    if not judged:
+        print_note("no session by hand waits for a verdict")
+    is_met = all(attempt.verdict is Verdict.SUCCESS for _, attempt in judged)
+    return int(ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET)
+
+
+def _edit_copy(desk: "Desk", history: "History", name: str, command: list[str]) -> "Merge":
+    """Let a person change a fresh rendering; nobody swaps the file meanwhile."""
+    with desk.file.hold(wait=False) as is_free:
+        if not is_free:
+            print_note(f"{name} is being edited or rendered elsewhere; waiting")
+    with desk.file.hold(wait=True), tempfile.TemporaryDirectory(prefix="paos-edit-") as scratch:
+        history.read_new()
+        copy = Path(scratch) / name
+        copy.write_text(history.render(history.build_page()), encoding="utf-8")
+        try:
+            code = subprocess.run([*command, str(copy)], check=False).returncode
+        except OSError as error:
+            raise Exit(
+                ExitCode.INVALID_INPUT, f"{command[0]}: {error.strerror}. Name an editor with --editor."
+            ) from error
+        if code != 0:
+            raise Exit(ExitCode.INVALID_INPUT, f"{command[0]} ended with {code}; nothing was changed")
+        return desk.take_text(_read(copy), history)
+
+
+def _read(copy: Path) -> str:
+    from phyagentos.protocol.edits.reading import decode
+
+    try:
+        return decode(copy.read_bytes())
+    except OSError as error:
+        raise Exit(ExitCode.INVALID_INPUT, f"the editor left no file: {error.strerror}; nothing was changed") from error
+
+
+def _publish(desk: "Desk", history: "History") -> None:
+    """Show the result, where no runtime does; what came out may be an edit that was saved without `paos edit`."""
+    for _ in range(2):
+        desk.put(history.render(history.build_page(desk.notes)))
+        if not any(merged.accepted or merged.refused for merged in desk.take_file(history, at_once=True)):
+            return
+
+
+def _report(merged: "Merge", name: str, rejected: Path) -> ExitCode:
+    from phyagentos.protocol.edits.rejections import format_refusal
+
+    for change in merged.accepted:
+        print_result(f"{name}:{change.line}: {change.told}")
+    for refusal in merged.refused:
+        print_note(format_refusal(refusal, name))
+    if merged.refused:
+        print_note(f"{len(merged.refused)} refused; every word of it is in {rejected}")
+        return ExitCode.INVALID_INPUT
+    if not merged.accepted:
+        print_note("nothing was changed")
+    return ExitCode.GOAL_MET
+
+
+def _choose_editor(given: str) -> list[str]:
+    text = given or os.environ.get("VISUAL") or os.environ.get("EDITOR") or DEFAULT_EDITOR
+    try:
+        command = shlex.split(text)
+    except ValueError as error:
+        raise Exit(ExitCode.INVALID_INPUT, f"--editor {text!r}: {error}") from error
+    if not command:
+        raise Exit(ExitCode.INVALID_INPUT, "--editor is empty; name a command")
+    return command

@@ -1,0 +1,104 @@
+"""Commands about evidence: `evidence verify`, `evidence prune`."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from phyagentos.cli.outcome import ExitCode, print_problems, print_result
+
+if TYPE_CHECKING:
+    from phyagentos.errors import Problem
+    from phyagentos.protocol.retention import RetentionReport
+    from phyagentos.protocol.workspace import Workspace
+
+Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
+AsJson = Annotated[bool, typer.Option("--json", help="The report as JSON on stdout.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    group = typer.Typer(help="Evidence bundles.", no_args_is_help=True, rich_markup_mode=None)
+    group.command("verify")(verify)
+    group.command("prune")(prune)
+    app.add_typer(group, name="evidence")
+
+
+def verify(workspace: Space, as_json: AsJson = False) -> int:
+    """Hash every bundle of an ended session again and compare it with its manifest."""
+    from phyagentos.protocol.workspace import Workspace
+
+    checked, problems = _verify(Workspace.open(workspace))
+    if as_json:
+        print_result(json.dumps({"bundles": checked, "problems": [_to_plain(problem) for problem in problems]}))
+    else:
+        print_problems(problems)
+        found = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}" if problems else "as recorded"
+        print_result(f"{checked} bundle{'s' if checked != 1 else ''} checked: {found}")
+    return int(ExitCode.GOAL_NOT_MET if problems else ExitCode.GOAL_MET)
+
+
+def prune(
+    workspace: Space,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, write nothing.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Thin bundles of succeeded sessions, as `evidence` in runtime_contract.yaml says; all others stay whole."""
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.retention import apply_retention, read_retention
+    from phyagentos.protocol.workspace import Workspace
+
+    place = Workspace.open(workspace)
+    report = apply_retention(place, read_retention(place), SystemClock(), dry_run=dry_run)
+    if as_json:
+        import msgspec
+
+        print_result(msgspec.json.encode(report).decode())
+    else:
+        print_result("\n".join(_describe(report, dry_run=dry_run)))
+
+
+def _verify(workspace: "Workspace") -> tuple[int, "list[Problem]"]:
+    """How many bundles there are, and what is wrong with them; a session that has not ended may be half written."""
+    from phyagentos.cli.past import read_ledger
+    from phyagentos.protocol.evidence_manifest import MANIFEST, check_bundle, check_objects, iter_bundles
+    from phyagentos.protocol.lifecycle import FINAL_STATES
+    from phyagentos.protocol.sessions import SessionId
+
+    sessions = read_ledger(workspace.root).sessions
+    problems: list[Problem] = []
+    checked = 0
+    for folder in iter_bundles(workspace.evidence):
+        status = sessions.get(SessionId(folder.name))
+        if status is not None and status.state not in FINAL_STATES and not (folder / MANIFEST).exists():
+            continue
+        checked += 1
+        problems += check_bundle(folder)
+    return checked, [*problems, *check_objects(workspace.evidence)]
+
+
+def _to_plain(problem: "Problem") -> dict[str, str]:
+    from dataclasses import asdict
+
+    return asdict(problem)
+
+
+def _describe(report: "RetentionReport", *, dry_run: bool) -> list[str]:
+    would = "would take" if dry_run else "took"
+    lines = [f"{each.session}: {would} {', '.join(each.files)} ({each.rule})" for each in report.thinned]
+    late = "would be sealed" if dry_run else "sealed"
+    lines += [f"{session}: {late} late, its hashes are those of today" for session in report.sealed_late]
+    lines += [f"{session}: damaged, left alone; see `paos evidence verify`" for session in report.damaged]
+    freed = report.bytes_before - report.bytes_after
+    lines.append(
+        f"{len(report.thinned)} thinned, {report.whole} whole; "
+        f"{_megabytes(freed)} {'to free' if dry_run else 'freed'}, {_megabytes(report.bytes_after)} left"
+    )
+    if report.bytes_over:
+        lines.append(f"{_megabytes(report.bytes_over)} above max_bytes: the rest must be kept, or is damaged")
+    return lines
+
+
+def _megabytes(count: int) -> str:
+    return f"{count / 1e6:.1f} MB"

@@ -1,0 +1,128 @@
+"""The fields of a kind of file as Markdown tables, made from its JSON Schema; the pages of `docs/documents/` hold them.
+
+Upstream: `schemas`. Downstream: the documentation; a test compares.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from phyagentos.cli.schemas import build_schema
+from phyagentos.protocol.markdown import render_table
+
+BEGIN, END = "<!-- fields -->\n", "<!-- /fields -->\n"
+_PLAIN = {
+    "string": "text",
+    "integer": "whole number",
+    "number": "number",
+    "boolean": "true or false",
+    "null": "nothing",
+}
+
+
+def render_fields(kind: str) -> str:
+    """One table for each structure of a kind, the outermost first.
+
+    Raises:
+        DefinitionError: For an unknown kind.
+    """
+    schema = build_schema(kind)
+    definitions = schema.get("$defs", {})
+    tables = []
+    for title, structure in _iter_structures(schema, definitions):
+        needed = structure.get("required", ())
+        rows = (
+            (
+                f"`{name}`",
+                _describe_type(each, definitions),
+                _describe_default(each, is_needed=name in needed),
+                _describe(each, definitions),
+            )
+            for name, each in structure["properties"].items()
+        )
+        tables.append(f"**{title}**\n\n{render_table(('field', 'is', 'default', 'meaning'), rows)}")
+    return "\n".join(tables)
+
+
+def renew_pages(folder: Path) -> list[Path]:
+    """Put the tables of today between the marks of every page, `<kind>.md`; returns the pages."""
+    pages = sorted(path for path in folder.glob("*.md") if BEGIN in path.read_text(encoding="utf-8"))
+    for path in pages:
+        before, _, rest = path.read_text(encoding="utf-8").partition(BEGIN)
+        text = f"{before}{BEGIN}\n{render_fields(path.stem)}\n{END}{rest.partition(END)[2]}"
+        path.write_text(text, encoding="utf-8")
+    return pages
+
+
+def _iter_structures(schema: dict[str, Any], definitions: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The schema itself and every structure that it refers to, in the order of mention."""
+    yield schema.get("title", ""), schema
+    seen: list[str] = []
+    waiting = [schema]
+    while waiting:
+        current = waiting.pop(0)
+        for name in _iter_references(current.get("properties", current)):
+            if name not in seen:
+                seen.append(name)
+                waiting.append(definitions[name])
+    for name in seen:
+        if "properties" in definitions[name]:
+            yield name, definitions[name]
+
+
+def _iter_references(value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        if isinstance(value.get("$ref"), str):
+            yield value["$ref"].rsplit("/", 1)[-1]
+        for each in value.values():
+            yield from _iter_references(each)
+    elif isinstance(value, list):
+        for each in value:
+            yield from _iter_references(each)
+
+
+def _describe_type(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
+    if "$ref" in schema:
+        name = schema["$ref"].rsplit("/", 1)[-1]
+        named = definitions[name]
+        return _list_values(named["enum"]) if "enum" in named else name
+    if "allOf" in schema:
+        return _describe_type(schema["allOf"][0], definitions)
+    if "anyOf" in schema:
+        return " or ".join(_describe_type(each, definitions) for each in schema["anyOf"])
+    if "const" in schema:
+        return _list_values([schema["const"]])
+    if "enum" in schema:
+        return _list_values(schema["enum"])
+    if schema.get("type") == "array":
+        if "prefixItems" in schema:
+            return f"{len(schema['prefixItems'])} of: {_describe_type(schema['prefixItems'][0], definitions)}"
+        return f"list of: {_describe_type(schema.get('items') or {}, definitions)}"
+    if schema.get("type") == "object":
+        inner: Any = schema.get("additionalProperties") or next(iter(schema.get("properties", {}).values()), {})
+        return f"mapping to: {_describe_type(inner, definitions)}" if isinstance(inner, dict) else "mapping"
+    return _PLAIN.get(schema.get("type", ""), "anything")
+
+
+def _list_values(values: list[Any]) -> str:
+    return ", ".join(f"`{value}`" for value in values)
+
+
+def _describe_default(schema: dict[str, Any], *, is_needed: bool) -> str:
+    if is_needed:
+        return "required"
+    default = schema.get("default")
+    return "" if default in (None, "", [], (), {}) or isinstance(default, dict) else f"`{default}`"
+
+
+def _describe(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
+    bounds = [
+        f"{word} {schema[key]}"
+        for key, word in (("minimum", "at least"), ("maximum", "at most"), ("exclusiveMinimum", "above"))
+        if key in schema
+    ]
+    return "; ".join(part for part in (_shorten(schema.get("description", "")), *bounds) if part)
+
+
+def _shorten(text: str) -> str:
+    return text if text.endswith("...") else text.removesuffix(".")

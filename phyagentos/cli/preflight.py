@@ -1,0 +1,187 @@
+"""`paos preflight`: what every session of a goal graph would be granted, or every reason why it would be refused.
+
+Upstream: the command line. Downstream: the compiler and the real worker and world of each target, in a workspace that
+is thrown away. Nothing moves.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.overrides import Overrides, parse_overrides
+
+if TYPE_CHECKING:
+    from phyagentos.errors import Problem
+    from phyagentos.protocol.library import Library
+    from phyagentos.protocol.sessions import Session
+    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.runtime.dispatch import Checked
+
+OPEN = "${"  # begins a reference to an output that does not exist yet
+OF_THE_MOMENT = frozenset({"PRECONDITION_UNMET", "NO_FREE_SITE", "OUT_OF_REACH"})  # earlier sessions may change it
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    app.command("preflight")(preflight)
+
+
+def preflight(
+    subject: Annotated[str, typer.Argument(metavar="GRAPH|SESSION", help="A goal graph, or a session of a workspace.")],
+    workspace: Annotated[
+        Path | None, typer.Option("--workspace", "-w", help="Whose settings count; needed for a session.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the scene.", min=0)] = 0,
+    set_: Overrides = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
+) -> int:
+    """Check every session against its live target, without moving anything: plan and tools, or every problem."""
+    from phyagentos.assembly.examination import Examination
+
+    order = _find_session(subject, workspace) or _read_graph(Path(subject), workspace, seed, parse_overrides(set_))
+    with Examination.open(order.library, order.source) as examination:
+        found = examination.examine([_settle(each) for each in order.sessions])
+    reports = [_report(session, found[session.id], order.after[session.id]) for session in order.sessions]
+    if as_json:
+        print_result(json.dumps({"subject": subject, "sessions": reports}, indent=2))
+    else:
+        print_result("\n".join(line for report in reports for line in _render(report)))
+    refused = [report["session"] for report in reports if report["problems"]]
+    if refused:
+        print_note(f"{len(refused)} of {len(reports)} would be rejected: {', '.join(refused)}")
+    return int(ExitCode.REJECTED if refused else ExitCode.GOAL_MET)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Order:
+    """What is to be checked.
+
+    Attributes:
+        library: Trees, skills, scenes, robots.
+        source: Workspace whose documents and settings count; None for those that ship.
+        sessions: As they would be submitted.
+        after: Session -> nodes that come before it.
+    """
+
+    library: "Library"
+    source: "Workspace | None"
+    sessions: "tuple[Session, ...]"
+    after: Mapping[str, tuple[str, ...]]
+
+
+def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str, str]) -> _Order:
+    from phyagentos.agent.catalogue import Catalogue
+    from phyagentos.agent.compiler import SessionCompiler
+    from phyagentos.agent.goal_graph import read_goal_graph
+    from phyagentos.cli.projects import get_file, open_library
+    from phyagentos.protocol.sessions import GoalId
+    from phyagentos.protocol.workspace import Workspace
+
+    file = get_file(path, "goal_graphs")
+    source = Workspace.open(root) if root is not None else None
+    library = source.library() if source is not None else open_library(file)
+    catalogue = Catalogue.of_workspace(source) if source is not None else Catalogue.read(library)
+    graph = read_goal_graph(file, catalogue, overrides)
+    goal = GoalId(graph.name)
+    sessions = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed).preview()
+    after = {str(session.id): tuple(graph.nodes[session.node].after) for session in sessions}
+    return _Order(library=library, source=source, sessions=sessions, after=after)
+
+
+def _find_session(subject: str, root: Path | None) -> _Order | None:
+    """The order for a session of a workspace; None when a goal graph is meant."""
+    from phyagentos.cli.explaining import get_session
+    from phyagentos.cli.past import read_ledger
+    from phyagentos.protocol.workspace import Workspace
+
+    if root is None:
+        return None
+    known = read_ledger(root, subject).sessions
+    try:
+        id = get_session(subject, known)
+    except Exit:
+        if _is_graph(subject):
+            return None
+        raise
+    source, session = Workspace.open(root), known[id].contract
+    return _Order(library=source.library(), source=source, sessions=(session,), after={id: ()})
+
+
+def _is_graph(subject: str) -> bool:
+    from phyagentos.cli.projects import get_file
+    from phyagentos.errors import DefinitionError
+
+    try:
+        get_file(Path(subject), "goal_graphs")
+    except DefinitionError:
+        return False
+    return True
+
+
+def _settle(session: "Session") -> "Session":
+    """The session without what only earlier sessions can tell: arguments and conditions with open references."""
+    import msgspec
+
+    arguments = {name: value for name, value in session.parameters.items() if OPEN not in str(value)}
+    conditions = {
+        name: tuple(text for text in getattr(session, name) if OPEN not in text)
+        for name in ("requires", "hold", "accept")
+    }
+    return msgspec.structs.replace(session, parameters=arguments, **conditions)
+
+
+def _report(session: "Session", checked: "Checked", after: tuple[str, ...]) -> dict[str, Any]:
+    """One session as data."""
+    import msgspec
+
+    from phyagentos.runtime.preflight.findings import describe_problem
+
+    awaited = {name: str(value) for name, value in session.parameters.items() if OPEN in str(value)}
+    missing = {f"{session.id}: parameters.{name}" for name in awaited}
+    problems: list[Problem] = []
+    later: list[Problem] = []
+    for problem in checked.problems:
+        if problem.code == "PARAMETER_MISSING" and problem.address in missing:
+            continue
+        (later if after and problem.code in OF_THE_MOMENT else problems).append(problem)
+    return {
+        "session": session.id,
+        "fits": not problems,
+        "skill": session.skill,
+        "target": session.target,
+        "plan": msgspec.to_builtins(checked.plan),
+        "tools": msgspec.to_builtins(checked.tools),
+        "text": [*str(checked.plan).splitlines(), *str(checked.tools).splitlines()] if checked.plan else [],
+        "problems": [describe_problem(each) for each in problems],
+        "decided_later": [describe_problem(each) for each in later],
+        "awaits": awaited,
+        "after": list(after),
+        "dry_run": msgspec.to_builtins(checked.trials),
+        "ms": round(checked.ms, 3),
+    }
+
+
+def _render(report: Mapping[str, Any]) -> Iterator[str]:
+    """One session for people."""
+    yield f"{report['session']}: {'fits' if report['fits'] else 'would be REJECTED'}"
+    for name, key in (("problem", "problems"), ("later", "decided_later")):
+        for each in report[key]:
+            yield f"  {name}  {each['code']} at {each['address'].removeprefix(report['session'] + ': ')}"
+            yield f"           found {each['found']}; expected {each['expected']}"
+            for label, value in (("asked for by", each["triggered_by"]), ("fix:", each["fix"])):
+                if value:
+                    yield f"           {label} {value}"
+    for name, value in report["awaits"].items():
+        yield f"  awaits   {name} from {value}"
+    for index, line in enumerate(report["text"]):
+        is_tool = index >= 0 and "(" in line and "):" in line
+        yield f"  tool     {line}" if is_tool else f"  {line}"
+    for trial in report["dry_run"]:
+        reason = f": {trial['code']} {trial['message']}" if trial["outcome"] != "possible" else ""
+        yield f"  dry run  {trial['motion']}: {trial['outcome']}{reason} ({trial['ms']:.0f} ms)"
+    yield f"  cost     {report['ms']:.0f} ms"

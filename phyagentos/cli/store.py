@@ -1,0 +1,192 @@
+"""`paos store`: check, repair, compact and count the journal of a workspace."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from phyagentos.cli.outcome import ExitCode, print_note, print_result
+
+if TYPE_CHECKING:
+    from phyagentos.protocol.store.repair import Repair
+    from phyagentos.protocol.store.statistics import Statistics
+
+_BY = "paos store"
+_LOOK_AGAIN_S = 0.2  # longer than a writer needs to cut a torn end
+_TORN = "a torn end, which nobody was told of"
+
+Space = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of the run.")]
+Lane = Annotated[str | None, typer.Option(help="Which lane, where a workspace has several.")]
+Json = Annotated[bool, typer.Option("--json", help="As one JSON object.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    group = typer.Typer(help="The journal of a workspace.", no_args_is_help=True, rich_markup_mode=None)
+    group.command("check")(check)
+    group.command("repair")(repair)
+    group.command("compact")(compact)
+    group.command("stats")(stats)
+    app.add_typer(group, name="store")
+
+
+def check(workspace: Space, lane: Lane = None, as_json: Json = False) -> int:
+    """Read every byte, archive included, and tell every problem; changes nothing. Exit code 1 when there is damage."""
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.store.inspection import inspect_lane
+
+    folder = _find_lane(workspace, lane)
+    found = inspect_lane(folder)
+    if not found.is_whole:  # or a writer was cutting a torn end meanwhile; the lock would stop all of them for seconds
+        SystemClock().sleep(_LOOK_AGAIN_S)
+        found = inspect_lane(folder)
+    if as_json:
+        findings = [asdict(finding) | {"is_damage": finding.is_damage} for finding in found.findings]
+        counts = {"segments": found.segments, "records": found.records, "last_seq": found.last_seq}
+        _print_json({"lane": folder.name, "is_whole": found.is_whole, **counts, "findings": findings})
+    else:
+        for finding in found.findings:
+            print_result(str(finding))
+        verdict = "whole" if found.is_whole else "damaged; see `paos store repair`"
+        print_note(f"{found.segments} segments, {found.records} records, {verdict}")
+    return int(ExitCode.GOAL_MET if found.is_whole else ExitCode.GOAL_NOT_MET)
+
+
+def repair(
+    workspace: Space,
+    lane: Lane = None,
+    accept_loss: Annotated[
+        bool, typer.Option("--accept-loss", help="Go on although records that were acknowledged may be gone.")
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """Cut a torn end; mend damage where --accept-loss is given. Damaged files are kept beside. See docs/journal.md."""
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.store.repair import repair_lane
+    from phyagentos.protocol.store.segments import SystemIO
+
+    folder = _find_lane(workspace, lane)
+    done = repair_lane(folder, accept_loss=accept_loss, by=_BY, clock=SystemClock(), file_io=SystemIO())
+    is_cut = done.is_only_torn
+    if is_cut:
+        _cut_end(folder)
+    is_refused = done.is_needed and not done.is_done and not is_cut
+    if as_json:
+        facts = {"is_needed": done.is_needed, "is_done": done.is_done or is_cut, "lost": done.lost}
+        cuts = [cut.describe() for cut in done.cuts]
+        aside = [str(path) for path in done.aside]
+        _print_json({"lane": folder.name, **facts, "cuts": cuts, "concerns": list(done.sessions), "aside": aside})
+    else:
+        print_result("\n".join(_describe_repair(done)))
+    if is_refused:
+        print_note("Nothing was changed. Better than a repair is the file from a copy or from version control; else")
+        print_note("end every process on this workspace and say --accept-loss.")
+    return int(ExitCode.GOAL_NOT_MET if is_refused else ExitCode.GOAL_MET)
+
+
+def compact(workspace: Space, lane: Lane = None, as_json: Json = False) -> None:
+    """Seal and archive every segment that nothing alive needs, and write a fresh checkpoint."""
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.store.compaction import compact_lane
+    from phyagentos.protocol.store.segments import SystemIO
+
+    folder = _find_lane(workspace, lane)
+    done = compact_lane(folder, by=_BY, clock=SystemClock(), file_io=SystemIO())
+    if as_json:
+        _print_json({"lane": folder.name, **asdict(done)})
+        return
+    print_result(f"{len(done.archived)} segments archived; checkpoint at record {done.seq}")
+    for name in done.archived:
+        print_note(f"archived {name}")
+
+
+def stats(
+    workspace: Space,
+    lane: Lane = None,
+    disk: Annotated[bool, typer.Option("--disk", help="Measure fdatasync on this disk as well.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Count what the journal holds; `sha256` is the same for every reader in any language."""
+    import msgspec
+
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.store.statistics import compute_statistics, measure_sync
+
+    folder = _find_lane(workspace, lane)
+    found = compute_statistics(folder)
+    times = measure_sync(folder, SystemClock()) if disk else None
+    if as_json:
+        plain: dict[str, Any] = msgspec.to_builtins(found)
+        _print_json(plain | ({"fdatasync": msgspec.to_builtins(times)} if times is not None else {}))
+    else:
+        print_result("\n".join(_describe_statistics(found)))
+        if times is not None:
+            print_result(f"fdatasync    p50 {times.p50_ms} ms, p99 {times.p99_ms} ms ({times.count} tries)")
+    if found.tail == "damaged":
+        print_note("the journal is damaged and was read up to there; see `paos store check`")
+    return int(ExitCode.GOAL_NOT_MET if found.tail == "damaged" else ExitCode.GOAL_MET)
+
+
+def _find_lane(workspace: Path, lane: str | None) -> Path:
+    from phyagentos.errors import DefinitionError, Problem
+    from phyagentos.protocol.store.journal import choose_lane
+    from phyagentos.protocol.workspace import Workspace
+
+    sessions = Workspace.open(workspace).sessions
+    folder = sessions / (lane or choose_lane(sessions))
+    if not folder.is_dir():
+        problem = Problem(
+            code="NO_JOURNAL",
+            address=str(folder),
+            found="no such folder",
+            expected="a lane of the journal, which the first run makes",
+        )
+        raise DefinitionError(problem)
+    return folder
+
+
+def _cut_end(folder: Path) -> None:
+    """Every writer that opens the journal cuts a torn end and records it."""
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.lifecycle import Side
+    from phyagentos.protocol.store.journal import Journal
+
+    Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), lane=folder.name).close()
+
+
+def _describe_repair(done: "Repair") -> Iterator[str]:
+    from phyagentos.protocol.store.inspection import describe_lost
+
+    if not done.is_needed:
+        yield "nothing to repair"
+        return
+    for cut in done.cuts:
+        what = _TORN if cut.gap.is_torn else describe_lost(cut.gap)
+        yield f"{cut.segment}:{cut.offset}: {len(cut.gap.data)} bytes, sha256 {cut.gap.sha256[:16]}…: {what}"
+    if not done.is_only_torn:
+        yield f"records lost: {done.lost}" + ("" if all(cut.gap.is_exact for cut in done.cuts) else " at least")
+        yield f"concerns: {', '.join(done.sessions) or 'nothing that can still be read'}"
+        yield f"segments written again: {', '.join(each.segment for each in done.changed) or 'none'}"
+    for path in done.aside:
+        yield f"kept as it was: {path}"
+
+
+def _describe_statistics(found: "Statistics") -> Iterator[str]:
+    aside = f", {found.set_aside} set aside" if found.set_aside else ""
+    yield f"lane         {found.lane}"
+    yield f"segments     {found.segments} live ({found.bytes} bytes){aside}"
+    yield f"archived     {found.archived_segments} ({found.archived_bytes} bytes)"
+    yield f"records      {found.records}, last {found.seq}, end {found.tail}"
+    yield f"checkpoint   {found.checkpoint_seq or 'none'}"
+    yield f"sha256       {found.sha256}"
+    yield f"goals        {found.goals}"
+    yield f"sessions     {', '.join(f'{count} {state}' for state, count in found.sessions.items()) or 'none'}"
+    if found.largest is not None:
+        yield f"largest      {found.largest.id}: {found.largest.records} records, {found.largest.bytes} bytes"
+
+
+def _print_json(value: dict[str, Any]) -> None:
+    print_result(json.dumps(value, ensure_ascii=False))

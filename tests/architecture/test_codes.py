@@ -1,0 +1,66 @@
+"""The table of error codes is complete: nothing coded stands outside it, and no row of it is never raised."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import phyagentos
+from phyagentos.cli.error_codes import render_codes
+from phyagentos.codes import CODES
+
+PACKAGE = Path(phyagentos.__file__).parent
+ROOT = PACKAGE.parent
+FORM = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)+|[A-Z]{4,}")
+SUFFIX = re.compile(r"_[A-Z]{4,}")  # of f"{kind}_UNAVAILABLE"
+OTHER_NAMES = {
+    "AF_UNIX",
+    "DISPLAY",
+    "EDITOR",
+    "FLOCK",
+    "LOCK_NAME",
+    "MUJOCO_GL",
+    "PAOS_DEBUG",
+    "VISUAL",
+}  # the system's
+OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
+METAVARS = {"AREA", "BODY", "MATERIAL", "SESSION"}  # of patterns and help texts
+TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
+
+
+def find_names() -> tuple[set[str], set[str]]:
+    """Every upper-case constant of the package, and the endings of those that are put together."""
+    names, endings = set(), set()
+    for path in PACKAGE.rglob("*.py"):
+        if path.name == "codes.py" and path.parent == PACKAGE:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                if FORM.fullmatch(node.value):
+                    names.add(node.value)
+                elif SUFFIX.fullmatch(node.value):
+                    endings.add(node.value)
+    return names - OTHER_NAMES - OF_SQLITE - METAVARS - TRACE, endings
+
+
+NAMES, ENDINGS = find_names()
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_every_code_stands_in_the_table(name):
+    assert name in CODES or any(code.startswith(name + "_") for code in CODES), f"add {name} to phyagentos/codes.py"
+
+
+@pytest.mark.parametrize("name", sorted(CODES))
+def test_every_row_is_raised_somewhere(name):
+    assert name in NAMES or any(name.endswith(ending) for ending in ENDINGS), f"nothing raises {name}"
+
+
+def test_the_page_of_the_docs_is_current():
+    assert (ROOT / "docs/error_codes.md").read_text(encoding="utf-8") == render_codes()
+
+
+def test_a_code_is_explained_and_a_misspelt_one_gets_the_nearest():
+    assert CODES["GRASP_LOST"].meaning
+    assert all(code.meaning.endswith(".") for code in CODES.values())

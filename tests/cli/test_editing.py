@@ -1,0 +1,98 @@
+"""`paos edit`: with any editor, with or without a runtime."""
+
+import fcntl
+import os
+import threading
+
+import pytest
+
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.past import read_ledger
+
+
+@pytest.fixture
+def pending(run):
+    run.begin()
+    run.submit("red")
+    return run
+
+
+def contract_of(run):
+    return read_ledger(run.workspace.root).sessions["tidy-7.red"].contract
+
+
+def test_a_limit_is_changed_with_sed(pending, paos):
+    result = paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'")
+
+    assert result.code == ExitCode.GOAL_MET, result.err
+    assert "tidy-7.red: timeout_s 75 s" in result.out
+    assert contract_of(pending).limits.timeout_s == 75.0
+    assert "timeout_s: 75.0" in pending.workspace.sessions_document.read_text()
+
+
+def test_what_is_refused_is_told_with_its_line(pending, paos):
+    result = paos("edit", pending.workspace.root, "--editor", "sed -i 's/^state: pending/state: succeeded/'")
+
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "SESSIONS.md:" in result.err
+    assert "state: a state is told by what happens, and a verdict by evidence. Possible: state: cancelled" in result.err
+    assert "1 refused; every word of it is in" in result.err
+    assert "state: succeeded" in pending.workspace.rejected_document.read_text()
+
+
+@pytest.mark.parametrize(
+    ("editor", "code", "told"),
+    [
+        ("true", ExitCode.GOAL_MET, "nothing was changed"),
+        ("false", ExitCode.INVALID_INPUT, "false ended with 1; nothing was changed"),
+        ("no-such-editor", ExitCode.INVALID_INPUT, "no-such-editor: No such file or directory. Name an editor"),
+        ("sed 's/", ExitCode.INVALID_INPUT, "No closing quotation"),
+        ("rm", ExitCode.INVALID_INPUT, "the editor left no file"),
+    ],
+)
+def test_an_editor_that_changes_nothing_or_fails_leaves_everything_as_it_was(pending, paos, editor, code, told):
+    before = contract_of(pending)
+    result = paos("edit", pending.workspace.root, "--editor", editor)
+
+    assert (result.code, contract_of(pending)) == (code, before)
+    assert told in result.err
+
+
+def test_the_editor_of_the_environment_is_used(pending, paos, monkeypatch):
+    monkeypatch.delenv("VISUAL", raising=False)
+    monkeypatch.setenv("EDITOR", "sed -i 's/^priority: 0/&/; s/  priority: 0/  priority: 2/'")
+    paos("edit", pending.workspace.root)
+
+    assert contract_of(pending).priority == 2
+
+
+def test_an_edit_that_was_saved_without_paos_edit_is_found_too(pending, paos):
+    paos("edit", pending.workspace.root, "--editor", "true")
+    file = pending.workspace.sessions_document
+    file.write_text(file.read_text().replace("  priority: 0", "  priority: 9"))
+
+    paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'")
+
+    assert (contract_of(pending).priority, contract_of(pending).limits.timeout_s) == (9, 75.0)
+    assert "priority: 9" in file.read_text()
+
+
+def test_it_waits_for_another_one_to_finish(pending, paos):
+    lock = pending.workspace.edits / ".lock"
+    lock.parent.mkdir()
+    fd = os.open(lock, os.O_RDWR | os.O_CREAT)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    timer = threading.Timer(0.3, os.close, [fd])
+    timer.start()
+    result = paos("edit", pending.workspace.root, "--editor", "true")
+    timer.join()
+
+    assert result.code == ExitCode.GOAL_MET
+    assert "waiting" in result.err
+
+
+def test_a_folder_that_is_no_workspace_is_refused(tmp_path, paos):
+    result = paos("edit", tmp_path, "--editor", "true")
+
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "NOT_A_WORKSPACE" in result.err

@@ -1,0 +1,116 @@
+"""`paos evidence`: damage is found with its path, old successes are thinned, and a verdict stays explained."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.protocol import evidence
+from phyagentos.protocol.evidence_manifest import Sealer, read_manifest
+from phyagentos.protocol.verdicts import Truth, Verdict
+
+PROTOCOL = Path(__file__).resolve().parents[2] / "protocol"
+POLICY = "evidence:\n  keep_last: 0\n  keep_days: 1\n"
+
+
+@pytest.fixture
+def bundles(run):
+    """One succeeded and one failed session of a goal that has ended, both sealed."""
+    run.begin()
+    sealer = Sealer(run.workspace.evidence)
+    folders = []
+    for node, verdict in (("red", Verdict.SUCCESS), ("blue", Verdict.FAILURE)):
+        id = run.submit(node)
+        run.execute(id)
+        run.judge(id, verdict, Truth.TRUE if verdict is Verdict.SUCCESS else Truth.FALSE)
+        folder = run.workspace.evidence_of(id)
+        folder.mkdir()
+        for name, data in ((evidence.HOLDS, b"[]"), (evidence.TRACE, b""), (evidence.PICTURE_AFTER, b"p" * 100_000)):
+            (folder / name).write_bytes(data)
+        sealer.seal(folder)
+        folders.append(folder)
+    run.end("failure")
+    contract = (PROTOCOL / "runtime_contract.yaml").read_text().split("evidence:")[0] + POLICY
+    run.workspace.runtime_contract.write_text(contract)
+    return folders
+
+
+def test_sound_bundles_are_confirmed(paos, run, bundles):
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert (result.code, result.out, result.err) == (ExitCode.GOAL_MET, "2 bundles checked: as recorded\n", "")
+
+
+def test_each_mismatch_is_named_with_its_path(paos, run, bundles):
+    (bundles[0] / evidence.HOLDS).write_bytes(b"[ ]")
+    (bundles[1] / evidence.TRACE).unlink()
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+
+    assert result.code == ExitCode.GOAL_NOT_MET
+    assert f"{bundles[0] / evidence.HOLDS}: MISMATCH" in result.err
+    assert f"{bundles[1] / evidence.TRACE}: MISSING" in result.err
+    assert result.out == "2 bundles checked: 2 problems\n"
+
+
+def test_a_damaged_large_file_is_named_in_every_bundle_that_shares_it(paos, run, bundles):
+    shared = bundles[0] / evidence.PICTURE_AFTER
+    shared.chmod(0o644)
+    shared.write_bytes(b"q" * 100_000)
+    result = paos("evidence", "verify", "--json", "-w", run.workspace.root)
+
+    assert result.code == ExitCode.GOAL_NOT_MET
+    problems = json.loads(result.out)["problems"]
+    assert {problem["code"] for problem in problems} == {"MISMATCH"}
+    assert len(problems) == 3  # both bundles, and the object
+
+
+def test_a_running_session_without_a_manifest_is_no_damage(paos, run):
+    run.begin()
+    id = run.submit("red")
+    run.workspace.evidence_of(id).mkdir()
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert (result.code, result.out) == (ExitCode.GOAL_MET, "0 bundles checked: as recorded\n")
+
+
+def test_a_dry_run_tells_what_would_go_and_takes_nothing(paos, run, bundles):
+    before = sorted(run.workspace.evidence.rglob("*"))
+    result = paos("evidence", "prune", "--dry-run", "-w", run.workspace.root)
+
+    assert result.code == ExitCode.GOAL_MET
+    assert "tidy-7.red: would take after.png, trace.jsonl (keep_last 0, keep_days 1)" in result.out
+    assert "1 thinned, 1 whole" in result.out
+    assert sorted(run.workspace.evidence.rglob("*")) == before
+
+
+def test_a_thinned_session_is_still_explained(paos, run, bundles):
+    result = paos("evidence", "prune", "--json", "-w", run.workspace.root)
+    report = json.loads(result.out)
+    assert [each["session"] for each in report["thinned"]] == ["tidy-7.red"]
+    assert read_manifest(bundles[0]).outcome.state == "succeeded"
+    assert not (bundles[0] / evidence.PICTURE_AFTER).exists()
+    assert (bundles[1] / evidence.PICTURE_AFTER).exists()
+
+    told = paos("why", "red", "-w", run.workspace.root)
+    assert "distance_m 0.31" in told.out
+    assert "thinned     " in told.out
+    assert "after.png, trace.jsonl (keep_last 0, keep_days 1)" in told.out
+    assert paos("evidence", "verify", "-w", run.workspace.root).code == ExitCode.GOAL_MET
+
+
+def test_a_wrong_policy_is_refused_with_its_place(paos, run, bundles):
+    text = run.workspace.runtime_contract.read_text().replace("keep_last: 0", "keep_lats: 0")
+    run.workspace.runtime_contract.write_text(text)
+    result = paos("evidence", "prune", "-w", run.workspace.root)
+
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "UNKNOWN_KEY: found 'keep_lats'" in result.err
+    assert "Did you mean 'keep_last'?" in result.err
+    assert paos("lint", run.workspace.runtime_contract).code == ExitCode.INVALID_INPUT
+
+
+def test_a_copy_without_hard_links_is_verified_all_the_same(paos, run, bundles, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(run.workspace.root, copy)
+    result = paos("evidence", "verify", "-w", copy)
+    assert (result.code, result.out) == (ExitCode.GOAL_MET, "2 bundles checked: as recorded\n")

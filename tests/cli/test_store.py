@@ -1,0 +1,152 @@
+"""`paos store`: what a person does with a journal that may be damaged."""
+
+import json
+import shutil
+
+import pytest
+
+from phyagentos.protocol.lifecycle import Side
+
+
+def segment_of(run):
+    (path,) = run.pens[Side.AGENT].folder.glob("[0-9]*.md")
+    return path
+
+
+def spoil(path, seq):
+    data = bytearray(path.read_bytes())
+    start = data.index(b"<!-- phy1 %010d" % seq)
+    data[start + 120] ^= 1
+    path.write_bytes(data)
+    return start
+
+
+def test_a_whole_journal_is_said_to_be_whole(paos, replanned):
+    done = paos("store", "check", replanned.workspace.root)
+
+    assert (done.code, done.out) == (0, "")
+    assert "1 segments, 16 records, whole" in done.err
+    assert paos("store", "repair", replanned.workspace.root).out == "nothing to repair\n"
+
+
+def test_every_problem_is_told_with_its_place_and_the_exit_code_is_1(paos, replanned):
+    path = segment_of(replanned)
+    places = [spoil(path, 4), spoil(path, 9)]
+
+    done = paos("store", "check", replanned.workspace.root)
+    told = paos("store", "check", replanned.workspace.root, "--json")
+
+    assert done.code == told.code == 1
+    assert [line.split(": ")[0] for line in done.out.splitlines()] == [f"{path.stem}:{place}" for place in places]
+    assert "record 4 is lost" in done.out
+    assert "damaged; see `paos store repair`" in done.err
+    facts = json.loads(told.out)
+    assert [(each["code"], each["offset"]) for each in facts["findings"]] == [
+        ("RECORD_DAMAGED", place) for place in places
+    ]
+    assert (facts["is_whole"], facts["records"]) == (False, 14)
+
+
+def test_a_torn_end_is_cut_without_asking(paos, replanned):
+    path = segment_of(replanned)
+    with path.open("ab") as file:
+        file.write(b"<!-- phy1 0000000017 000900 00000000 -->\n- half of")
+    assert paos("store", "check", replanned.workspace.root).code == 0
+
+    done = paos("store", "repair", replanned.workspace.root)
+
+    assert done.code == 0
+    assert "50 bytes" in done.out
+    assert "a torn end, which nobody was told of" in done.out
+    assert json.loads(paos("store", "stats", replanned.workspace.root, "--json").out)["seq"] == 17
+
+
+def test_damage_is_mended_only_when_the_loss_is_accepted(paos, replanned, read_with_node):
+    path = segment_of(replanned)
+    spoil(path, 9)
+    damaged = path.read_bytes()
+
+    refused = paos("store", "repair", replanned.workspace.root)
+    assert refused.code == 1
+    assert "record 9 is lost" in refused.out
+    assert "Nothing was changed" in refused.err
+    assert path.read_bytes() == damaged
+    done = paos("store", "repair", replanned.workspace.root, "--accept-loss", "--json")
+
+    facts = json.loads(done.out)
+    assert (done.code, facts["is_done"], facts["lost"]) == (0, True, 1)
+    assert facts["concerns"] == ["tidy-7.red"]
+    assert path.with_name(f"{path.name}.damaged").read_bytes() == damaged
+    assert paos("store", "check", replanned.workspace.root).code == 0
+    (other,) = read_with_node(replanned.workspace.root)
+    told = json.loads(paos("store", "stats", replanned.workspace.root, "--json").out)
+    assert (told["sha256"], told["seq"], told["set_aside"]) == (other["sha256"], other["seq"], 1)
+
+
+def test_statistics_say_the_same_as_the_second_reader(paos, replanned, read_with_node):
+    told = paos("store", "stats", replanned.workspace.root, "--json", "--disk")
+    facts = json.loads(told.out)
+    (other,) = read_with_node(replanned.workspace.root)
+
+    assert {name: facts[name] for name in other} == other
+    assert (facts["sessions"], facts["goals"]) == ({"replanned": 1, "succeeded": 1}, 1)
+    assert facts["largest"]["id"] == "tidy-7.red.r1"
+    assert 0 < facts["fdatasync"]["p50_ms"] <= facts["fdatasync"]["p99_ms"]
+    text = paos("store", "stats", replanned.workspace.root).out
+    assert "sessions     1 replanned, 1 succeeded\n" in text
+
+
+def test_statistics_of_a_damaged_journal_end_at_the_damage(paos, replanned):
+    spoil(segment_of(replanned), 9)
+
+    done = paos("store", "stats", replanned.workspace.root, "--json")
+
+    assert done.code == 1
+    assert (json.loads(done.out)["seq"], json.loads(done.out)["tail"]) == (8, "damaged")
+
+
+def test_what_nothing_needs_is_archived(paos, replanned, read_with_node):
+    before = read_with_node(replanned.workspace.root)
+    replanned.end("success")
+
+    done = paos("store", "compact", replanned.workspace.root)
+    again = paos("store", "compact", replanned.workspace.root, "--json")
+
+    assert "1 segments archived; checkpoint at record 17" in done.out
+    assert json.loads(again.out)["archived"] == []
+    facts = json.loads(paos("store", "stats", replanned.workspace.root, "--json").out)
+    assert (facts["segments"], facts["archived_segments"], facts["checkpoint_seq"]) == (1, 1, 17)
+    assert facts["seq"] == before[0]["seq"] + 1
+    assert paos("store", "check", replanned.workspace.root).code == 0
+    assert read_with_node(replanned.workspace.root)[0]["sha256"] == facts["sha256"]
+
+
+def test_compacting_a_damaged_journal_is_refused(paos, replanned):
+    path = segment_of(replanned)
+    spoil(path, 9)
+
+    done = paos("store", "compact", replanned.workspace.root)
+
+    assert done.code == 4
+    assert "JOURNAL_DAMAGED" in done.err
+    assert path.exists()
+
+
+@pytest.mark.parametrize("command", ["check", "repair", "compact", "stats"])
+def test_a_folder_that_holds_no_journal_is_named(paos, replanned, tmp_path, command):
+    done = paos("store", command, tmp_path)
+    assert done.code == 2
+    assert "NOT_A_WORKSPACE" in done.err
+    done = paos("store", command, replanned.workspace.root, "--lane", "elsewhere")
+    assert done.code == 2
+    assert "NO_JOURNAL" in done.err
+
+
+def test_a_lane_can_be_named(paos, replanned):
+    folder = replanned.pens[Side.AGENT].folder
+    shutil.copytree(folder, folder.with_name("other"))
+
+    done = paos("store", "check", replanned.workspace.root, "--lane", "other")
+
+    assert done.code == 1
+    assert f"SEGMENT_MISLINKED: lane is {folder.name}, expected other" in done.out
