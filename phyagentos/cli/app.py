@@ -19,6 +19,7 @@ from phyagentos.cli import (
     running,
     scaffolding,
     showing,
+    stopping,
     store,
 )
 from phyagentos.cli.doctor import command as doctor
@@ -60,6 +61,7 @@ for group in (
     scaffolding,
     showing,
     explaining,
+    stopping,
     editing,
     evidence,
     importing,

@@ -1,4 +1,4 @@
-"""Commands about sessions that ran: `why`, `rerun`, `cancel`."""
+"""Commands about sessions that ran: `why`, `rerun`."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,7 +18,6 @@ def register(app: typer.Typer) -> None:
     """Add this group's commands."""
     app.command("why")(why)
     app.command("rerun")(rerun)
-    app.command("cancel")(cancel)
 
 
 def why(session: Id, workspace: Space) -> None:
@@ -44,19 +43,6 @@ def rerun(session: Id, workspace: Space) -> int:
         print_result(f"{id}: identical, bit for bit ({repetition.execution.ticks} commands)")
     print_note(f"second bundle in {repetition.workspace}")
     return int(ExitCode.GOAL_NOT_MET if repetition.differences else ExitCode.GOAL_MET)
-
-
-def cancel(session: Annotated[str, typer.Argument(metavar="SESSION|all")], workspace: Space) -> None:
-    """Ask for an end: the robot is halted, then the session is cancelled."""
-    from phyagentos.cli.past import read_ledger
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.store.mailbox import EVERY_SESSION, Signal, drop_signal
-    from phyagentos.protocol.workspace import Workspace
-
-    place = Workspace.open(workspace)
-    id = EVERY_SESSION if session == "all" else get_session(session, read_ledger(workspace).sessions)
-    path = drop_signal(place.signals, Signal(kind="cancel", session=id, by="paos cancel"), SystemClock())
-    print_result(f"asked for an end of {session}: {path}")
 
 
 def get_session(text: str, known: Iterable[SessionId]) -> SessionId:

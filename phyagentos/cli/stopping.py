@@ -1,0 +1,63 @@
+"""Commands that stop: `cancel`, `pause`, `resume`, `estop`. Each is a file that any tool could have dropped."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.cli.explaining import Space, get_session
+from phyagentos.cli.outcome import print_result
+from phyagentos.clock import SystemClock
+from phyagentos.protocol import estop as latches
+from phyagentos.protocol.store.mailbox import EVERY_SESSION, Signal, drop_signal
+from phyagentos.protocol.workspace import Workspace
+
+Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
+Reason = Annotated[str, typer.Option(help="Why; it is recorded.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    for command in (cancel, pause, resume, estop):
+        app.command(command.__name__)(command)
+
+
+def cancel(session: Which, workspace: Space, reason: Reason = "") -> None:
+    """Ask for an end: the robot is halted, then the session is cancelled."""
+    _drop(Signal(kind="cancel", session=_find(session, workspace), by="paos cancel", reason=reason), workspace)
+
+
+def pause(session: Which, workspace: Space, reason: Reason = "") -> None:
+    """Let a running session hold where it is, until `resume`; its time limits go on."""
+    _drop(Signal(kind="pause", session=_find(session, workspace), by="paos pause", reason=reason), workspace)
+
+
+def resume(session: Which, workspace: Space) -> None:
+    """Let a paused session go on."""
+    _drop(Signal(kind="resume", session=_find(session, workspace), by="paos resume"), workspace)
+
+
+def estop(
+    workspace: Space,
+    reason: Reason = "",
+    reset: Annotated[bool, typer.Option("--reset", help="Let targets move again; needs --reason.")] = False,
+) -> None:
+    """Stop every target of a workspace at once; it stays latched, over restarts, until `--reset`."""
+    place, clock = Workspace.open(workspace), SystemClock()
+    signals = place.signals.parent
+    if reset:
+        print_result(f"reset; the former latch is kept in {latches.reset(signals, reason, clock)}")
+        return
+    latches.latch(signals, latches.Latch(by="paos estop", reason=reason, at=clock.wall_iso()))
+    print_result(f"latched: {signals / latches.LATCH}; `paos estop --reset --reason …` lets targets move again")
+
+
+def _find(session: str, workspace: Path) -> str:
+    from phyagentos.cli.past import read_ledger
+
+    return EVERY_SESSION if session == "all" else get_session(session, read_ledger(workspace).sessions)
+
+
+def _drop(signal: Signal, workspace: Path) -> None:
+    path = drop_signal(Workspace.open(workspace).signals, signal, SystemClock())
+    print_result(f"asked to {signal.kind} {signal.session}: {path}")

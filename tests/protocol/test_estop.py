@@ -1,0 +1,48 @@
+"""The latch of the emergency stop: durable, first one stays, reset only with a reason."""
+
+import json
+
+import pytest
+
+from phyagentos.clock import ManualClock
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.estop import LATCH, Latch, is_latched, latch, read_latch, reset
+
+
+def test_the_first_latch_stays(tmp_path):
+    latch(tmp_path, Latch(by="anna", reason="smoke"))
+    latch(tmp_path, Latch(by="ben", reason="noise"))
+
+    assert is_latched(tmp_path)
+    assert read_latch(tmp_path).by == "anna"
+    assert [path.name for path in tmp_path.iterdir()] == [LATCH]
+
+
+def test_a_reset_keeps_who_stopped_and_why_it_is_safe_again(tmp_path):
+    latch(tmp_path, Latch(by="anna", reason="smoke"))
+    kept = reset(tmp_path, "it was steam", ManualClock())
+
+    assert not is_latched(tmp_path)
+    assert json.loads(kept.read_text()) | {"at": ""} == {
+        "by": "anna",
+        "reason": "smoke",
+        "reset_reason": "it was steam",
+        "reset_at": "1970-01-01T00:00:00.000000Z",
+        "at": "",
+    }
+
+
+def test_a_reset_needs_a_reason_and_something_to_reset(tmp_path):
+    with pytest.raises(DefinitionError, match="NOT_LATCHED"):
+        reset(tmp_path, "why not", ManualClock())
+    latch(tmp_path, Latch(by="anna"))
+    with pytest.raises(DefinitionError, match="REASON_MISSING"):
+        reset(tmp_path, "  ", ManualClock())
+    assert is_latched(tmp_path)
+
+
+def test_a_latch_that_cannot_be_read_still_stops(tmp_path):
+    (tmp_path / LATCH).write_text("garbage")
+
+    assert is_latched(tmp_path)
+    assert "cannot be read" in read_latch(tmp_path).reason
