@@ -152,7 +152,9 @@ NOTHING_TO_IMPORT The sources hold no document of the 0.1.x system.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       A field that a hand edit may not change.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
+NOT_LATCHED       There is no latched emergency stop to reset.
 NO_JOURNAL        The workspace has no such lane of the journal.
+REASON_MISSING    A reset of the emergency stop without a reason.
 UNKNOWN_CODE      No error code of this name.
 UNKNOWN_FILE      No file of this name.
 UNKNOWN_FOLDER    No folder of this name.
@@ -299,6 +301,7 @@ CLAMPED_GRIPPER     An opening was projected into the gripper's range, as safety
 CLAMPED_JOINT       A joint set-point was projected into its range, as safety.yaml allows.
 COLLISION           The commanded posture would touch something.
 COLLISION_STOP      The target stopped itself: a contact force was too large.
+DEADMAN             No command came in time while the arm moved; the target brought itself to rest.
 DISCONTINUOUS       A chunk jumps further than the target's velocity permits.
 DRIVES_OFF          The target's drives are off since a stop of category 1.
 ESTOPPED            The emergency stop is latched.

@@ -19,6 +19,8 @@ class Problem:
         found: The offending value, as a person wrote it.
         expected: What would have been possible.
         hint: What to do next; often the nearest valid name.
+        triggered_by: Who asked for what is not there: a skill, a policy, a settings file; empty where the address says
+            it.
     """
 
     code: str
@@ -26,6 +28,7 @@ class Problem:
     found: str = ""
     expected: str = ""
     hint: str = ""
+    triggered_by: str = ""
 
     def __str__(self) -> str:
         """One line: where, which, found, possible, next."""
@@ -34,6 +37,8 @@ class Problem:
             parts.append(f"found {self.found}")
         if self.expected:
             parts.append(f"expected {self.expected}")
+        if self.triggered_by:
+            parts.append(f"asked for by {self.triggered_by}")
         line = ": ".join((parts[0], "; ".join(parts[1:]))) if len(parts) > 1 else parts[0]
         return f"{line}. {self.hint}" if self.hint else line
 

@@ -7,13 +7,17 @@ from types import FrameType
 
 from phyagentos.agent.mission import Mission
 from phyagentos.agent.mission_report import MissionReport
+from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import find_project, open_project
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.sessions import GoalId
 from phyagentos.protocol.store.journal import Journal
 
 
-def run_agent(root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str] | None = None) -> MissionReport:
+def run_agent(
+    root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str] | None = None, goal: str | None = None
+) -> MissionReport:
     """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
 
     Args:
@@ -21,6 +25,7 @@ def run_agent(root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str
         graph: The goal graph.
         seed: Root of every random choice.
         overrides: Dotted path -> YAML value (`targets.arm` -> `panda`).
+        goal: Its id; with one, a goal that has its verdict is reported and not begun anew.
     """
     clock = SystemClock()
     workspace = open_project(root, find_project(graph))
@@ -32,7 +37,8 @@ def run_agent(root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, on_signal)
+    collect_rarely()
     try:
-        return mission.run(graph, seed=seed, overrides=overrides)
+        return mission.run(graph, seed=seed, overrides=overrides, goal=GoalId(goal) if goal else None)
     finally:
         journal.close()

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import msgspec
 
+from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import FAULTS, STRIKES
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.channel import Link
+from phyagentos.protocol.channel import Channel, Link
 from phyagentos.protocol.registries import read_skill_registry, read_target_registry
-from phyagentos.protocol.settings import get_target_limits, read_safety
 from phyagentos.protocol.workspace import Workspace
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
@@ -28,15 +28,19 @@ def run_world(root: Path, target: str, socket: str) -> None:
     if not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
     from phyagentos.protocol.faults import read_faults
+    from phyagentos.protocol.runtime_contract import WorldMode, read_runtime_contract
     from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule, read_strikes
+    from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.robot import read_profile
     from phyagentos.runtime.targets.server import serve
+    from phyagentos.runtime.targets.stop_listener import StopListener
     from phyagentos.runtime.targets.wire import FaultStruck
     from phyagentos.runtime.targets.world import MujocoWorld
     from phyagentos.runtime.workers import end_with_parent
 
     end_with_parent()
+    Path(socket).unlink(missing_ok=True)  # of a world that was killed; its successor starts when it is dead
     workspace = Workspace.open(root)
     library = workspace.library()
     profile, folder = read_profile(library.get_target(target))
@@ -48,19 +52,34 @@ def run_world(root: Path, target: str, socket: str) -> None:
             return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
-    log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl")
-    serve(MujocoWorld(profile, folder, library, log, make_faults), socket)
+    log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", SystemClock())
+    clock = SystemClock()
+    stops = StopListener(workspace.signals.parent, clock)
+    mode = read_runtime_contract(workspace.runtime_contract).world_mode
+    world = MujocoWorld(profile, folder, library, log, make_faults, stops.is_latched, mode)
+    if mode is WorldMode.REALTIME:
+        serve_realtime(world, socket, clock)
+    else:
+        serve(world, socket)
 
 
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
     """The worker process of one target: serve the watchdog until it is gone."""
+    from phyagentos.runtime.blanks import Blanks
     from phyagentos.runtime.execution.registry import build_registry
     from phyagentos.runtime.handle import TargetSessionHandle
     from phyagentos.runtime.heartbeat import HeartbeatWriter
-    from phyagentos.runtime.motion.process import PlannerProcess
+    from phyagentos.runtime.motion.process import NoPlanner, Planner, PlannerProcess
     from phyagentos.runtime.perception import TruthPerception
-    from phyagentos.runtime.preflight import Preflight
+    from phyagentos.runtime.preflight.compatibility import Preflight
+    from phyagentos.runtime.preflight.examination import Examiner
+    from phyagentos.runtime.preflight.settings import read_settings
+    from phyagentos.runtime.recorder import WRITTEN
+    from phyagentos.runtime.refusal import serve_refusals
     from phyagentos.runtime.runner import SessionRunner
+    from phyagentos.runtime.targets.receive_log import ReceiveLog
+    from phyagentos.runtime.targets.scripted import ScriptedWorld
+    from phyagentos.runtime.targets.server import Loopback
     from phyagentos.runtime.worker import WorkerLoop
     from phyagentos.runtime.workers import end_with_parent
 
@@ -68,12 +87,25 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     workspace, clock = Workspace.open(root), SystemClock()
     library = workspace.library()
     profile_path = library.get_target(target)
-    profile = read_target_registry(workspace.target_registry)[target]
-    limits = get_target_limits(read_safety(workspace.safety), target, str(workspace.safety))
-    planner = PlannerProcess(profile_path)
-    registry = build_registry(library)
-    handle = TargetSessionHandle(connect_to_world(socket, clock), limits)
+    orders = Link(Connection(control), spin_s=0.0)
+    try:
+        profile = read_target_registry(workspace.target_registry)[target]
+        skills = read_skill_registry(workspace.skill_registry)
+        settings = read_settings(workspace, target)
+        registry = build_registry(library)
+    except DefinitionError as error:
+        serve_refusals(orders, error.problems)
+        return
+    planner: Planner
+    connection: Channel
+    if profile.kind == "debug":  # no physics, so nothing that a process of its own would protect
+        log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
+        planner, connection = NoPlanner(), Loopback(ScriptedWorld(profile, library, log))
+    else:
+        planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
+    handle = TargetSessionHandle(connection, settings.limits)
     perception = TruthPerception(target)
+    blanks = Blanks(workspace.cache / f"blanks-{target}", WRITTEN)
     runner = SessionRunner(
         handle=handle,
         planner=planner,
@@ -81,24 +113,34 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         registry=registry,
         library=library,
         profile=profile,
-        limits=limits,
+        limits=settings.limits,
         workspace=workspace.root,
         clock=clock,
         settings=(workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract),
         pictures=pictures,
+        blanks=blanks,
     )
+    collect_rarely()
     WorkerLoop(
-        control=Link(Connection(control)),
+        control=orders,
         handle=handle,
-        preflight=Preflight(skills=read_skill_registry(workspace.skill_registry), profile=profile),
+        examiner=Examiner(
+            preflight=Preflight(skills=skills, profile=profile, settings=settings),
+            handle=handle,
+            perception=perception,
+            planner=planner,
+            library=library,
+            registry=registry,
+            clock=clock,
+        ),
         runner=runner,
         perception=perception,
         heartbeat=HeartbeatWriter(workspace.heartbeats, target, clock),
-        library=library,
-        registry=registry,
         workspace=workspace,
+        clock=clock,
     ).run()
     planner.close()
+    blanks.close()
 
 
 def connect_to_world(socket: str, clock: Clock) -> Link:

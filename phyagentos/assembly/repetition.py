@@ -10,9 +10,8 @@ from phyagentos.assembly.runtime_plane import hire_worker
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol import evidence
 from phyagentos.protocol.sessions import Execution, SessionId, SessionStatus
-from phyagentos.protocol.store.follower import Follower
+from phyagentos.protocol.store.history import Histories
 from phyagentos.protocol.store.journal import choose_lane
-from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Run, ToWorker
 from phyagentos.runtime.repetition import find_differences
@@ -89,12 +88,8 @@ def find_session(workspace: Workspace, session: str) -> SessionStatus:
     Raises:
         DefinitionError: `NOT_EXECUTED` when it is unknown or left no evidence.
     """
-    ledger = Ledger()
-    follower = Follower(workspace.sessions / choose_lane(workspace.sessions))
-    for record in follower.read_new():
-        ledger.apply(record)
-    follower.close()
-    status = ledger.sessions.get(SessionId(session))
+    with Histories(workspace.sessions / choose_lane(workspace.sessions)) as histories:
+        status = histories.find_status(SessionId(session))
     if status is None or status.execution is None:
         problem = Problem(
             code="NOT_EXECUTED", address=str(workspace.root), found=repr(session), expected="a session with evidence"

@@ -6,10 +6,14 @@ import tempfile
 from pathlib import Path
 from types import FrameType
 
+from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import FAULTS, open_project
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.edits.desk import Desk
+from phyagentos.protocol.edits.signal_desk import SignalDesk
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.registries import read_target_registry
+from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode
 from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.views.renderer import Views
 from phyagentos.protocol.views.runtime_signal import RuntimeSignal
@@ -18,22 +22,34 @@ from phyagentos.runtime.watchdog import Watchdog
 from phyagentos.runtime.workers import Worker
 
 
-def run_watch(root: Path, *, faults: Path | None = None, pictures: bool = True, once_idle: bool = False) -> None:
+def run_watch(
+    root: Path,
+    *,
+    faults: Path | None = None,
+    pictures: bool = True,
+    once_idle: bool = False,
+    world_mode: WorldMode | None = None,
+) -> None:
     """The runtime plane: supervise until interrupted.
 
     Args:
         root: The workspace.
         faults: Fault file for the simulated worlds.
         pictures: Whether evidence has pictures.
+        world_mode: Declared in the workspace's runtime_contract.yaml; None leaves what stands there.
         once_idle: End when every goal has its verdict.
     """
     workspace, clock = open_project(root), SystemClock()
+    if world_mode is not None:
+        declare_world_mode(workspace.runtime_contract, world_mode)
     if faults is not None:
         (workspace.root / FAULTS).parent.mkdir(exist_ok=True)
         shutil.copyfile(faults, workspace.root / FAULTS)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
-    views = Views(workspace, journal.folder, clock)
-    signals = RuntimeSignal(workspace, clock)
+    desk = Desk(workspace, clock)
+    views = Views(workspace, journal.folder, clock, desk=desk)
+    signal_desk = SignalDesk(workspace, clock)
+    signals = RuntimeSignal(workspace, clock, desk=signal_desk)
     known = read_target_registry(workspace.target_registry)
 
     with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
@@ -55,17 +71,22 @@ def run_watch(root: Path, *, faults: Path | None = None, pictures: bool = True, 
 
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, on_signal)
+        collect_rarely()
         watchdog.run()
     views.close()
+    desk.close()
+    signals.close()
+    signal_desk.close()
     journal.close()
 
 
 def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: bool) -> Worker:
-    """Start the world and the worker of one target."""
+    """Start the world and the worker of one target; a debug target lives in its worker and begins anew with it."""
+    is_debug = read_target_registry(workspace.target_registry)[target].kind == "debug"
     place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(sockets / f"{target}.world")]
     return Worker(
         target,
-        world=["-m", "phyagentos.assembly.processes", "world", *place],
+        world=[] if is_debug else ["-m", "phyagentos.assembly.processes", "world", *place],
         worker=["-m", "phyagentos.assembly.processes", "worker", *place, *([] if pictures else ["--no-pictures"])],
         logs=workspace.logs,
     )

@@ -26,6 +26,7 @@ from phyagentos.cli.report import build_report, compute_exit_code, print_report,
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode
 from phyagentos.protocol.schema import Address, read_yaml
 from phyagentos.protocol.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.protocol.store.journal import Entry, IllegalEvent, Journal
@@ -49,6 +50,7 @@ class Order:
     as_json: bool = False
     pictures: bool = True
     quiet: bool = False
+    world_mode: WorldMode | None = None
 
 
 class Interrupts:
@@ -87,6 +89,8 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
         raise DefinitionError(problems)
     root = order.workspace or choose_workspace(graph.stem, order.seed)
     workspace = Workspace.create(root, open_library(graph))
+    if order.world_mode is not None:
+        declare_world_mode(workspace.runtime_contract, order.world_mode)
     print_note(f"workspace {root}")
     started_s = clock.now_s()
     fold = RunFold(workspace.heartbeats)

@@ -12,6 +12,7 @@ import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.cli.overrides import Overrides, parse_overrides
+from phyagentos.protocol.runtime_contract import WorldMode
 
 Graph = Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
@@ -19,6 +20,10 @@ Seed = Annotated[int, typer.Option(help="Root of every random choice.", min=0)]
 NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")]
 FaultFile = Annotated[Path | None, typer.Option("--faults", help="What shall go wrong in the simulated world.")]
 WithParent = Annotated[bool, typer.Option("--with-parent", hidden=True)]
+Mode = Annotated[
+    WorldMode | None,
+    typer.Option(help="How simulated time advances; declared in the workspace's runtime_contract.yaml."),
+]
 
 PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
 
@@ -42,6 +47,7 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON report on stdout, all else on stderr.")] = False,
     no_pictures: NoPictures = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the final table.")] = False,
+    world_mode: Mode = None,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
     from phyagentos.cli.mission_run import Order, run_mission
@@ -56,6 +62,7 @@ def run(
             as_json=as_json,
             pictures=not no_pictures,
             quiet=quiet,
+            world_mode=world_mode,
         )
     )
 
@@ -89,6 +96,7 @@ def watch(
     no_pictures: NoPictures = False,
     once_idle: Annotated[bool, typer.Option(help="End when no goal and no session is left.")] = False,
     with_parent: WithParent = False,
+    world_mode: Mode = None,
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
@@ -100,6 +108,7 @@ def watch(
         faults=get_file(faults, "faults") if faults is not None else None,
         pictures=not no_pictures,
         once_idle=once_idle,
+        world_mode=world_mode,
     )
 
 

@@ -4,13 +4,25 @@ Upstream: a person. Downstream: `retention` reads how long evidence is kept; pre
 every target. Hashed into every evidence bundle.
 """
 
+import re
+from enum import StrEnum
 from pathlib import Path
 from typing import Literal
 
 import pydantic
 
+from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.schema import Authored, read_yaml, validate
+
+
+class WorldMode(StrEnum):
+    """How simulated time advances."""
+
+    LOCKSTEP = "lockstep"
+    """By commands only: a run can be repeated, bit for bit."""
+    REALTIME = "realtime"
+    """With the wall clock; a target without a command in time brings itself to rest."""
 
 
 class EvidenceRetention(Authored):
@@ -35,23 +47,31 @@ class RuntimeContract(Authored):
 
     Attributes:
         version: Of this format.
-        world_mode: `lockstep`: simulated time advances by commands only.
-        control_period_s: Length of one command [s].
-        physics_step_s: One step of the simulation, and one row of a command [s].
-        command_representation: What a command holds.
+        world_mode: How simulated time advances.
         sampling_hz: How often hold conditions and constraints are sampled, in simulated time [Hz].
         operations: Operations of a target that a session may use here, if the target offers them.
         evidence: How long evidence is kept.
     """
 
     version: Literal[1] = 1
-    world_mode: Literal["lockstep"]
+    world_mode: WorldMode
     control_period_s: float = pydantic.Field(gt=0)
     physics_step_s: float = pydantic.Field(gt=0)
     command_representation: Literal["joint_position_velocity"]
     sampling_hz: float = pydantic.Field(ge=10)
     operations: tuple[Operation, ...] = SESSION_OPERATIONS
     evidence: EvidenceRetention = EvidenceRetention()
+
+
+def declare_world_mode(path: Path, mode: WorldMode) -> None:
+    """Write the mode into runtime_contract.yaml, which is hashed into the evidence; comments stay.
+
+    Raises:
+        DefinitionError: With every problem of the file.
+    """
+    if read_runtime_contract(path).world_mode is not mode:
+        text = re.sub(r"(?m)^world_mode:[ \t]*[\"']?\w+[\"']?", f"world_mode: {mode}", path.read_text(encoding="utf-8"))
+        publish(path, text)
 
 
 def read_runtime_contract(path: Path) -> RuntimeContract:

@@ -4,22 +4,34 @@ Upstream: `runner` and whatever perceives. Downstream: the world process, over `
 authority (session, epoch, sequence number, expiry) and lets no command out that the guard has not seen.
 """
 
+from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.channel import Channel
+from phyagentos.protocol.runtime_contract import WorldMode
+from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.sessions import Scene
-from phyagentos.protocol.settings import TargetLimits
-from phyagentos.runtime.actions.guard import SafetyGuard, Violation
+from phyagentos.runtime.actions.guard import Ruling, SafetyGuard
+from phyagentos.runtime.actions.interventions import Intervention
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.actions.violations import Violation
 from phyagentos.runtime.targets import wire
 
 EXPIRY_PERIODS = 3  # a command that waits longer than this belongs to a past that nobody sees any more
 REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds; a world that is silent for this long is lost
 LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
+
+OPERATIONS: dict[type[wire.Request], str] = {  # of a session; what is not here belongs to the worker
+    wire.Command: "apply",
+    wire.Observe: "observe",
+    wire.Halt: "halt",
+    wire.Settle: "settle",
+    wire.Render: "render",
+}
 
 ReplyT = TypeVar("ReplyT", bound=wire.Reply)
 
@@ -28,13 +40,17 @@ class CommandRefused(ExecutionError):
     """A command that did not get through.
 
     Attributes:
-        by: `guard` or `target`.
+        by: `guard`, `target`, or `handle` for what the session's manifest does not hold.
         violation: What the guard found, None when the target refused.
+        reaction: What was done about it: `refuse`, or a stop by the target's own means.
     """
 
-    def __init__(self, code: str, message: str, by: str, violation: Violation | None = None) -> None:
+    def __init__(
+        self, code: str, message: str, by: str, violation: Violation | None = None, reaction: str = "refuse"
+    ) -> None:
         self.by = by
         self.violation = violation
+        self.reaction = reaction
         super().__init__(code, message)
 
 
@@ -44,20 +60,42 @@ class TargetSessionHandle:
     Args:
         connection: To the world process.
         limits: Of this target, from safety.yaml.
+        is_stopped: Whether the emergency stop is latched; asked before every command.
+        find_contact: Names what a posture (n_joints,) touches; the guard's optional collision stage.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
     """
 
-    def __init__(self, connection: Channel, limits: TargetLimits) -> None:
+    def __init__(
+        self,
+        connection: Channel,
+        limits: TargetLimits,
+        *,
+        is_stopped: Callable[[], bool] | None = None,
+        find_contact: Callable[[wire.Array], str] | None = None,
+    ) -> None:
+        self._is_stopped, self._find_contact = is_stopped, find_contact
+        self._interventions: list[Intervention] = []
         self._connection = connection
         self._limits = limits
         self._description: wire.Description | None = None
+        self._loaded: tuple[Scene, wire.Loaded] | None = None  # this connection's world; nobody else loads scenes
         self._guard: SafetyGuard | None = None
         self._session = ""
         self._epoch = 0
         self._sequence = 0
         self._step: wire.Step | None = None
+        self._rests = True
+        self._permitted: frozenset[str] = frozenset(OPERATIONS.values())
+
+    def permit(self, operations: Collection[str]) -> None:
+        """From now on the session may use these operations, and halt: its TargetToolManifest."""
+        self._permitted = frozenset((*operations, "halt"))
+
+    def permits(self, operation: str) -> bool:
+        """Whether the session may use an operation."""
+        return operation in self._permitted
 
     def describe(self) -> wire.Description:
         """What the target is; asked once a scene."""
@@ -66,22 +104,28 @@ class TargetSessionHandle:
         return self._description
 
     def load(self, scene: Scene, state: wire.Array | None = None) -> wire.Loaded:
-        """Make the scene's episode the present world; a no-op when it is.
+        """Make the scene's episode the present world; a no-op when it is, and then nothing is asked.
 
         Args:
             scene: Name, seed and episode.
             state: mjSTATE_INTEGRATION to start from instead of a fresh world (rerun of a recorded session).
         """
-        self._description = None  # cameras belong to the scene
+        if state is None and self._loaded is not None and self._loaded[0] == scene:
+            return self._loaded[1]
+        self._description, self._loaded = None, None  # cameras belong to the scene
         request = wire.LoadScene(scene=scene.name, seed=scene.seed, episode=scene.episode, state=state)
-        return self._ask(request, wire.Loaded, LOAD_TIMEOUT_S)
+        loaded = self._ask(request, wire.Loaded, LOAD_TIMEOUT_S)
+        self._loaded = (scene, loaded) if state is None else None
+        return loaded
 
     def begin(self, session: str, epoch: int) -> wire.Observation:
         """Take authority for one session and look once."""
         self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
-        self._session, self._epoch, self._sequence = session, epoch, 0
+        self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
         observation = self.observe()
-        self._guard = SafetyGuard(self._limits, self.describe())
+        self._guard = SafetyGuard(
+            self._limits, self.describe(), is_stopped=self._is_stopped, find_contact=self._find_contact
+        )
         self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))
         self._step = wire.Step(
             time_s=observation.time_s,
@@ -102,11 +146,14 @@ class TargetSessionHandle:
         """Guard one control period and carry it out.
 
         Raises:
-            CommandRefused: When the guard or the target refuses it; nothing moved.
+            CommandRefused: When the guard or the target refuses it: nothing moved, or the target has come to rest by
+                its own means where the reaction is a stop.
         """
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
         description = self.describe()
+        if self._rests and description.mode == WorldMode.REALTIME:  # time went on while nothing was commanded
+            self.settle(0.0)
         period_s = description.physics_step_s * description.steps_per_command
         command = wire.Command(
             session=self._session,
@@ -117,12 +164,33 @@ class TargetSessionHandle:
             qd_rad_s=points.qd_rad_s,
             gripper_width_m=points.gripper_width_m,
         )
-        violation = self._guard.check(command, self.step)
-        if violation is not None:
-            raise CommandRefused(violation.code, f"the guard refused a command: {violation}", "guard", violation)
+        ruling = self._guard.judge(command, self.step)
+        self._interventions += ruling.interventions
+        if ruling.command is None:
+            self._refuse(ruling)
         self._sequence += 1
-        self._step = self._ask(command, wire.Step)
+        self._step = self._ask(ruling.command, wire.Step)
+        self._rests = not ruling.command.qd_rad_s[-1].any()
+        if self._step.stopped:
+            message = f"the target stopped by itself in the middle of a command: {self._step.stopped}"
+            raise CommandRefused(self._step.stopped, message, "target", reaction="stop_category_2")
         return self._step
+
+    def take_interventions(self) -> list[Intervention]:
+        """What the guard changed since this was last asked; for the evidence."""
+        taken, self._interventions = self._interventions, []
+        return taken
+
+    def _refuse(self, ruling: Ruling) -> NoReturn:
+        """Stop the target where the reaction is a stop, then say why."""
+        violation = ruling.violation
+        if violation is None:
+            raise ExecutionError("PROTOCOL_BROKEN", "a command was refused for no reason")
+        if ruling.reaction.startswith("stop"):
+            category = int(ruling.reaction[-1])
+            self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category), wire.Step)
+        message = f"the guard refused a command: {violation}"
+        raise CommandRefused(violation.code, message, "guard", violation, ruling.reaction)
 
     def observe(self) -> wire.Observation:
         """Everything that is sensed now; time does not move."""
@@ -154,6 +222,11 @@ class TargetSessionHandle:
         self._ask(wire.SaveModel(folder=str(folder)), wire.Ack, LOAD_TIMEOUT_S)
 
     def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
+        operation = OPERATIONS.get(type(request))
+        if operation is not None and operation not in self._permitted:
+            raise CommandRefused(
+                "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
+            )
         try:
             wire.send(self._connection, request)
         except OSError as error:

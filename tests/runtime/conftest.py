@@ -9,9 +9,9 @@ import pytest
 from phyagentos.clock import ManualClock
 from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind, TargetState
 from phyagentos.protocol.library import Library, find_shipped_root
+from phyagentos.protocol.safety import read_safety
 from phyagentos.protocol.schema import read_yaml, validate
 from phyagentos.protocol.sessions import GoalId, Limits, Scene, Session, SessionId
-from phyagentos.protocol.settings import read_safety
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.execution.registry import LeafRegistry, build_registry
 from phyagentos.runtime.handle import TargetSessionHandle

@@ -2,12 +2,19 @@
 
 import pytest
 
+from phyagentos.protocol.action_spaces import ActionSpace, GripperRange
 from phyagentos.protocol.environment import Entity, Environment, Pose, Region
 from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.perception import read_perception
 from phyagentos.protocol.registries import read_target
+from phyagentos.protocol.runtime_contract import read_runtime_contract
+from phyagentos.protocol.safety import read_safety
+from phyagentos.protocol.sensors import read_sensors
 from phyagentos.protocol.sessions import Scene, Session
 from phyagentos.protocol.skill_runtimes import Needs, Parameter, SkillRuntime
-from phyagentos.runtime.preflight import Preflight
+from phyagentos.runtime.preflight.compatibility import Preflight
+from phyagentos.runtime.preflight.findings import describe_problem
+from phyagentos.runtime.preflight.settings import Settings
 from phyagentos.runtime.targets.wire import Description
 
 SKILL = SkillRuntime(
@@ -22,7 +29,14 @@ SKILL = SkillRuntime(
     },
     needs=Needs(observations=("entity_poses",), actions=("joint_position",), capabilities=("manipulation",)),
 )
-PROFILE = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")
+ROOT = find_shipped_root()
+PROFILE = read_target(ROOT / "robots" / "panda" / "target.yaml")
+SETTINGS = Settings(
+    limits=read_safety(ROOT / "protocol/safety.yaml").targets["panda"],
+    sensors=read_sensors(ROOT / "protocol/sensors.yaml"),
+    perception=read_perception(ROOT / "protocol/perception.yaml"),
+    contract=read_runtime_contract(ROOT / "protocol/runtime_contract.yaml"),
+)
 
 
 def make_session(**changes) -> Session:
@@ -35,15 +49,15 @@ def make_session(**changes) -> Session:
 
 def make_preflight(**needs) -> Preflight:
     skill = SKILL.model_copy(update={"needs": SKILL.needs.model_copy(update=needs)})
-    return Preflight(skills={"pick": skill}, profile=PROFILE)
+    return Preflight(skills={"pick": skill}, profile=PROFILE, settings=SETTINGS)
 
 
 def describe(**changes) -> Description:
-    n = len(PROFILE.arm.joints)
+    limits = SETTINGS.limits
     facts = {
-        "target": "panda", "n_joints": n, "steps_per_command": 10, "physics_step_s": 0.002, "q_min_rad": (-3.0,) * n,
-        "q_max_rad": (3.0,) * n, "observations": PROFILE.observations, "actions": PROFILE.actions, "cameras": (),
-        "mode": "lockstep",
+        "target": "panda", "n_joints": len(PROFILE.arm.joints), "steps_per_command": 10, "physics_step_s": 0.002,
+        "q_min_rad": limits.joint_position_min.value, "q_max_rad": limits.joint_position_max.value,
+        "observations": PROFILE.observations, "actions": PROFILE.actions, "cameras": (), "mode": "lockstep",
     }  # fmt: skip
     return Description(**{**facts, **changes})
 
@@ -101,11 +115,12 @@ def test_all_problems_of_a_contract_are_told_at_once():
     problems = preflight.find_contract_problems(make_session(parameters={"speed": 9}))
 
     assert codes(problems) == [
+        "PARAMETER_MISSING",
+        "PARAMETER_INVALID",
         "OBSERVATION_UNAVAILABLE",
         "ACTION_UNAVAILABLE",
         "CAPABILITY_UNAVAILABLE",
-        "PARAMETER_MISSING",
-        "PARAMETER_INVALID",
+        "SENSOR_MISSING",
     ]
 
 
@@ -124,6 +139,64 @@ def test_names_and_preconditions_are_judged_on_the_live_world():
 
     problems = make_preflight().find_world_problems(session, NOW)
 
-    assert codes(problems)[:2] == ["ENTITY_UNKNOWN", "PRECONDITION_UNMET"]
+    assert codes(problems) == ["ENTITY_UNKNOWN", "PRECONDITION_UNMET"]
     assert "Did you mean 'cube'?" in problems[0].hint
-    assert len(problems) == 3
+    assert codes(make_preflight().find_contract_problems(session)) == ["PREDICATE_SYNTAX"]
+
+
+def test_a_rejection_tells_who_asked_for_what_and_what_would_help():
+    problem = make_preflight(actions=("torque",)).find_contract_problems(make_session())[0]
+
+    assert describe_problem(problem) == {
+        "code": "ACTION_UNAVAILABLE",
+        "address": "g.a: skill.needs.actions",
+        "found": "'torque'",
+        "expected": "gripper_width, joint_position",
+        "triggered_by": "skill pick: needs.actions",
+        "fix": "Choose a target that offers it; panda does not.",
+    }
+
+
+def test_conditions_may_name_what_is_gone_once_the_world_has_changed():
+    session = make_session(hold=("upright(bottle)",))
+    preflight = make_preflight()
+
+    assert codes(preflight.find_world_problems(session, NOW, is_fresh=True)) == ["ENTITY_UNKNOWN"]
+    assert preflight.find_world_problems(session, NOW, is_fresh=False) == []
+
+
+def test_what_was_checked_once_for_a_skill_is_told_again_of_every_session():
+    preflight = make_preflight(actions=("torque",))
+
+    first, second = (preflight.find_contract_problems(make_session(id=id)) for id in ("g.a", "g.b"))
+
+    assert first[0].address == "g.a: skill.needs.actions"
+    assert second[0].address == "g.b: skill.needs.actions"
+
+
+def test_a_skill_whose_actions_can_be_bridged_gets_the_bridges_into_its_plan():
+    space = ActionSpace(
+        representation="joint_position",
+        joints=tuple(reversed(PROFILE.arm.joints)),
+        angle_unit="deg",
+        rate_hz=10.0,
+        chunk_length=16,
+        gripper=GripperRange(closed=1.0, open=0.0),
+    )
+    preflight = Preflight(
+        skills={"pick": SKILL.model_copy(update={"action_space": space})}, profile=PROFILE, settings=SETTINGS
+    )
+    assert preflight.find_contract_problems(make_session()) == []
+    plan, _ = preflight.plan(make_session(), describe())
+    assert plan.action_bridges[0] == "units deg->rad"
+    assert plan.action_bridges[-1] == "resample 10->50 Hz"
+
+
+def test_a_skill_whose_actions_cannot_be_bridged_is_rejected_with_every_reason():
+    space = ActionSpace(representation="joint_position", joints=("elbow",), rate_hz=7.77777)
+    preflight = Preflight(
+        skills={"pick": SKILL.model_copy(update={"action_space": space})}, profile=PROFILE, settings=SETTINGS
+    )
+    problems = preflight.find_contract_problems(make_session())
+    assert {problem.code for problem in problems} == {"JOINT_UNKNOWN", "GRIPPER_MISMATCH", "RATE_UNBRIDGED"}
+    assert all(problem.address.startswith("g.a: skill.action_space.") for problem in problems)

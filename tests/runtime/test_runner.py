@@ -32,7 +32,7 @@ class Crash(Leaf):
 
     def on_start(self):
         commands = self.context.commands
-        rows = commands.q_rad + 1e-4 * np.arange(1, commands.n_steps + 1)[:, None]
+        rows = commands.q_rad + 2e-5 * np.arange(1, commands.n_steps + 1)[:, None]
         commands.set_arm(rows, np.full_like(rows, 0.01))
         return Status.RUNNING
 

@@ -252,3 +252,67 @@ def test_a_new_watchdog_observes_what_an_earlier_one_held(stand):
     stand.wait_for("g.a", "awaiting_verification")
     assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
     assert [type(order) for order in worker.orders] == [Reconcile]
+
+
+def test_a_quick_check_leaves_claim_and_start_in_one_batch(stand):
+    stand.watch(ScriptedWorker())
+    stand.submit(make_session())
+    stand.wait_for("g.a", "awaiting_verification")
+    claim, start = [record for record in stand.records if record.ev in {"claim", "start"}]
+
+    assert (claim.ev, claim.more, start.ev, start.more) == ("claim", 1, "start", 0)
+    assert (claim.epoch, start.epoch) == (1, 1)
+
+
+def test_a_check_that_takes_long_shows_as_a_claim(stand):
+    stand.watch(worker := ScriptedWorker(on_check=lambda order: None))
+    stand.submit(make_session())
+    stand.wait_for("g.a", "claimed")
+    send(worker._theirs, Checked(session="g.a", plan=PLAN, tools=TOOLS))
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
+
+
+def test_a_session_cancelled_while_it_is_checked_is_never_started(stand):
+    def cancel(order):
+        stand.agent.commit([Entry("g.a", "cancel", {"reason": "enough"})])
+        return Checked(session="g.a", plan=PLAN, tools=TOOLS)
+
+    stand.watch(
+        worker := ScriptedWorker(on_check=lambda order: cancel(order) if order.session.id == "g.a" else grant(order))
+    )
+    stand.submit(make_session())
+    stand.wait_for("g.a", "cancelled")
+    stand.submit(make_session("g.b"))
+    stand.wait_for("g.b", "awaiting_verification")
+
+    assert stand.events("g.a") == ["submit", "cancel"]
+    assert [order.session.id for order in worker.orders if isinstance(order, Run)] == ["g.b"]
+
+
+def test_a_limit_amended_while_the_session_is_checked_is_the_one_that_holds(stand):
+    def amend(order):
+        person = Journal(stand.workspace.root, side=Side.OPERATOR, by="person", clock=SystemClock())
+        person.commit([Entry("g.a", "amend", {"limits": {"timeout_s": 7.0}})])
+        person.close()
+        return grant(order)
+
+    stand.watch(worker := ScriptedWorker(on_check=amend))
+    stand.submit(make_session())
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert [order.session.limits.timeout_s for order in worker.orders] == [60.0, 7.0]
+
+
+def test_a_worker_that_dies_while_it_checks_leaves_a_claim_and_its_loss(stand):
+    deaths = iter(["die"])
+    stand.watch(ScriptedWorker(on_check=lambda order: next(deaths, None) or grant(order)))
+    stand.submit(make_session())
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert stand.events("g.a") == ["submit", "claim", "lose", "reconcile"]
+
+
+def grant(order):
+    return Checked(session=order.session.id, plan=PLAN, tools=TOOLS)

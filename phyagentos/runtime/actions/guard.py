@@ -1,76 +1,45 @@
-"""The safety guard: the last check of a command inside the worker, before the wire.
+"""The safety guard: the last check of a command inside the worker, before the wire. Paper section 4.5.
 
-Upstream: `handle`. Downstream: the target, which has limits of its own. The guard never repairs: a command passes as
-it is, or is refused with a coded reason. Bridges that convert or clamp, and declare it, will stand in front of it.
-Checking only the last row was rejected: a spike inside a period moves a motor just as well.
+Upstream: `handle`. Downstream: the target, which has limits of its own. A command passes as it is, or is refused with a
+coded reason and the reaction that safety.yaml asks for; only where it authorises a clamp is a number changed, and that
+is recorded. Checking only the last row was rejected: a spike inside a period moves a motor just as well.
 """
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.settings import Limit, TargetLimits
+from phyagentos.protocol.safety import Reaction, TargetLimits
+from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
+from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.tool_point import ToolPoint
+from phyagentos.runtime.actions.violations import Violation, ViolationCode
 from phyagentos.runtime.targets.wire import Command, Description, Step
 
 Array = NDArray[np.float64]
 
-DIFFERENCE_TOLERANCE = (
-    0.10  # finite differences of rows sampled from a smooth motion exceed its own bounds by this much
-)
-ROUNDING = 1e-9  # limits are closed intervals; a set-point on the limit passes
-RATE_TOLERANCE = 1e-6  # sums of control periods are not exact
-
-
-class ViolationCode(StrEnum):
-    """Why a command was refused."""
-
-    WRONG_SHAPE = "WRONG_SHAPE"
-    """An array has another shape or element type than one control period."""
-    NOT_FINITE = "NOT_FINITE"
-    """A set-point is NaN or infinite."""
-    EXPIRED = "EXPIRED"
-    """The target's time is past the command's expiry."""
-    RATE = "RATE"
-    """Commands come faster than allowed."""
-    JOINT_POSITION = "JOINT_POSITION"
-    """A joint set-point is outside its range."""
-    JOINT_VELOCITY = "JOINT_VELOCITY"
-    """A joint set-point, or the difference of two rows, is too fast."""
-    JOINT_ACCELERATION = "JOINT_ACCELERATION"
-    """The difference of two velocity rows is too large."""
-    GRIPPER_WIDTH = "GRIPPER_WIDTH"
-    """The opening is outside the gripper's range."""
-    WORKSPACE = "WORKSPACE"
-    """The measured tool centre point is outside the workspace box."""
+POSITION, VELOCITY, STEP, CHANGE, BEND, DISAGREEMENT = range(6)  # what is measured of every row
+CLAMPED = {ViolationCode.JOINT_POSITION: "CLAMPED_JOINT", ViolationCode.GRIPPER_WIDTH: "CLAMPED_GRIPPER"}
 
 
 @dataclass(frozen=True, slots=True)
-class Violation:
-    """One refused command.
+class Ruling:
+    """What becomes of one command.
 
     Attributes:
-        code: Why.
-        where: Joint or axis (`joint 4`, `x`), empty when it concerns the whole command.
-        found: The offending value.
-        limit: The bound it broke.
-        unit: Of both.
-        row: Row of the command, counted from 0; -1 when it concerns the whole command.
+        command: What may pass; None when it is refused.
+        violation: Why it was refused.
+        reaction: What is to be done about that.
+        interventions: What an authorised clamp changed.
     """
 
-    code: ViolationCode
-    where: str
-    found: float
-    limit: float
-    unit: str
-    row: int = -1
-
-    def __str__(self) -> str:
-        """One sentence: where, found, limit."""
-        place = f"{self.where or 'command'}{f', row {self.row}' if self.row >= 0 else ''}"
-        return f"{place}: found {self.found:.6g} {self.unit}, limit {self.limit:.6g} {self.unit}"
+    command: Command | None
+    violation: Violation | None = None
+    reaction: Reaction = "refuse"
+    interventions: tuple[Intervention, ...] = ()
 
 
 class SafetyGuard:
@@ -79,119 +48,219 @@ class SafetyGuard:
     Args:
         limits: What safety.yaml allows this target.
         description: What the target says of itself; its joint range narrows the limits, never widens them.
+        is_stopped: Whether the emergency stop is latched; asked at every command.
+        find_contact: Names what a posture (n_joints,) touches, empty when nothing; an optional stage at its own cost.
 
     Raises:
         ValueError: When a limit does not have one number per joint.
     """
 
-    def __init__(self, limits: TargetLimits, description: Description) -> None:
-        n = description.n_joints
-        self._shape = (description.steps_per_command, n)
-        self._dt = description.physics_step_s
-        self._q_min = np.maximum(_per_joint(limits.joint_position_min, n), description.q_min_rad) - ROUNDING
-        self._q_max = np.minimum(_per_joint(limits.joint_position_max, n), description.q_max_rad) + ROUNDING
-        self._qd_max = _per_joint(limits.joint_velocity_max, n) + ROUNDING
-        self._step_max = self._qd_max * (1.0 + DIFFERENCE_TOLERANCE) * self._dt
-        self._qdd_max = _per_joint(limits.joint_acceleration_max, n)
-        self._change_max = self._qdd_max * (1.0 + DIFFERENCE_TOLERANCE) * self._dt
-        self._box = np.asarray(limits.workspace_box.value, dtype=np.float64)  # (2, 3)
-        self._width_max = float(np.asarray(limits.gripper_width_max.value)) + ROUNDING
-        self._period_min_s = (1.0 - RATE_TOLERANCE) / float(np.asarray(limits.command_rate_max.value))
-        self._last_q = np.zeros(n)
-        self._last_qd = np.zeros(n)
-        self._last_time_s = -np.inf
+    def __init__(
+        self,
+        limits: TargetLimits,
+        description: Description,
+        *,
+        is_stopped: Callable[[], bool] | None = None,
+        find_contact: Callable[[Array], str] | None = None,
+    ) -> None:
+        self._limits = bounds = GuardLimits.from_settings(limits, description)
+        self._is_stopped = is_stopped
+        self._find_contact = find_contact
+        self._tool = ToolPoint(description.kinematics) if description.kinematics is not None else None
+        self._force_n = description.gripper_force_n
+        rows, n = bounds.shape
+        self._middle, half = (bounds.q_min + bounds.q_max) / 2.0, (bounds.q_max - bounds.q_min) / 2.0
+        self._bounds = np.array(
+            (half, bounds.qd_max, bounds.step_max, bounds.change_max, bounds.bend_max, bounds.disagreement_max)
+        )
+        self._measures = np.empty((rows, 6, n))
+        self._q, self._qd = np.zeros((rows + 1, n)), np.zeros((rows + 1, n))  # with the row before the first
+        self._steps, self._changes = np.zeros((rows + 1, n)), np.zeros((rows + 1, n))
+        self._last = (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+        self._last_time_s, self._first_time_s = -np.inf, np.inf
 
     def begin(self, q_rad: Array) -> None:
         """Forget the previous session: the target rests at `q_rad` (n_joints,)."""
-        self._last_q = np.clip(q_rad, self._q_min, self._q_max)
-        self._last_qd = np.zeros_like(self._last_q)
-        self._last_time_s = -np.inf
+        zero = np.zeros(len(q_rad))
+        self._last = (np.clip(q_rad, self._limits.q_min, self._limits.q_max), zero, zero, zero)
+        self._last_time_s, self._first_time_s = -np.inf, np.inf
 
-    def check(self, command: Command, now: Step) -> Violation | None:
-        """Judge one command against the limits, the previous command and the target's present state.
+    def judge(self, command: Command, now: Step) -> Ruling:
+        """Check one command and apply the reaction that its violation asks for.
 
         Args:
             command: One control period.
             now: The latest step of the target.
+        """
+        interventions: tuple[Intervention, ...] = ()
+        while (violation := self.check(command, now)) is not None:
+            reaction = self._limits.reactions.get(violation.code, "refuse")
+            if reaction != "clamp":
+                return Ruling(None, violation, reaction, interventions)
+            if any(each.code == CLAMPED[violation.code] for each in interventions):
+                return Ruling(None, violation, "refuse", interventions)
+            command, changed = self._clamp(command, violation.code)
+            interventions += changed
+        return Ruling(command, interventions=interventions)
+
+    def check(self, command: Command, now: Step) -> Violation | None:
+        """Judge one command against the limits, the previous command and the target's present state.
 
         Returns:
             None when it may pass; it then counts as the previous command of the next check.
         """
-        violation = self._check_form(command) or self._check_moment(command, now) or self._check_rows(command)
+        violation = (
+            self._check_moment(command, now)
+            or self._check_form(command)
+            or self._check_rows(command)
+            or self._check_gripper(command.gripper_width_m)
+            or self._check_place(command.q_rad[-1], now)
+        )
         if violation is None:
-            self._last_q = command.q_rad[-1].copy()
-            self._last_qd = command.qd_rad_s[-1].copy()
+            self._last = (self._q[-1].copy(), self._qd[-1].copy(), self._steps[-1].copy(), self._changes[-1].copy())
             self._last_time_s = now.time_s
+            self._first_time_s = min(self._first_time_s, now.time_s)
         return violation
 
-    def _check_form(self, command: Command) -> Violation | None:
-        expected = (self._shape, self._shape, self._shape[:1])
-        arrays = (command.q_rad, command.qd_rad_s, command.gripper_width_m)
-        for name, array, shape in zip(("q_rad", "qd_rad_s", "gripper_width_m"), arrays, expected, strict=True):
-            if array.shape != shape:
-                return Violation(ViolationCode.WRONG_SHAPE, name, float(array.size), float(np.prod(shape)), "numbers")
-            if array.dtype != np.float64:
-                return Violation(ViolationCode.WRONG_SHAPE, name, float(array.dtype.itemsize), 8.0, "bytes a number")
-            if not math.isfinite(array.sum()) and not np.isfinite(array).all():  # the sum is the cheap first look
-                row = int(np.argwhere(~np.isfinite(array))[0][0])
-                return Violation(ViolationCode.NOT_FINITE, name, float("nan"), float("inf"), "", row)
+    def _check_moment(self, command: Command, now: Step) -> Violation | None:
+        bounds, time_s = self._limits, now.time_s
+        if self._is_stopped is not None and self._is_stopped():
+            return Violation(ViolationCode.ESTOPPED, "", 1.0, 0.0, "latched")
+        if not time_s <= command.expires_at_s:  # also when the expiry is NaN
+            return Violation(ViolationCode.EXPIRED, "", time_s, command.expires_at_s, "s")
+        if command.expires_at_s - time_s > bounds.validity_max_s:
+            left_s = command.expires_at_s - time_s
+            return Violation(ViolationCode.EXPIRY_TOO_LATE, "", left_s, bounds.validity_max_s, "s")
+        if time_s - self._last_time_s < bounds.period_min_s:
+            return Violation(ViolationCode.RATE, "", time_s - self._last_time_s, bounds.period_min_s, "s")
+        if time_s - self._first_time_s > bounds.duration_max_s:
+            return Violation(
+                ViolationCode.SESSION_TOO_LONG, "", time_s - self._first_time_s, bounds.duration_max_s, "s"
+            )
         return None
 
-    def _check_moment(self, command: Command, now: Step) -> Violation | None:
-        if now.time_s > command.expires_at_s:
-            return Violation(ViolationCode.EXPIRED, "", now.time_s, command.expires_at_s, "s")
-        if now.time_s - self._last_time_s < self._period_min_s:
-            return Violation(ViolationCode.RATE, "", now.time_s - self._last_time_s, self._period_min_s, "s")
-        for axis, value in enumerate(now.target.tcp.position_m):
-            low, high = self._box[0, axis], self._box[1, axis]
-            if not low <= value <= high:
-                return Violation(ViolationCode.WORKSPACE, "xyz"[axis], value, low if value < low else high, "m")
+    def _check_form(self, command: Command) -> Violation | None:
+        shape = self._limits.shape
+        named = (
+            ("q_rad", command.q_rad, shape),
+            ("qd_rad_s", command.qd_rad_s, shape),
+            ("gripper_width_m", command.gripper_width_m, shape[:1]),
+        )
+        for name, array, expected in named:
+            if array.shape != expected:
+                return Violation(
+                    ViolationCode.WRONG_SHAPE, name, float(array.size), float(np.prod(expected)), "numbers"
+                )
+            if array.dtype != np.float64:
+                return Violation(ViolationCode.WRONG_SHAPE, name, float(array.dtype.itemsize), 8.0, "bytes a number")
         return None
 
     def _check_rows(self, command: Command) -> Violation | None:
-        q, qd, width = command.q_rad, command.qd_rad_s, command.gripper_width_m
-        if (q < self._q_min).any():
-            return _find_worst(ViolationCode.JOINT_POSITION, q - self._q_min, q, self._q_min, "rad")
-        if (q > self._q_max).any():
-            return _find_worst(ViolationCode.JOINT_POSITION, self._q_max - q, q, self._q_max, "rad")
-        speed = np.abs(qd)
-        if (speed > self._qd_max).any():
-            return _find_worst(ViolationCode.JOINT_VELOCITY, self._qd_max - speed, speed, self._qd_max, "rad/s")
-        steps = _differences(q, self._last_q)
-        if (steps > self._step_max).any():
-            found, limit = steps / self._dt, self._step_max / self._dt
-            return _find_worst(ViolationCode.JOINT_VELOCITY, limit - found, found, limit, "rad/s")
-        changes = _differences(qd, self._last_qd)
-        if (changes > self._change_max).any():
-            found, limit = changes / self._dt, self._change_max / self._dt
-            return _find_worst(ViolationCode.JOINT_ACCELERATION, limit - found, found, limit, "rad/s^2")
-        if width.min() < -ROUNDING or width.max() > self._width_max:
-            narrow = width.min() < -ROUNDING
-            row = int(width.argmin() if narrow else width.argmax())
-            limit_m = 0.0 if narrow else self._width_max
-            return Violation(ViolationCode.GRIPPER_WIDTH, "gripper", float(width[row]), limit_m, "m", row)
+        """One comparison for all bounds of all rows; only when it fails is it asked which, in order."""
+        q, qd, steps, changes, found = self._q, self._qd, self._steps, self._changes, self._measures
+        q[0], qd[0], steps[0], changes[0] = self._last
+        q[1:], qd[1:] = command.q_rad, command.qd_rad_s
+        with np.errstate(invalid="ignore", over="ignore"):
+            np.subtract(q[1:], q[:-1], out=steps[1:])
+            np.subtract(qd[1:], qd[:-1], out=changes[1:])
+            np.subtract(q[1:], self._middle, out=found[:, POSITION])
+            found[:, VELOCITY] = command.qd_rad_s
+            found[:, STEP] = steps[1:]
+            found[:, CHANGE] = changes[1:]
+            np.subtract(steps[1:], steps[:-1], out=found[:, BEND])
+            np.subtract(steps[1:], (0.5 * self._limits.dt) * (qd[1:] + qd[:-1]), out=found[:, DISAGREEMENT])
+            np.abs(found, out=found)
+            if not (found <= self._bounds).all():
+                return self._find_broken_bound(command)
+            jerk = np.abs(changes[1:] - changes[:-1]).sum(axis=0)
+        if not (jerk <= self._limits.jerk_sum_max).all():
+            return self._describe_jerk(jerk)
         return None
 
+    def _find_broken_bound(self, command: Command) -> Violation | None:
+        for name, array in (("q_rad", command.q_rad), ("qd_rad_s", command.qd_rad_s)):
+            if not np.isfinite(array).all():
+                row, joint = np.argwhere(~np.isfinite(array))[0].tolist()
+                return Violation(ViolationCode.NOT_FINITE, name, float(array[row, joint]), np.inf, "", row)
+        dt, bounds = self._limits.dt, self._limits
+        kinds = (
+            (POSITION, ViolationCode.JOINT_POSITION, 1.0, "rad"),
+            (VELOCITY, ViolationCode.JOINT_VELOCITY, 1.0, "rad/s"),
+            (STEP, ViolationCode.JOINT_VELOCITY, 1.0 / dt, "rad/s"),
+            (CHANGE, ViolationCode.JOINT_ACCELERATION, 1.0 / dt, "rad/s^2"),
+            (BEND, ViolationCode.JOINT_ACCELERATION, 1.0 / dt**2, "rad/s^2"),
+            (DISAGREEMENT, ViolationCode.SET_POINTS_DISAGREE, 1.0 / dt, "rad/s"),
+        )
+        for kind, code, scale, unit in kinds:
+            excess = self._measures[:, kind] - self._bounds[kind]
+            if excess.max() <= 0.0:
+                continue
+            row, joint = (int(index) for index in np.unravel_index(int(excess.argmax()), excess.shape))
+            found, limit = self._measures[row, kind, joint] * scale, self._bounds[kind, joint] * scale
+            if kind == POSITION:
+                found = command.q_rad[row, joint]
+                limit = bounds.q_min[joint] if found < self._middle[joint] else bounds.q_max[joint]
+            return Violation(code, f"joint {joint + 1}", float(found), float(limit), unit, row)
+        return None
 
-def _per_joint(limit: Limit, n_joints: int) -> Array:
-    """(n_joints,) numbers of a limit that may be one number for all."""
-    values = np.asarray(limit.value, dtype=np.float64)
-    if values.ndim == 0:
-        return np.full(n_joints, float(values))
-    if values.shape != (n_joints,):
-        raise ValueError(f"a limit in {limit.unit} has {values.size} numbers, the target has {n_joints} joints")
-    return values
+    def _describe_jerk(self, jerk: Array) -> Violation:
+        joint = int((jerk / self._limits.jerk_sum_max).argmax())
+        scale = 1.0 / (self._limits.dt**2 * self._limits.shape[0])
+        found, limit = float(jerk[joint] * scale), float(self._limits.jerk_sum_max[joint] * scale)
+        return Violation(ViolationCode.JOINT_JERK, f"joint {joint + 1}", found, limit, "rad/s^3")
+
+    def _check_gripper(self, width_m: Array) -> Violation | None:
+        bounds = self._limits
+        if self._force_n > bounds.force_max_n:
+            return Violation(ViolationCode.GRIPPER_FORCE, "gripper", self._force_n, bounds.force_max_n, "N")
+        low, high = float(width_m.min()), float(width_m.max())  # NaN wins both
+        if low >= -ROUNDING and high <= bounds.width_max_m:
+            return None
+        if not np.isfinite(width_m).all():
+            row = int(np.argmin(np.isfinite(width_m)))
+            return Violation(ViolationCode.NOT_FINITE, "gripper_width_m", float(width_m[row]), np.inf, "", row)
+        row = int(width_m.argmin() if low < -ROUNDING else width_m.argmax())
+        limit_m = 0.0 if low < -ROUNDING else bounds.width_max_m
+        return Violation(ViolationCode.GRIPPER_WIDTH, "gripper", float(width_m[row]), limit_m, "m", row)
+
+    def _check_place(self, q_rad: Array, now: Step) -> Violation | None:
+        """The measured tool centre point, the commanded one, and what the commanded posture touches."""
+        points = [now.target.tcp.position_m]
+        if self._tool is not None:
+            x, y, z = self._tool.compute(q_rad)
+            points.append((x, y, z))
+        for row, point in zip((-1, self._limits.shape[0] - 1), points, strict=False):
+            for axis, value in enumerate(point):
+                low, high = self._limits.box[0][axis], self._limits.box[1][axis]
+                if not low <= value <= high:
+                    limit = low if value < low else high
+                    return Violation(ViolationCode.WORKSPACE, "xyz"[axis], value, limit, "m", row)
+            for name, box in self._limits.keep_out.items():
+                if (depth_m := _measure_depth(point, box)) > 0.0:
+                    return Violation(ViolationCode.KEEP_OUT, name, depth_m, 0.0, "m", row)
+        if self._find_contact is not None and (touched := self._find_contact(q_rad)):
+            return Violation(ViolationCode.COLLISION, touched, 0.0, 0.0, "m", self._limits.shape[0] - 1)
+        return None
+
+    def _clamp(self, command: Command, code: ViolationCode) -> tuple[Command, tuple[Intervention, ...]]:
+        """The command with what broke this limit projected into its range; a clamped joint has no velocity."""
+        if code is ViolationCode.GRIPPER_WIDTH:
+            before = command.gripper_width_m
+            after = np.clip(before, 0.0, self._limits.width_max_m - ROUNDING)
+            rows = np.flatnonzero(before != after).tolist()
+            name = CLAMPED[code]
+            changed = tuple(Intervention(name, "gripper", r, float(before[r]), float(after[r])) for r in rows)
+            return msgspec.structs.replace(command, gripper_width_m=after), changed
+        q = np.clip(command.q_rad, self._limits.q_min, self._limits.q_max)
+        touched = q != command.q_rad
+        changed = tuple(
+            Intervention(CLAMPED[code], f"joint {j + 1}", r, float(command.q_rad[r, j]), float(q[r, j]))
+            for r, j in np.argwhere(touched).tolist()
+        )
+        qd = np.where(touched, 0.0, command.qd_rad_s)
+        return msgspec.structs.replace(command, q_rad=q, qd_rad_s=qd), changed
 
 
-def _differences(rows: Array, before: Array) -> Array:
-    """(n, n_joints) magnitudes of the change from row to row, beginning with the row before the first."""
-    out = np.empty_like(rows)
-    np.subtract(rows[0], before, out=out[0])
-    np.subtract(rows[1:], rows[:-1], out=out[1:])
-    return np.abs(out, out=out)
-
-
-def _find_worst(code: ViolationCode, margin: Array, found: Array, limit: Array, unit: str) -> Violation:
-    """The entry with the smallest margin."""
-    row, joint = np.unravel_index(int(margin.argmin()), margin.shape)
-    return Violation(code, f"joint {joint + 1}", float(found[row, joint]), float(limit[joint]), unit, int(row))
+def _measure_depth(point: tuple[float, float, float], box: Box) -> float:
+    """How deep a point is inside a box [m]; not positive outside."""
+    return min(min(value - low, high - value) for value, low, high in zip(point, *box, strict=True))

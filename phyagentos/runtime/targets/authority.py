@@ -20,15 +20,20 @@ class Authority:
         self._sequence = 0
         self._epochs: dict[str, int] = {}
         self._ended: set[tuple[str, int]] = set()
+        self._stopped = ""
 
     def begin(self, session: str, epoch: int) -> Refused | None:
         """Grant authority, or say why not."""
+        if not session:
+            return Refused("MALFORMED", "a session needs a name")
         if self.session and (session, epoch) != (self.session, self._epoch):
             return Refused("NO_AUTHORITY", f"{self.session} has authority; it must end first")
         if epoch < self._epochs.get(session, 0):
             return Refused("STALE_TOKEN", f"epoch {epoch} of {session}; {self._epochs[session]} was seen already")
         if (session, epoch) in self._ended:
             return Refused("STALE_TOKEN", f"{session} has ended in epoch {epoch}")
+        if (session, epoch) != (self.session, self._epoch):
+            self._stopped = ""  # the same claim made twice does not undo a stop
         self.session, self._epoch, self._sequence = session, epoch, 0
         self._epochs[session] = epoch
         return None
@@ -43,17 +48,33 @@ class Authority:
             return Refused("STALE_TOKEN", f"epoch {epoch}; authority was given for {self._epoch}")
         return None
 
+    def check_commanding(self, session: str, epoch: int) -> Refused | None:
+        """As `check`, and that no stop ended the session's commands."""
+        refused = self.check(session, epoch)
+        if refused is None and self._stopped:
+            refused = Refused(self._stopped, f"{session} was stopped; another session must begin first")
+        return refused
+
     def admit(self, command: Command, time_s: float) -> Refused | None:
         """Whether a command may be carried out now; it then counts as received."""
-        refused = self.check(command.session, command.epoch)
+        refused = self.check_commanding(command.session, command.epoch)
         if refused is not None:
             return refused
         if command.sequence != self._sequence + 1:
             return Refused("OUT_OF_SEQUENCE", f"number {command.sequence} after {self._sequence}")
-        if time_s > command.expires_at_s:
+        if not time_s <= command.expires_at_s:  # also when the expiry is NaN
             return Refused("EXPIRED", f"it is {time_s:.3f} s, the command expired at {command.expires_at_s:.3f} s")
         self._sequence += 1
         return None
+
+    @property
+    def stopped(self) -> str:
+        """Code of the stop that ended the commands of the present session, empty when none did."""
+        return self._stopped if self.session else ""
+
+    def stop(self, code: str) -> None:
+        """Accept no further command of the present session; it can still be halted, observed and ended."""
+        self._stopped = code
 
     def end(self) -> None:
         """Take authority back; the same claim is never granted again."""

@@ -40,20 +40,26 @@ class Physics:
         self.model = self.spec.compile()
         self.data = mujoco.MjData(self.model)
         self.seen = mujoco.MjData(self.model)
+        self._imagined = mujoco.MjData(self.model)
         self._profile = profile
         self.entities = tuple(item.as_entity() for item in placed)
         self.regions: tuple[Region, ...] = read_regions(spec, placed)
         model = self.model
         joints = [model.joint(name) for name in profile.arm.joints]
-        self.q_address = np.array([int(joint.qposadr[0]) for joint in joints])
-        self.v_address = np.array([int(joint.dofadr[0]) for joint in joints])
+        self.q_address = _as_slice([int(joint.qposadr[0]) for joint in joints])
+        self.v_address = _as_slice([int(joint.dofadr[0]) for joint in joints])
         self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
-        self._servos = np.array([model.actuator(name_actuator(name)).id for name in profile.arm.joints])
+        self.servos = _as_slice([model.actuator(name_actuator(name)).id for name in profile.arm.joints])
         self._gripper = model.actuator(GRIPPER_ACTUATOR).id
         self._fingers = np.array([int(model.joint(name).qposadr[0]) for name in profile.gripper.joints])
         self._pads = [model.geom(name).id for name in profile.gripper.pads]
         self._tcp = model.site(profile.tcp).id
-        self._lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
+        self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
+        arm = {model.joint(name).bodyid[0] for name in (*profile.arm.joints, *profile.gripper.joints)}
+        moving = {int(model.body_weldid[body]) for body in arm}
+        self._of_robot = np.array([int(model.body_weldid[body]) in moving for body in model.geom_bodyid])
+        loose = {model.body(entity.name).id for entity in self.entities if entity.movable}
+        self._is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
         self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
@@ -123,7 +129,7 @@ class Physics:
     def compute_controls(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: Array) -> Array:
         """(n, n_servos) servo inputs for n physics steps; damping leads by kv/kp so that the servo does not lag."""
         controls = np.empty((len(q_rad), self.model.nu))
-        controls[:, self._servos] = q_rad + self._lead_s * qd_rad_s
+        controls[:, self.servos] = q_rad + self.lead_s * qd_rad_s
         controls[:, self._gripper] = gripper_width_m
         return controls
 
@@ -242,6 +248,54 @@ class Physics:
         """No hand on this body any more."""
         self.data.xfrc_applied[self.model.body(name).id] = 0.0
 
+    def imagine(self, q_rad: Array) -> tuple[Array, str]:
+        """What would be, were the arm in this posture (n_joints,) and everything else where it is.
+
+        Returns:
+            (3,) position of the tool centre point, and `part|other` of a contact of the robot with itself or with
+            something that stands fixed; empty when there is none that is not there already.
+        """
+        seen = self._imagined
+        seen.qpos[:] = self.data.qpos
+        seen.qpos[self.q_address] = q_rad
+        mujoco.mj_kinematics(self.model, seen)
+        mujoco.mj_collision(self.model, seen)
+        new = self._find_firm_contacts(seen)
+        if new:
+            new -= self._find_firm_contacts(self.data)
+        names = [f"{self.model.body(first).name}|{self.model.body(second).name}" for first, second in sorted(new)]
+        return np.array(seen.site_xpos[self._tcp]), names[0] if names else ""
+
+    def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
+        """Pairs of bodies: a moving part of the robot, and the robot itself or something that stands fixed."""
+        geoms = data.contact.geom[: data.ncon]
+        firm = self._of_robot[geoms].any(axis=1) & ~self._is_loose[geoms].any(axis=1)
+        return {(int(first), int(second)) for first, second in self.model.geom_bodyid[geoms[firm]]}
+
+    def find_hardest_contact(self) -> tuple[float, str]:
+        """The greatest force [N] between the robot and one other body, or two parts of it, in the latest physics step.
+
+        Forces are added as vectors: a grip, which presses from both sides, cancels out; a blow does not.
+
+        Returns:
+            The force and `part|other`; zero and empty without contact.
+        """
+        geoms = self.data.contact.geom[: self.data.ncon]
+        forces: dict[tuple[int, int], Array] = {}
+        wrench = np.zeros(6)
+        for index in np.flatnonzero(self._of_robot[geoms].any(axis=1)).tolist():
+            (first, second), (ours, theirs) = geoms[index], self._of_robot[geoms[index]]
+            first, second = int(self.model.geom_bodyid[first]), int(self.model.geom_bodyid[second])
+            mujoco.mj_contactForce(self.model, self.data, index, wrench)
+            force = self.data.contact.frame[index].reshape(3, 3).T @ wrench[:3]  # of the first on the second
+            key = (first, second) if ours and theirs else (-1, second if ours else first)
+            forces[key] = forces.get(key, 0.0) + (force if ours else -force)
+        if not forces:
+            return 0.0, ""
+        key, force = max(forces.items(), key=lambda item: float(np.linalg.norm(item[1])))
+        part, other = ("robot" if body < 0 else self.model.body(body).name for body in key)
+        return float(np.linalg.norm(force)), f"{part}|{other}"
+
     def set_pad_friction(self, friction: tuple[float, float, float] | None) -> None:
         """Friction (slide, spin, roll) of the finger pads; None for what the model says."""
         for pad in self._pads:
@@ -258,3 +312,9 @@ class Physics:
         """Write `scene.mjb` and `scene.xml`."""
         mujoco.mj_saveModel(self.model, str(folder / "scene.mjb"), None)
         (folder / "scene.xml").write_text(self.spec.to_xml(), encoding="utf-8")
+
+
+def _as_slice(places: list[int]) -> slice | NDArray[np.intp]:
+    """Places in an array; as a slice where they follow each other, since a view costs less than a copy."""
+    first, count = places[0], len(places)
+    return slice(first, first + count) if places == list(range(first, first + count)) else np.array(places)

@@ -1,22 +1,30 @@
 """The target's own receive log: what arrived, what was done with it, and every write of simulator state.
 
-Upstream: `world`, which alone writes it. Downstream: whoever must prove silence. One JSON object a line.
+Upstream: `world`, which alone writes it. Downstream: whoever must prove silence. One JSON object a line, handed to the
+operating system at once, so that a target that is killed leaves all that it accepted.
 """
 
+import os
 from pathlib import Path
-from typing import IO
 
 import msgspec
+
+from phyagentos.clock import Clock
+
+PROCESS_START = "process_start"  # a target that knows of no earlier authority begins to write
+STATE_WRITE = "state_write"
 
 
 class Reception(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One line.
 
     Attributes:
-        time_s: Simulated time of arrival [s].
-        kind: Name of the request; `state_write` for a write of simulator state.
+        time_s: Simulated time when it had been dealt with [s].
+        kind: Name of the request; `state_write` for a write of simulator state; `process_start` once a process.
         accepted: Whether it was carried out.
         code: Why not.
+        at: UTC wall time of arrival, by the clock that also stamps the journal; empty without a clock. No part of any
+            evidence.
     """
 
     time_s: float
@@ -27,27 +35,53 @@ class Reception(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     sequence: int = 0
     accepted: bool = True
     code: str = ""
+    at: str = ""
 
 
 class ReceiveLog:
-    """Appends to one file; without a path it keeps nothing."""
+    """Appends to one file; without a path it keeps nothing.
 
-    def __init__(self, path: Path | None) -> None:
-        self._file: IO[bytes] | None = path.open("ab") if path is not None else None
+    Args:
+        path: The file; what it holds already stays.
+        clock: Stamps the lines.
+    """
+
+    def __init__(self, path: Path | None, clock: Clock | None = None) -> None:
+        self._clock = clock
         self._encoder = msgspec.json.Encoder()
+        self._arrived_at = ""
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644) if path else -1
+        if path is not None:
+            self._end_torn_line(path)
+            self.stamp()
+            self.note(Reception(time_s=0.0, kind=PROCESS_START))
+
+    def stamp(self) -> None:
+        """A request arrives now; what is noted until the next one carries this time."""
+        self._arrived_at = self._clock.wall_iso() if self._clock is not None else ""
 
     def note(self, reception: Reception) -> None:
-        """Append one line."""
-        if self._file is not None:
-            self._file.write(self._encoder.encode(reception) + b"\n")
+        """Append one line.
 
-    def flush(self) -> None:
-        """Hand what was noted to the operating system."""
-        if self._file is not None:
-            self._file.flush()
+        Raises:
+            OSError: When the disk takes no more.
+        """
+        if self._fd >= 0:
+            stamped = msgspec.structs.replace(reception, at=self._arrived_at)
+            self._write(self._encoder.encode(stamped) + b"\n")
 
     def close(self) -> None:
         """Let go of the file."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def _end_torn_line(self, path: Path) -> None:
+        """A process that found the disk full, or lost its power, may have left half a line."""
+        data = path.read_bytes()
+        if data and not data.endswith(b"\n"):
+            self._write(b"\n")
+
+    def _write(self, data: bytes) -> None:
+        while data:
+            data = data[os.write(self._fd, data) :]

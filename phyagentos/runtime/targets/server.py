@@ -4,12 +4,14 @@ Upstream: `handle`, in the worker. A client that goes away loses its authority a
 the world as it was.
 """
 
+from collections import deque
 from collections.abc import Callable
-from multiprocessing.connection import Listener
-from typing import Protocol
+from multiprocessing.connection import Connection, Listener
+from typing import Any, Protocol
 
+from phyagentos.errors import ExecutionError
 from phyagentos.runtime.targets.target import Target
-from phyagentos.runtime.targets.wire import Shutdown, receive_request, send
+from phyagentos.runtime.targets.wire import Refused, Request, Shutdown, answer_bytes, receive_request, send
 
 
 class Served(Target, Protocol):
@@ -32,10 +34,64 @@ def serve(target: Served, socket: str, should_end: Callable[[], bool] = lambda: 
         while not should_end():
             with listener.accept() as connection:
                 try:
-                    while True:
-                        request = receive_request(connection)
-                        send(connection, target.handle(request))
-                        if isinstance(request, Shutdown):
-                            return
+                    while not answer(connection, target):
+                        pass
+                    return
                 except (EOFError, OSError):
                     target.withdraw()
+
+
+def answer(
+    connection: "Connection[Any, Any]", target: Served, before: Callable[[Request], None] = lambda _request: None
+) -> bool:
+    """Answer one request.
+
+    Args:
+        connection: To the client.
+        target: What moves.
+        before: Told of the request before it is carried out.
+
+    Returns:
+        Whether it was a `Shutdown`.
+
+    Raises:
+        EOFError: The client is gone; also OSError.
+    """
+    try:
+        request = receive_request(connection)
+    except ExecutionError as error:
+        send(connection, Refused(error.code, str(error)))
+        return False
+    before(request)
+    send(connection, target.handle(request))
+    return isinstance(request, Shutdown)
+
+
+class Loopback:
+    """A `Channel` to a target that lives in this process; the same messages, without a process in between.
+
+    Args:
+        target: What answers.
+    """
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._replies: deque[bytes] = deque()
+
+    def send_bytes(self, message: bytes, /) -> None:
+        """Have one request answered."""
+        self._replies.append(answer_bytes(self._target.handle, message))
+
+    def recv_bytes(self) -> bytes:
+        """The oldest reply; raises EOFError when nothing was asked."""
+        if not self._replies:
+            raise EOFError
+        return self._replies.popleft()
+
+    def poll(self, timeout_s: float = 0.0, /) -> bool:
+        """Whether a reply waits."""
+        return bool(self._replies)
+
+    def close(self) -> None:
+        """Let go of the target."""
+        self._target.close()

@@ -3,6 +3,7 @@
 A request is answered by exactly one reply. Arrays travel as float64, C order, with their shape.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -15,6 +16,7 @@ from phyagentos.protocol.environment import Entity, Region, TargetState
 from phyagentos.protocol.spaces import decode_array, encode_array
 
 Array = NDArray[np.float64]
+WIRE_VERSION = 1  # grows when a message changes its meaning; preflight compares it
 
 
 class Describe(msgspec.Struct, frozen=True, tag=True):
@@ -70,10 +72,16 @@ class Command(msgspec.Struct, frozen=True, tag=True):
 
 
 class Halt(msgspec.Struct, frozen=True, tag=True):
-    """Bring the target to rest within its limits, by its own means, and hold. Reply: `Step`."""
+    """Bring the target to rest within its limits, by its own means, and hold. Reply: `Step`.
+
+    Attributes:
+        category: Of the stop (IEC 60204-1, 9.2.2): after 2 the session may command again; after 1 it may not, and the
+            target holds until another session begins.
+    """
 
     session: str
     epoch: int
+    category: int = 2
 
 
 class Settle(msgspec.Struct, frozen=True, tag=True):
@@ -128,8 +136,29 @@ class Refused(msgspec.Struct, frozen=True, tag=True):
     message: str
 
 
+class Kinematics(msgspec.Struct, frozen=True):
+    """An arm of hinges as it stands at joint angles zero, in the world frame.
+
+    Attributes:
+        axes: (n_joints, 3) unit vectors that the joints turn about.
+        anchors_m: (n_joints, 3) a point on each axis.
+        tcp_m: (3,) the tool centre point.
+    """
+
+    axes: tuple[tuple[float, float, float], ...]
+    anchors_m: tuple[tuple[float, float, float], ...]
+    tcp_m: tuple[float, float, float]
+
+
 class Description(msgspec.Struct, frozen=True, tag=True):
-    """What the target is, read from the live model rather than from its profile."""
+    """What the target is, read from the live model rather than from its profile.
+
+    Attributes:
+        kinematics: None for a target that is no arm of hinges.
+        gripper_force_n: The most that a finger can press with.
+        joints: In the order in which they are commanded.
+        version: Of this wire.
+    """
 
     target: str
     n_joints: int
@@ -141,6 +170,10 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     actions: tuple[str, ...]
     cameras: tuple[str, ...]
     mode: str
+    kinematics: Kinematics | None = None
+    gripper_force_n: float = 0.0
+    joints: tuple[str, ...] = ()
+    version: int = WIRE_VERSION
 
 
 class Loaded(msgspec.Struct, frozen=True, tag=True):
@@ -162,12 +195,15 @@ class Step(msgspec.Struct, frozen=True, tag=True):
         target: The target's own state.
         tracking_error_rad: Largest |q - q_d| at the end of the period.
         touching: Names of the entities that touch at least one finger pad.
+        stopped: Code of the target's own protective stop, when the command was broken off; the target has come to rest
+            and takes no further command of this session.
     """
 
     time_s: float
     target: TargetState
     tracking_error_rad: float
     touching: tuple[str, ...] = ()
+    stopped: str = ""
 
 
 class Observation(msgspec.Struct, frozen=True, tag=True):
@@ -228,9 +264,23 @@ def send(connection: Channel, message: Request | Reply) -> None:
     connection.send_bytes(_ENCODER.encode(message))
 
 
+def answer_bytes(handle: Callable[[Request], Reply], message: bytes) -> bytes:
+    """One encoded request in, its encoded reply out."""
+    return _ENCODER.encode(handle(_REQUESTS.decode(message)))
+
+
 def receive_request(connection: Channel) -> Request:
-    """Wait for the next request; raises EOFError when the other side is gone."""
-    return _REQUESTS.decode(connection.recv_bytes())
+    """Wait for the next request.
+
+    Raises:
+        EOFError: When the other side is gone.
+        ExecutionError: `MALFORMED` when the bytes are no request; the connection can still be used.
+    """
+    message = connection.recv_bytes()
+    try:
+        return _REQUESTS.decode(message)
+    except (msgspec.MsgspecError, ValueError, TypeError, NotImplementedError, RecursionError) as error:
+        raise ExecutionError("MALFORMED", f"{len(message)} bytes that are no request: {error}") from error
 
 
 def receive_reply(connection: Channel, timeout_s: float) -> Reply:

@@ -11,14 +11,19 @@ import numpy as np
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.runtime_contract import WorldMode
 from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.targets.authority import Authority
+from phyagentos.runtime.targets.drive import Drive
 from phyagentos.runtime.targets.faults import FaultInjector
-from phyagentos.runtime.targets.physics import Array, Physics
-from phyagentos.runtime.targets.receive_log import ReceiveLog, Reception
+from phyagentos.runtime.targets.initial_state import find_bad_state
+from phyagentos.runtime.targets.kinematics import read_kinematics
+from phyagentos.runtime.targets.local_limits import END_MARGIN_RAD
+from phyagentos.runtime.targets.physics import Physics
+from phyagentos.runtime.targets.receive_log import STATE_WRITE, ReceiveLog, Reception
 from phyagentos.runtime.targets.rendering import render_png
-from phyagentos.runtime.targets.robot import build_robot, count_steps
+from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, build_robot, count_steps
 from phyagentos.runtime.targets.wire import (
     Ack,
     Begin,
@@ -27,13 +32,11 @@ from phyagentos.runtime.targets.wire import (
     Description,
     End,
     Ended,
-    FaultStruck,
     Halt,
     Loaded,
     LoadScene,
     Observation,
     Observe,
-    Picture,
     Refused,
     Render,
     Reply,
@@ -44,10 +47,8 @@ from phyagentos.runtime.targets.wire import (
     Step,
 )
 
-SPEED_TOLERANCE = 1.5  # a set-point may run ahead of the velocity limit by this factor, not more
-ROUNDING = 1e-6  # limits are closed intervals
-HALT_MAX_S = 2.0  # longest deceleration to a hold
-REST_RAD_S = 0.01  # every joint slower than this is at rest
+SETTLE_MAX_S = 60.0  # nothing needs longer to come to rest
+PICTURE_MAX = 4096  # pixels of one side
 
 
 class MujocoWorld:
@@ -59,6 +60,8 @@ class MujocoWorld:
         library: Where scenes are found.
         log: The receive log.
         faults: Makes the injector of a new episode from its name and its scene's seed.
+        is_estopped: Whether the emergency stop is latched.
+        mode: How it is served; told to whoever asks.
     """
 
     def __init__(
@@ -68,7 +71,10 @@ class MujocoWorld:
         library: Library,
         log: ReceiveLog,
         faults: Callable[[str, int], FaultInjector] | None = None,
+        is_estopped: Callable[[], bool] = lambda: False,
+        mode: WorldMode = WorldMode.LOCKSTEP,
     ) -> None:
+        self._is_estopped, self._mode = is_estopped, mode
         self._profile, self._folder, self._library, self._log = profile, folder, library, log
         self._make_faults = faults or (lambda _episode, _seed: FaultInjector())
         self._faults = self._make_faults("", 0)
@@ -76,40 +82,73 @@ class MujocoWorld:
         self._episode = ""
         self._physics: Physics | None = None
         self._scene: tuple[str, int] = ("", 0)
-        self._held: Array = np.array(profile.arm.home_rad)
-        self._jump_max_rad = SPEED_TOLERANCE * np.array(profile.arm.velocity_rad_s) * profile.physics_step_s
-        self._width_m = profile.gripper.max_width_m
-        self._struck: list[FaultStruck] = []
+        self._drive: Drive | None = None
 
     def close(self) -> None:
         """Let go of the log."""
         self._log.close()
 
     def withdraw(self) -> None:
-        """Nobody is connected any more: the arm holds where it is, authority ends."""
+        """Nobody is connected any more: the arm comes to rest and holds, authority ends."""
         if self._authority.session:
             self._authority.end()
+            self._rest()
+            self._log.stamp()
             self._log.note(Reception(time_s=self._now_s(), kind="Withdraw", episode=self._episode))
-        self._log.flush()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]; NaN while no scene is loaded."""
+        return self._physics.time_s if self._physics is not None else float("nan")
+
+    @property
+    def control_period_s(self) -> float:
+        """Length of a command [s]."""
+        return self._profile.control_period_s
+
+    def coast(self) -> None:
+        """One control period without a command: a motion that was left in its middle is stopped, then the arm holds."""
+        if self._drive is None:
+            return
+        if self._drive.is_moving and self._authority.session:
+            self._authority.stop("DEADMAN")
+            self._log.stamp()
+            self._log.note(Reception(time_s=self._now_s(), kind="Deadman", episode=self._episode))
+        self._drive.settle(self.control_period_s)
+
+    def look_for_stops(self) -> bool:
+        """Come to rest where the emergency stop is latched; whether it is."""
+        if not self._is_estopped():
+            return False
+        if self._authority.session and self._authority.stopped != "ESTOPPED":
+            self._authority.stop("ESTOPPED")
+            self._rest()
+            self._log.stamp()
+            self._log.note(Reception(time_s=self._now_s(), kind="EStop", episode=self._episode))
+        return True
 
     def handle(self, request: Request) -> Reply:
         """Carry out one request, or refuse it."""
+        self._log.stamp()
         try:
             reply = self._carry_out(request)
         except (ExecutionError, DefinitionError) as error:
             code = error.code if isinstance(error, ExecutionError) else error.problems[0].code
             reply = Refused(code, str(error))
+        except (OSError, ValueError) as error:  # a folder that is not there, a name with a zero byte
+            reply = Refused("MALFORMED", f"{type(request).__name__}: {error}")
         self._note(request, reply)
         return reply
 
     def _carry_out(self, request: Request) -> Reply:
         match request:
             case Command():
+                self.look_for_stops()
                 return self._apply(request)
             case Observe():
                 return self._observe()
             case Halt():
-                return self._authority.check(request.session, request.epoch) or self._halt()
+                return self._authority.check(request.session, request.epoch) or self._halt(request.category)
             case Settle():
                 return self._authority.check(request.session, request.epoch) or self._settle(request.duration_s)
             case Begin():
@@ -123,8 +162,7 @@ class MujocoWorld:
             case Render():
                 return self._render(request)
             case SaveModel():
-                self._get_physics().save(Path(request.folder))
-                return Ack()
+                return self._save(Path(request.folder))
             case Shutdown():
                 return Ack()
 
@@ -138,12 +176,15 @@ class MujocoWorld:
             n_joints=len(profile.arm.joints),
             steps_per_command=count_steps(profile),
             physics_step_s=profile.physics_step_s,
-            q_min_rad=tuple(ranges[:, 0].tolist()),
-            q_max_rad=tuple(ranges[:, 1].tolist()),
+            q_min_rad=tuple((ranges[:, 0] + END_MARGIN_RAD).tolist()),
+            q_max_rad=tuple((ranges[:, 1] - END_MARGIN_RAD).tolist()),
             observations=profile.observations,
             actions=profile.actions,
             cameras=cameras,
-            mode="lockstep",
+            mode=self._mode,
+            kinematics=read_kinematics(model, profile),
+            gripper_force_n=float(np.abs(model.actuator(GRIPPER_ACTUATOR).forcerange).max()),
+            joints=profile.arm.joints,
         )
 
     def _load(self, request: LoadScene) -> Reply:
@@ -158,96 +199,75 @@ class MujocoWorld:
             return Loaded(request.episode, self._physics.model_sha256)
         spec = read_scene(self._library.get_scene(request.scene))
         physics = Physics(self._profile, self._folder, spec, request.seed)
-        self._faults = self._make_faults(request.episode, request.seed)
         physics.start(spec.settle_s)
         if request.state is not None:
+            if refused := find_bad_state(request.state, physics, self._profile):
+                return refused
             physics.restore(request.state)
-        self._physics, self._episode, self._scene = physics, request.episode, scene
-        self._hold(physics.q_rad if request.state is not None else np.array(self._profile.arm.home_rad))
-        self._log.note(Reception(time_s=physics.time_s, kind="state_write", episode=self._episode))
+        self._faults = self._make_faults(request.episode, request.seed)
+        drive = Drive(self._profile, physics, self._faults, count_steps(self._profile))
+        drive.hold(physics.q_rad if request.state is not None else np.array(self._profile.arm.home_rad))
+        self._physics, self._drive, self._episode, self._scene = physics, drive, request.episode, scene
+        self._log.note(Reception(time_s=physics.time_s, kind=STATE_WRITE, episode=self._episode))
         return Loaded(request.episode, physics.model_sha256)
 
     def _begin(self, request: Begin) -> Reply:
         self._get_physics()
+        if self.look_for_stops():
+            return Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
         refused = self._authority.begin(request.session, request.epoch)
         if refused is None:
-            self._struck = list(self._faults.on_session(request.session))
+            self._get_drive().begin()
+            self._get_drive().struck = list(self._faults.on_session(request.session))
         return refused or Ack()
 
     def _end(self) -> Reply:
+        self._rest()
         self._authority.end()
-        self._log.flush()
-        return Ended(self._now_s(), tuple(self._struck))
+        return Ended(self._now_s(), tuple(self._get_drive().struck))
+
+    def _rest(self) -> None:
+        """Whoever commanded is gone: a motion that was left in its middle comes to an end here."""
+        if self._drive is not None and self._drive.is_moving:
+            self._drive.halt()
 
     def _apply(self, command: Command) -> Reply:
-        physics = self._get_physics()
-        refused = self._find_malformation(command, physics) or self._authority.admit(command, physics.time_s)
+        physics, drive = self._get_physics(), self._get_drive()
+        authority = self._authority
+        refused = (
+            authority.check_commanding(command.session, command.epoch)
+            or drive.check(command)
+            or authority.admit(command, physics.time_s)
+        )
         if refused is not None:
             return refused
-        controls = physics.data.ctrl
-        for row in physics.compute_controls(command.q_rad, command.qd_rad_s, command.gripper_width_m):
-            controls[:] = row
-            self._step(physics)
-        self._held, self._width_m = command.q_rad[-1], float(command.gripper_width_m[-1])
-        return self._report(physics)
+        stopped = drive.follow(command)
+        if stopped:
+            self._authority.stop(stopped)
+        return self._report(physics, stopped)
 
-    def _find_malformation(self, command: Command, physics: Physics) -> Refused | None:
-        """The target's own limits; they hold whatever stands upstream."""
-        steps, n = count_steps(self._profile), len(self._profile.arm.joints)
-        q, qd, width = command.q_rad, command.qd_rad_s, command.gripper_width_m
-        if (q.shape, qd.shape, width.shape) != ((steps, n), (steps, n), (steps,)):
-            return Refused("MALFORMED", f"shapes {q.shape}, {qd.shape}, {width.shape}; expected {steps} rows of {n}")
-        if not np.isfinite(q.sum() + qd.sum() + width.sum()):  # NaN and infinity survive a sum
-            return Refused("MALFORMED", "a set-point is not finite")
-        low, high = physics.q_range
-        if (q < low).any() or (q > high).any():
-            return Refused("TARGET_LIMIT", "a set-point leaves the range of its joint")
-        rows = np.vstack((self._held, q))
-        if (np.abs(rows[1:] - rows[:-1]) > self._jump_max_rad).any():
-            return Refused("TARGET_LIMIT", "set-points jump faster than the joints can follow")
-        if width.min() < -ROUNDING or width.max() > self._profile.gripper.max_width_m + ROUNDING:
-            return Refused("TARGET_LIMIT", f"opening outside 0..{self._profile.gripper.max_width_m} m")
-        return None
+    def _halt(self, category: int) -> Step:
+        """Come to rest; after a stop of category 1 the session commands no more."""
+        self._get_drive().halt()
+        if category == 1:
+            self._authority.stop("DRIVES_OFF")
+        return self._report(self._get_physics())
 
-    def _halt(self) -> Step:
-        """Decelerate within the joint limits, then hold; generated here, no command."""
-        physics, dt = self._get_physics(), self._profile.physics_step_s
-        brake = np.array(self._profile.arm.acceleration_rad_s2) * dt
-        q, qd = physics.q_rad, physics.qd_rad_s
-        for _ in range(round(HALT_MAX_S / dt)):
-            qd = np.sign(qd) * np.maximum(np.abs(qd) - brake, 0.0)
-            q = np.clip(q + qd * dt, *physics.q_range)
-            physics.set_servos(q, qd, self._width_m)
-            self._step(physics)
-            if not qd.any() and np.abs(physics.qd_rad_s).max() < REST_RAD_S:
-                break
-        self._held = q
-        return self._report(physics)
+    def _settle(self, duration_s: float) -> Reply:
+        if not 0.0 <= duration_s <= SETTLE_MAX_S:  # also when it is NaN
+            return Refused("MALFORMED", f"a settling time of {duration_s} s; 0 to {SETTLE_MAX_S} s are possible")
+        self._get_drive().settle(duration_s)
+        return self._report(self._get_physics())
 
-    def _settle(self, duration_s: float) -> Step:
-        physics = self._get_physics()
-        physics.set_servos(self._held, np.zeros_like(self._held), self._width_m)
-        for _ in range(round(min(duration_s, 60.0) / self._profile.physics_step_s)):
-            self._step(physics)
-        return self._report(physics)
-
-    def _step(self, physics: Physics) -> None:
-        self._struck += self._faults.act(physics)
-        physics.step()
-
-    def _hold(self, q_rad: Array) -> None:
-        physics = self._get_physics()
-        self._held = np.clip(q_rad, *physics.q_range)
-        self._width_m = float(np.clip(physics.gripper_width_m, 0.0, self._profile.gripper.max_width_m))
-
-    def _report(self, physics: Physics) -> Step:
+    def _report(self, physics: Physics, stopped: str = "") -> Step:
         physics.look()
         touching = physics.find_touching()
         return Step(
             time_s=physics.time_s,
             target=physics.read_target(touching),
-            tracking_error_rad=float(np.abs(physics.q_rad - self._held).max()),
+            tracking_error_rad=float(np.abs(physics.q_rad - self._get_drive().q_rad).max()),
             touching=tuple(touching),
+            stopped=stopped,
         )
 
     def _observe(self) -> Observation:
@@ -265,15 +285,29 @@ class MujocoWorld:
             regions=physics.regions,
         )
 
-    def _render(self, request: Render) -> Picture:
+    def _render(self, request: Render) -> Reply:
         physics = self._get_physics()
+        if not (1 <= request.width <= PICTURE_MAX and 1 <= request.height <= PICTURE_MAX):
+            return Refused("MALFORMED", f"a picture of {request.width} x {request.height} pixels; 1 to {PICTURE_MAX}")
         physics.look()
         return render_png(physics.model, physics.seen, request.camera, request.width, request.height)
+
+    def _save(self, folder: Path) -> Reply:
+        physics = self._get_physics()
+        if not folder.is_dir():  # MuJoCo itself would only warn
+            return Refused("MALFORMED", f"no folder {folder}")
+        physics.save(folder)
+        return Ack()
 
     def _get_physics(self) -> Physics:
         if self._physics is None:
             raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
         return self._physics
+
+    def _get_drive(self) -> Drive:
+        if self._drive is None:
+            raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
+        return self._drive
 
     def _now_s(self) -> float:
         return self._physics.time_s if self._physics is not None else 0.0

@@ -6,7 +6,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from phyagentos.protocol.environment import Pose, TargetState
-from phyagentos.runtime.actions.guard import SafetyGuard, ViolationCode
+from phyagentos.runtime.actions.guard import SafetyGuard
+from phyagentos.runtime.actions.violations import ViolationCode
 from phyagentos.runtime.targets.wire import Command, Description, Step
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -32,7 +33,8 @@ def build_step(time_s=0.0, position=(0.4, 0.0, 0.4)):
     return Step(time_s=time_s, target=state, tracking_error_rad=0.0)
 
 
-def build_command(q=None, qd=None, width=None, expires_at_s=1e9):
+def build_command(q=None, qd=None, width=None, expires_at_s=None, at_s=0.0):
+    expires_at_s = at_s + 0.06 if expires_at_s is None else expires_at_s
     return Command(
         session="s",
         epoch=1,
@@ -65,7 +67,7 @@ def test_a_smooth_motion_passes_from_command_to_command(guard, doubles):
     motion = doubles.compute_line(HOME, HOME + 0.4, speed_rad_s=1.0)
     for index in range(len(motion.q_rad) // N):
         rows = slice(index * N, (index + 1) * N)
-        command = build_command(motion.q_rad[rows], motion.qd_rad_s[rows])
+        command = build_command(motion.q_rad[rows], motion.qd_rad_s[rows], at_s=0.02 * index)
 
         assert guard.check(command, build_step(time_s=0.02 * index)) is None
 
@@ -136,7 +138,7 @@ def test_positions_that_jump_are_refused_although_the_velocity_row_is_zero(guard
 def test_a_jump_between_two_commands_is_refused(guard):
     assert guard.check(build_command(), build_step()) is None
 
-    violation = guard.check(build_command(np.tile(HOME + 0.02, (N, 1))), build_step(time_s=0.02))
+    violation = guard.check(build_command(np.tile(HOME + 0.02, (N, 1)), at_s=0.02), build_step(time_s=0.02))
 
     assert (violation.code, violation.row) == (ViolationCode.JOINT_VELOCITY, 0)
 
@@ -177,10 +179,10 @@ def test_a_tool_outside_the_workspace_is_refused_with_its_axis(guard, position, 
 
 
 def test_two_commands_in_the_same_moment_are_refused(guard):
-    assert guard.check(build_command(), build_step(time_s=1.0)) is None
+    assert guard.check(build_command(at_s=1.0), build_step(time_s=1.0)) is None
 
-    assert guard.check(build_command(), build_step(time_s=1.01)).code is ViolationCode.RATE
-    assert guard.check(build_command(), build_step(time_s=1.02)) is None
+    assert guard.check(build_command(at_s=1.01), build_step(time_s=1.01)).code is ViolationCode.RATE
+    assert guard.check(build_command(at_s=1.02), build_step(time_s=1.02)) is None
 
 
 def test_a_command_from_the_past_is_refused(guard):
@@ -191,10 +193,10 @@ def test_a_command_from_the_past_is_refused(guard):
 
 
 def test_a_new_session_does_not_remember_the_old_one(guard):
-    assert guard.check(build_command(), build_step(time_s=1.0)) is None
+    assert guard.check(build_command(at_s=1.0), build_step(time_s=1.0)) is None
     guard.begin(HOME + 0.3)
 
-    assert guard.check(build_command(np.tile(HOME + 0.3, (N, 1))), build_step(time_s=1.0)) is None
+    assert guard.check(build_command(np.tile(HOME + 0.3, (N, 1)), at_s=1.0), build_step(time_s=1.0)) is None
 
 
 def test_limits_with_the_wrong_number_of_joints_are_refused(limits):

@@ -50,11 +50,12 @@ class Rig:
     def entity(self, name):
         return next(each for each in self.observe().entities if each.name == name)
 
-    def make_command(self, q, width=0.08, **changes):
+    def make_command(self, q, width=0.08, qd=None, **changes):
         rows = np.tile(np.asarray(q, dtype=float), (10, 1)) if np.ndim(q) == 1 else q
         facts = {
             "session": self.session, "epoch": self.epoch, "sequence": self.sequence + 1, "expires_at_s": 1e9,
-            "q_rad": rows, "qd_rad_s": np.zeros_like(rows), "gripper_width_m": np.full(len(rows), width),
+            "q_rad": rows, "qd_rad_s": np.zeros_like(rows) if qd is None else qd,
+            "gripper_width_m": np.full(len(rows), width),
         }  # fmt: skip
         return wire.Command(**{**facts, **changes})
 
@@ -64,18 +65,30 @@ class Rig:
             self.sequence += 1
         return reply
 
+    def plan(self, goal, seconds=1.5):
+        """Smoothly from the present set-point to a posture, in at least this time and within the velocity limits.
+
+        Returns:
+            Rows (10, 7) of positions and velocities, one pair a command.
+        """
+        start = np.array(self.world._drive.q_rad)
+        way = np.asarray(goal) - start
+        fastest = 2.1 * float(np.max(np.abs(way) / np.array(self.profile.arm.velocity_rad_s)))
+        n = round(max(seconds, fastest) / 0.02)
+        s, duration = (np.arange(1, 10 * n + 1) / (10 * n))[:, None], 0.02 * n
+        q = start + (10 * s**3 - 15 * s**4 + 6 * s**5) * way
+        qd = (30 * s**2 - 60 * s**3 + 30 * s**4) / duration * way
+        return list(zip(np.split(q, n), np.split(qd, n), strict=True))
+
     def move(self, goal, width=0.08, seconds=1.5):
-        """Smoothly from the present set-point to a posture."""
-        start, n = np.array(self.world._held), round(seconds / 0.02)
-        s = (np.arange(1, 10 * n + 1) / (10 * n))[:, None]
-        rows = start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (np.asarray(goal) - start)
-        for k in range(n):
-            reply = self.send(self.make_command(rows[10 * k : 10 * k + 10], width))
+        """Go to a posture."""
+        for q, qd in self.plan(goal, seconds):
+            reply = self.send(self.make_command(q, width, qd))
             assert isinstance(reply, wire.Step), reply
         return reply
 
     def hold(self, width, seconds):
-        return self.move(self.world._held, width, seconds)
+        return self.move(self.world._drive.q_rad, width, seconds)
 
     def reach(self, point, yaw=0.0):
         """Joint angles that bring the tool to a point, pointing down (damped least squares on MuJoCo's Jacobian)."""

@@ -100,8 +100,8 @@ def test_looking_and_rendering_do_not_change_a_bit(make_rig):
         rig.load()
         rig.begin()
         goal = rig.reach((0.5, 0.0, 0.3))
-        for k in range(20):
-            rig.send(rig.make_command(HOME + (goal - HOME) * 0.002 * k))
+        for q, qd in rig.plan(goal):
+            assert isinstance(rig.send(rig.make_command(q, qd=qd)), wire.Step)
             if looks:
                 rig.observe()
                 rig.world.handle(wire.Render(camera="overview", width=64, height=48))
@@ -115,28 +115,25 @@ def test_a_restored_world_goes_on_bit_for_bit(make_rig):
     rig.begin()
     rig.grasp("red_cube")
     middle = rig.observe().state
-    held = np.array(rig.world._held)
-    commands = [rig.make_command(held + 0.001 * k, width=0.0, sequence=k + 1) for k in range(30)]
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
-    for command in commands:
-        rig.send(rig.make_command(command.q_rad, width=0.0))
+    motion = rig.plan(rig.world._drive.q_rad + 0.03, 0.6)
+    for q, qd in motion:
+        assert isinstance(rig.send(rig.make_command(q, 0.0, qd)), wire.Step)
     first = rig.observe().state
 
     other = make_rig()
     other.load(state=middle)
     other.begin("t")
-    for command in commands:
-        other.send(other.make_command(command.q_rad, width=0.0))
+    for q, qd in motion:
+        assert isinstance(other.send(other.make_command(q, 0.0, qd)), wire.Step)
     assert other.observe().state.tobytes() == first.tobytes()
 
 
 def test_a_halt_decelerates_and_holds(rig):
     goal = rig.reach((0.55, 0.1, 0.3))
-    s = np.linspace(0, 1, 500)[:, None]
-    rows = HOME + (10 * s**3 - 15 * s**4 + 6 * s**5) * (goal - HOME)
-    for k in range(25):
-        rig.send(rig.make_command(rows[10 * k : 10 * k + 10]))
+    for q, qd in rig.plan(goal, 1.0)[:25]:
+        assert isinstance(rig.send(rig.make_command(q, qd=qd)), wire.Step)
     assert np.abs(rig.observe().target.qd_rad_s).max() > 0.1
     step = rig.world.handle(wire.Halt(session="s", epoch=1))
     assert np.abs(step.target.qd_rad_s).max() < 0.02
@@ -162,7 +159,7 @@ def test_the_receive_log_tells_every_request_that_could_move_and_every_state_wri
     rig.world.close()
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     kinds = [line["kind"] for line in lines]
-    assert kinds == ["state_write", "LoadScene", "Begin", *["Command"] * 6, "End"]
+    assert kinds == ["process_start", "state_write", "LoadScene", "Begin", *["Command"] * 6, "End"]
     assert [line.get("accepted", True) for line in lines if line["kind"] == "Command"] == [True] * 5 + [False]
     assert lines[-2]["code"] == "STALE_TOKEN"
 

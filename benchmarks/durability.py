@@ -1,0 +1,77 @@
+"""Crash and damage: the fault-injection suite of the store, with its figures in one table.
+
+    python benchmarks/durability.py             # the counts of every run: about a minute
+    python benchmarks/durability.py --nightly   # the counts of a night
+
+Runs tests/durability and collects what each test tells: what was killed, cut, damaged or made to fail, what had been
+acknowledged, and what was lost. A figure that must be 0 counts broken promises. The negative controls (a store that
+does not sync, lock or check) must be caught, each time.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from rich.table import Table
+
+from phyagentos.bench.report import Ask, format_outcome
+
+ROOT = Path(__file__).resolve().parents[1]
+BROKEN_PROMISES = ("lost", "torn_exposed", "vanished", "broken_batches", "readers_differ", "folds_differ", "accepted")
+TOLD = ("kills", "cuts", "images", "faults", "damages", "stops", "acknowledged", "cut", "repairs", *BROKEN_PROMISES)
+
+
+class Collector:
+    """Gathers the properties that tests record, those of one test's variants together, and how the tests end."""
+
+    def __init__(self) -> None:
+        self.told: dict[str, Counter[str]] = {}
+        self.tests, self.failed = 0, 0
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Called by pytest after each phase of each test."""
+        self.failed += report.failed
+        if report.when == "call":
+            self.tests += 1
+            name = report.nodeid.rpartition("::test_")[2].partition("[")[0].replace("_", " ")
+            told = {key: int(str(value)) for key, value in report.user_properties}
+            self.told.setdefault(name, Counter()).update(told)
+
+
+def main() -> int:
+    """Run, show, and exit with whether every promise was kept."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--nightly", action="store_true", help="large counts")
+    given = parser.parse_args()
+    collector = Collector()
+    options = ["--nightly"] if given.nightly else []
+    code = pytest.main([str(ROOT / "tests" / "durability"), f"--rootdir={ROOT}", "-q", *options], plugins=[collector])
+
+    table = Table(title="faults, and what became of what was acknowledged", show_lines=True)
+    table.add_column("test", ratio=2)
+    table.add_column("figures", ratio=3)
+    totals: Counter[str] = Counter(dict.fromkeys(TOLD, 0))
+    controls: Counter[str] = Counter(runs=0, caught=0)
+    for name, told in sorted(collector.told.items()):
+        if told:
+            table.add_row(name, ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in told.items()))
+        chosen = controls if "caught" in told else totals
+        chosen.update({key: value for key, value in told.items() if key in chosen})
+    Console(width=140).print(table)
+
+    figures = {name: float(value) for name, value in totals.items()}
+    figures |= {f"controls_{name}": float(value) for name, value in controls.items()}
+    figures |= {"tests": float(collector.tests), "tests_failed": float(collector.failed)}
+    never = Ask(0, at_least=False)
+    asked = {"tests_failed": never, **dict.fromkeys(BROKEN_PROMISES, never)}
+    asked["controls_caught"] = Ask(max(1, controls["runs"]), at_least=True)
+    line, holds = format_outcome(figures, asked)
+    print(line)
+    return 0 if holds and code == 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

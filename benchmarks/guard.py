@@ -1,0 +1,191 @@
+"""The safety guard's cost, and that it refuses what is hostile and nothing that is legitimate.
+
+    python benchmarks/guard.py --seeds 10
+
+Legitimate commands are those of `tidy_table`, run here in the simulator without and with faults, and repeated for the
+clock. Hostile ones are made of them: one number changed, or the whole command. The collision stage is timed apart.
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import msgspec
+import numpy as np
+from recorded import Recording, Robot, open_robot, record_tidy_table
+from rich.console import Console
+from rich.table import Table
+
+from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.protocol.action_spaces import ActionSpace, GripperRange, describe_target_space
+from phyagentos.protocol.faults import read_faults
+from phyagentos.protocol.library import find_shipped_root
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
+from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.collision import PostureCollision
+from phyagentos.runtime.actions.guard import SafetyGuard
+from phyagentos.runtime.targets.wire import Command
+
+ASKED = {
+    "guard_us_median": Ask(50.0, at_least=False),
+    "legitimate_refused": Ask(0.0, at_least=False),
+    "hostile_passed": Ask(0.0, at_least=False),
+    "collision_false_refusals": Ask(0.0, at_least=False),
+}
+FAULTS = find_shipped_root() / "faults" / "one_random.yaml"
+HOSTILE_EACH = 40  # commands of every session that are spoilt in every way
+
+
+def make_hostile(command: Command, rng: np.random.Generator, limits: np.ndarray) -> Iterator[tuple[str, Command]]:
+    """The same command, spoilt in every way there is.
+
+    Args:
+        command: A legitimate one.
+        rng: Chooses rows, joints and sizes.
+        limits: (2, n_joints) position range.
+    """
+    q, qd = command.q_rad, command.qd_rad_s
+    rows, n = q.shape
+    row, joint = int(rng.integers(rows)), int(rng.integers(n))
+
+    def put(array: np.ndarray, value: float) -> np.ndarray:
+        spoilt = array.copy()
+        spoilt[row, joint] = value
+        return spoilt
+
+    change = msgspec.structs.replace
+    signs = np.where(np.arange(rows) % 2 == 0, 1.0, -1.0)
+    for value in (np.nan, np.inf, -np.inf, 1e6, -1e6):
+        yield "bad position", change(command, q_rad=put(q, value))
+        yield "bad velocity", change(command, qd_rad_s=put(qd, value))
+        yield "bad width", change(command, gripper_width_m=np.full(rows, value))
+    yield "denormal width", change(command, gripper_width_m=np.full(rows, -1e-3 - 5e-324))
+    yield "teleport", change(command, q_rad=np.tile(rng.uniform(*limits), (rows, 1)))
+    yield "delta of 0.02 rad", change(command, q_rad=put(q, q[row, joint] + 0.02))
+    yield "outside its range", change(command, q_rad=put(q, limits[1, joint] + 1e-3))
+    yield "too fast", change(command, qd_rad_s=put(qd, 3.0))
+    yield "chattering position", change(command, q_rad=q + 4e-4 * signs[:, None])
+    yield "chattering velocity", change(command, qd_rad_s=qd + 0.05 * signs[:, None])
+    yield "lying velocity", change(command, qd_rad_s=qd + 1.0)
+    yield "row missing", change(command, q_rad=q[:-1])
+    yield "row too many", change(command, q_rad=np.vstack((q, q[-1:])))
+    yield "flat", change(command, q_rad=q.ravel())
+    yield "float32", change(command, q_rad=q.astype(np.float32))
+    yield "integers", change(command, qd_rad_s=np.zeros((rows, n), dtype=np.int64))
+    yield "expired", change(command, expires_at_s=command.expires_at_s - 1.0)
+    yield "never expires", change(command, expires_at_s=np.inf)
+    yield "expiry NaN", change(command, expires_at_s=np.nan)
+    if abs(q[-1] - q[0]).max() > 0.01:
+        yield "reversed rows", change(command, q_rad=q[::-1].copy())
+
+
+def judge_recordings(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, int, Counter[str], list[float]]:
+    """Let the guard see every session as it was, with hostile commands in between.
+
+    Returns:
+        Legitimate commands refused; hostile ones passed; hostile ones by name; cost of the legitimate ones [us].
+    """
+    rng = np.random.default_rng(0)
+    limits = np.array([robot.limits.joint_position_min.value, robot.limits.joint_position_max.value])
+    refused, passed, sent, costs = 0, 0, Counter[str](), list[float]()
+    for recording in recordings:
+        guard = SafetyGuard(robot.limits, recording.description)
+        guard.begin(np.asarray(recording.q_rad))
+        spoil = {int(index) for index in rng.integers(0, max(len(recording.commands), 1), HOSTILE_EACH)}
+        for index, (command, now) in enumerate(recording.commands):
+            for name, hostile in make_hostile(command, rng, limits) if index in spoil else ():
+                sent[name] += 1
+                passed += guard.judge(hostile, now).command is not None
+            began = time.perf_counter()
+            ruling = guard.judge(command, now)
+            costs.append(1e6 * (time.perf_counter() - began))
+            refused += ruling.command is None
+            if ruling.violation is not None:
+                print(ruling.violation.code, ruling.violation)
+    return refused, passed, sent, costs
+
+
+def judge_collisions(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, list[float]]:
+    """False refusals of the collision stage over the commanded postures, and its cost [us]."""
+    stage = PostureCollision(robot.profile, robot.folder)
+    found, costs = Counter[str](), list[float]()
+    for recording in recordings:
+        stage.update(recording.entities)
+        for command, _ in recording.commands:
+            began = time.perf_counter()
+            contact = stage.find_contact(command.q_rad[-1])
+            costs.append(1e6 * (time.perf_counter() - began))
+            found[contact] += bool(contact)
+    for pair, count in found.items():
+        if count:
+            print("collision stage:", pair, count)
+    return found.total(), costs
+
+
+def time_chain(robot: Robot, count: int = 2000) -> tuple[BridgeChain, float]:
+    """A chain of four bridges, and its cost per command of the target [us]."""
+    target = describe_target_space(robot.profile)
+    source = ActionSpace(
+        representation="joint_position",
+        joints=tuple(reversed(target.joints)),
+        angle_unit="deg",
+        rate_hz=10.0,
+        chunk_length=16,
+        gripper=GripperRange(closed=1.0, open=0.0),
+    )
+    chain = compile_chain(source, target)
+    assert isinstance(chain, BridgeChain)
+    home = np.array([*robot.profile.arm.home_rad, 0.08])
+    rows = np.tile([*np.degrees(home[6::-1]), 0.0], (16, 1))
+    costs = []
+    for _ in range(count):
+        began = time.perf_counter()
+        bridged = chain.apply(rows, home)
+        costs.append(1e6 * (time.perf_counter() - began))
+        assert isinstance(bridged, Bridged)
+    return chain, float(np.median(costs)) / len(bridged.rows)
+
+
+def main() -> int:
+    """Print the table and the closing line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=10)
+    seeds = range(1, parser.parse_args().seeds + 1)
+    robot = open_robot()
+    plain = record_tidy_table(robot, seeds)
+    faulty = record_tidy_table(robot, seeds, read_faults(FAULTS))
+    recordings = [*plain, *faulty]
+    refused, passed, sent, costs = judge_recordings(robot, recordings)
+    false_refusals, collision_us = judge_collisions(robot, plain)
+    chain, chain_us = time_chain(robot)
+    figures = {
+        "sessions": float(len(recordings)),
+        "legitimate": float(len(costs)),
+        "legitimate_refused": float(refused),
+        "hostile": float(sent.total()),
+        "hostile_passed": float(passed),
+        "guard_us_median": float(np.median(costs)),
+        "guard_us_p99": float(np.quantile(costs, 0.99)),
+        "collision_us_median": float(np.median(collision_us)),
+        "collision_false_refusals": float(false_refusals),
+        "bridges_us_per_command": chain_us,
+    }
+    table = Table(title="Safety guard, one command of ten rows and seven joints")
+    table.add_column("figure")
+    table.add_column("found", justify="right")
+    table.add_column("asked", justify="right")
+    for name, value in figures.items():
+        table.add_row(name, f"{value:.4g}", str(ASKED[name]) if name in ASKED else "")
+    table.add_row(f"hostile kinds: {', '.join(sorted(sent))}", str(len(sent)), "")
+    console = Console()
+    console.print(table)
+    console.print(f"bridges timed: {chain}", markup=False)
+    line, holds = format_outcome(figures, ASKED)
+    print(line)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,110 @@
+"""Sessions examined by the real processes of their targets, in a workspace of their own: what `paos preflight` does.
+
+Upstream: the command line. Downstream: `hire_worker`, as in a run; the worker is asked to check, never to run.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.assembly.runtime_plane import hire_worker
+from phyagentos.errors import ExecutionError, Problem, format_names
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.registries import read_target_registry
+from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.workspace import Workspace
+from phyagentos.runtime.dispatch import Check, Checked
+
+DOCUMENTS = (
+    "SKILLRUNTIME.md",
+    "TARGETS.md",
+    "safety.yaml",
+    "sensors.yaml",
+    "perception.yaml",
+    "runtime_contract.yaml",
+)
+LOG_TAIL = 400  # characters of a worker's log that go into a message
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """A workspace that is thrown away, in which sessions are examined and nothing is commanded."""
+
+    workspace: Workspace
+
+    @classmethod
+    @contextmanager
+    def open(cls, library: Library, source: Workspace | None = None) -> Iterator["Examination"]:
+        """A fresh workspace.
+
+        Args:
+            library: Trees, skills, scenes and robots.
+            source: Whose documents and settings count instead of those that ship; it is only read.
+        """
+        with tempfile.TemporaryDirectory(prefix="paos-") as folder:
+            workspace = Workspace.create(Path(folder) / "workspace", library)
+            if source is not None:
+                for name in DOCUMENTS:
+                    shutil.copyfile(source.root / name, workspace.root / name)
+            yield cls(workspace)
+
+    def examine(self, sessions: Sequence[Session]) -> Mapping[str, Checked]:
+        """Check sessions with a dry run, each in the world as its scene begins.
+
+        Returns:
+            What the worker of its target found, by session.
+
+        Raises:
+            ExecutionError: `RUNNER_LOST` when a worker ends instead of answering.
+        """
+        found: dict[str, Checked] = {}
+        known = read_target_registry(self.workspace.target_registry)
+        for target in dict.fromkeys(session.target for session in sessions):
+            wanted = [session for session in sessions if session.target == target]
+            if target not in known:
+                found |= {session.id: _refuse(session, known) for session in wanted}
+            else:
+                found |= self._examine_on(target, wanted)
+        return {session.id: found[session.id] for session in sessions}
+
+    def _examine_on(self, target: str, sessions: Sequence[Session]) -> Iterator[tuple[str, Checked]]:
+        found = []
+        with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
+            worker = hire_worker(self.workspace, target, Path(sockets), pictures=False)
+            try:
+                answer = worker.receive()  # ready
+                for session in sessions:
+                    worker.send(Check(session=session, epoch=1, thorough=True))
+                    answer = worker.receive()
+                    if not isinstance(answer, Checked):
+                        raise ExecutionError("RUNNER_LOST", f"the worker of {target!r} ended: {self._read_log(target)}")
+                    found.append((str(session.id), self._relocate(answer)))
+            finally:
+                worker.stop()
+        return iter(found)
+
+    def _relocate(self, answer: Checked) -> Checked:
+        """Addresses without the folder that will be gone."""
+        folder = f"{self.workspace.root}/"
+        problems = tuple(replace(each, address=each.address.replace(folder, "")) for each in answer.problems)
+        return msgspec.structs.replace(answer, problems=problems)
+
+    def _read_log(self, target: str) -> str:
+        log = self.workspace.logs / f"worker-{target}.log"
+        return log.read_text(errors="replace").strip()[-LOG_TAIL:] if log.exists() else "it left no log"
+
+
+def _refuse(session: Session, known: Mapping[str, object]) -> Checked:
+    problem = Problem(
+        code="TARGET_UNKNOWN",
+        address=f"{session.id}: target",
+        found=repr(session.target),
+        expected=format_names(known),
+        triggered_by="the session",
+    )
+    return Checked(session=session.id, plan=None, tools=None, problems=(problem,))

@@ -1,0 +1,142 @@
+"""A chain of bridges, applied to every chunk of a policy.
+
+Upstream: `compilation`, in preflight; a policy, whose chunks it converts. Downstream: the guard. What is malformed, or
+jumps further than the target's velocity permits, is refused here with a code; nothing is repaired but what the contract
+lets be clamped, and that is recorded.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phyagentos.protocol.action_spaces import POSITION_WIDTH, ActionSpace
+from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, name_columns
+from phyagentos.runtime.actions.bridges.rotations import decode_rotation, find_bad_rotation
+from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.violations import Violation, ViolationCode
+
+JUMP_TOLERANCE = 0.01  # of the velocity limit: rounding of interpolated rows
+
+
+@dataclass(frozen=True, slots=True)
+class Bridged:
+    """A chunk as the target takes it.
+
+    Attributes:
+        rows: (k, width of the target).
+        interventions: What was clamped on the way; for the evidence.
+    """
+
+    rows: Array
+    interventions: tuple[Intervention, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeChain:
+    """Bridges in the order in which a chunk passes them; the way back runs in reverse.
+
+    Attributes:
+        source: What comes in.
+        target: What the target takes.
+    """
+
+    source: ActionSpace
+    target: ActionSpace
+    links: tuple[ActionBridge, ...] = ()
+
+    def apply(self, rows: Array, before: Array) -> Bridged | Violation:
+        """Convert one chunk, or say why it is refused.
+
+        Args:
+            rows: (k, width of the source), float64, 1 <= k <= chunk_length.
+            before: (width of the target,) the set-point that stood before the chunk; absolute even where the target
+                takes changes.
+        """
+        violation = self._check_form(rows)
+        if violation is not None:
+            return violation
+        anchors = [before]
+        for link in reversed(self.links):
+            anchors.append(link.carry_back(anchors[-1]))
+        anchors.reverse()
+        interventions: list[Intervention] = []
+        for link, anchor in zip(self.links, anchors[1:], strict=True):
+            converted = link.apply(rows, anchor)
+            interventions += link.find_interventions(rows, converted)
+            rows = converted
+            if not len(rows):
+                return Violation(ViolationCode.WRONG_SHAPE, "chunk", 0.0, 1.0, "rows of the target")
+        return self._check_jumps(rows, before) or Bridged(rows, tuple(interventions))
+
+    def invert(self, rows: Array, before: Array) -> Array:
+        """Convert rows of the target back, as far as they can be."""
+        for link in reversed(self.links):
+            rows = link.invert(rows, before)
+            before = link.carry_back(before)
+        return rows
+
+    def _check_form(self, rows: Array) -> Violation | None:
+        source = self.source
+        if rows.ndim != 2 or rows.shape[1] != source.width or not 1 <= len(rows) <= source.chunk_length:
+            return Violation(
+                ViolationCode.WRONG_SHAPE,
+                "chunk",
+                float(rows.size),
+                float(source.chunk_length * source.width),
+                "numbers",
+            )
+        if rows.dtype != np.float64:
+            return Violation(ViolationCode.WRONG_SHAPE, "chunk", float(rows.dtype.itemsize), 8.0, "bytes a number")
+        if not np.isfinite(rows).all():
+            row, column = np.argwhere(~np.isfinite(rows))[0]
+            where = name_columns(source)[column]
+            return Violation(ViolationCode.NOT_FINITE, where, float(rows[row, column]), np.inf, "", int(row))
+        if source.representation == "tool_pose":
+            columns = rows[:, POSITION_WIDTH : source.arm_width]
+            row = find_bad_rotation(columns, source)
+            if row >= 0:
+                length = float(np.linalg.norm(columns[row]))
+                return Violation(ViolationCode.ROTATION_INVALID, source.rotation, length, 1.0, "length", int(row))
+        return None
+
+    def _check_jumps(self, rows: Array, before: Array) -> Violation | None:
+        """Whether every step, the first from `before`, is within the target's velocity."""
+        target = self.target
+        if not target.velocity_max:
+            return None
+        steps = compute_steps(rows, before, target)
+        limit = np.asarray(target.velocity_max) / target.rate_hz * (1.0 + JUMP_TOLERANCE)
+        if (steps <= limit).all():
+            return None
+        row, column = np.unravel_index(int((steps / limit).argmax()), steps.shape)
+        joints = target.representation == "joint_position"
+        where = target.joints[column] if joints else ("position", "rotation")[column]
+        unit = target.angle_unit if joints else (target.length_unit, "rad")[column]
+        return Violation(
+            ViolationCode.DISCONTINUOUS, where, float(steps[row, column]), float(limit[column]), unit, int(row)
+        )
+
+    def __str__(self) -> str:
+        """`frame base->world . units deg->rad . resample 10->50 Hz`; `identity` when nothing is converted."""
+        return " . ".join(map(str, self.links)) or "identity"
+
+
+def compute_steps(rows: Array, before: Array, space: ActionSpace) -> Array:
+    """How far each row is from the one before.
+
+    Returns:
+        (k, n_joints) of joints; (k, 2) of poses: distance and angle [rad].
+    """
+    if space.representation == "joint_position":
+        joints = rows[:, : space.arm_width]
+        return np.abs(joints if space.delta else np.diff(joints, axis=0, prepend=before[None, : space.arm_width]))
+    columns = slice(POSITION_WIDTH, space.arm_width)
+    if space.delta:
+        distance = np.linalg.norm(rows[:, :POSITION_WIDTH], axis=1)
+        angle = decode_rotation(rows[:, columns], space).magnitude()
+    else:
+        known = np.concatenate((before[None], rows))
+        distance = np.linalg.norm(np.diff(known[:, :POSITION_WIDTH], axis=0), axis=1)
+        turns = decode_rotation(known[:, columns], space)
+        angle = (turns[1:] * turns[:-1].inv()).magnitude()
+    return np.stack((distance, angle), axis=1)

@@ -1,0 +1,96 @@
+"""Chooses the bridges from one action space to another, in preflight: every problem at once, or a chain.
+
+Upstream: preflight, which prints the chain into the AdapterPlan. Downstream: `chain`.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from phyagentos.errors import Problem
+from phyagentos.protocol.action_spaces import POSITION_WIDTH, ActionSpace
+from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames
+from phyagentos.runtime.actions.bridges.chain import BridgeChain
+from phyagentos.runtime.actions.bridges.registry import BRIDGES
+
+
+def compile_chain(
+    source: ActionSpace,
+    target: ActionSpace,
+    frames: Frames | None = None,
+    kinds: Sequence[type[ActionBridge]] = BRIDGES,
+) -> BridgeChain | tuple[Problem, ...]:
+    """Choose the bridges from one action space to another.
+
+    Args:
+        source: What a skill or policy speaks.
+        target: What the target takes.
+        frames: world_T_frame (4, 4) of the frames that are known, besides `world`.
+        kinds: Bridges to choose from, in the order in which they are asked.
+
+    Returns:
+        The chain, or every problem at once; a problem's address is the field of the action space.
+    """
+    problems = [*_check_space(source, "source"), *_check_space(target, "target")]
+    if source.representation != target.representation:
+        problems.append(
+            Problem(
+                code="REPRESENTATION_UNBRIDGED",
+                address="source.representation",
+                found=source.representation,
+                expected=target.representation,
+                hint="Poses become joint angles by planning, not by a bridge.",
+            )
+        )
+    if problems:
+        return tuple(problems)
+    known = {"world": np.eye(4), **(frames or {})}
+    links: list[ActionBridge] = []
+    now = source
+    for kind in kinds:
+        while (planned := kind.plan(now, target, known)) is not None:
+            if isinstance(planned, Problem):
+                problems.append(planned)
+                break
+            links.append(planned)
+            now = planned.target
+    if problems:
+        return tuple(problems)
+    if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
+        return (_make_length_problem(source, target),)
+    return BridgeChain(source, target, tuple(links))
+
+
+def _make_length_problem(source: ActionSpace, target: ActionSpace) -> Problem:
+    return Problem(
+        code="CHUNK_LENGTH",
+        address="chunk_length",
+        found=f"{source.chunk_length} rows",
+        expected=f"1 to {target.chunk_length} rows",
+        hint="Shorten the chunk.",
+    )
+
+
+def _check_space(space: ActionSpace, side: str) -> list[Problem]:
+    """What a space says twice, or not at all."""
+
+    def problem(field: str, found: str, expected: str) -> Problem:
+        return Problem(code="ACTION_SPACE_INVALID", address=f"{side}.{field}", found=found, expected=expected)
+
+    problems = []
+    if space.representation == "joint_position" and len(set(space.joints)) != len(space.joints):
+        problems.append(problem("joints", "a joint twice", "each joint once"))
+    if space.representation == "joint_position" and not space.joints:
+        problems.append(problem("joints", "none", "a name for each column"))
+    if space.representation == "tool_pose" and space.rotation == "euler" and not space.euler_order:
+        problems.append(problem("euler_order", "none", "three axes such as xyz or ZYX"))
+    if space.gripper is not None and space.gripper.closed == space.gripper.open:
+        problems.append(problem("gripper", "closed equals open", "two values"))
+    columns = len(space.joints) if space.representation == "joint_position" else POSITION_WIDTH
+    lengths = {"minimum": columns, "maximum": columns}
+    lengths["velocity_max"] = columns if space.representation == "joint_position" else 2
+    for field, expected in lengths.items():
+        found = len(getattr(space, field))
+        if found not in (0, expected):
+            problems.append(problem(field, f"{found} values", f"{expected}, or none"))
+    return problems

@@ -1,0 +1,76 @@
+"""Why a command was refused: coded, with the place, the number and the bound it broke.
+
+Upstream: the guard and the bridges. Downstream: the handle, which turns it into an intervention of the evidence.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class ViolationCode(StrEnum):
+    """Why a command was refused."""
+
+    WRONG_SHAPE = "WRONG_SHAPE"
+    """An array has another shape or element type than one control period, or than one chunk."""
+    NOT_FINITE = "NOT_FINITE"
+    """A set-point is NaN or infinite."""
+    ROTATION_INVALID = "ROTATION_INVALID"
+    """Columns that should be a rotation are none."""
+    DISCONTINUOUS = "DISCONTINUOUS"
+    """A chunk jumps further than the target's velocity permits."""
+    EXPIRED = "EXPIRED"
+    """The target's time is past the command's expiry."""
+    EXPIRY_TOO_LATE = "EXPIRY_TOO_LATE"
+    """The command would be valid for longer than allowed."""
+    RATE = "RATE"
+    """Commands come faster than allowed."""
+    SESSION_TOO_LONG = "SESSION_TOO_LONG"
+    """The session has been commanding for longer than allowed."""
+    ESTOPPED = "ESTOPPED"
+    """The emergency stop is latched."""
+    JOINT_POSITION = "JOINT_POSITION"
+    """A joint set-point is outside its range."""
+    JOINT_VELOCITY = "JOINT_VELOCITY"
+    """A joint set-point, or the difference of two rows, is too fast."""
+    JOINT_ACCELERATION = "JOINT_ACCELERATION"
+    """The velocities of two rows differ too much."""
+    JOINT_JERK = "JOINT_JERK"
+    """The acceleration changes too much within one control period."""
+    SET_POINTS_DISAGREE = "SET_POINTS_DISAGREE"
+    """The velocity rows are not the velocity of the position rows."""
+    GRIPPER_WIDTH = "GRIPPER_WIDTH"
+    """The opening is outside the gripper's range."""
+    GRIPPER_FORCE = "GRIPPER_FORCE"
+    """The target's gripper can press harder than allowed."""
+    WORKSPACE = "WORKSPACE"
+    """The tool centre point is, or would be, outside the workspace box."""
+    KEEP_OUT = "KEEP_OUT"
+    """The tool centre point is, or would be, inside a keep-out volume."""
+    COLLISION = "COLLISION"
+    """The commanded posture touches something."""
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """One refused command.
+
+    Attributes:
+        code: Why.
+        where: Joint or axis (`joint 4`, `x`), empty when it concerns the whole command.
+        found: The offending value.
+        limit: The bound it broke.
+        unit: Of both.
+        row: Row of the command, counted from 0; -1 when it concerns the whole command.
+    """
+
+    code: ViolationCode
+    where: str
+    found: float
+    limit: float
+    unit: str
+    row: int = -1
+
+    def __str__(self) -> str:
+        """One sentence: where, found, limit."""
+        place = f"{self.where or 'command'}{f', row {self.row}' if self.row >= 0 else ''}"
+        return f"{place}: found {self.found:.6g} {self.unit}, limit {self.limit:.6g} {self.unit}"

@@ -1,0 +1,1 @@
+"""Compatibility preflight: everything that can be known before a motor moves."""

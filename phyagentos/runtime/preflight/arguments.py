@@ -1,0 +1,111 @@
+"""The contract itself: arguments, time limits, predicates, and the names that they mention.
+
+Upstream: the session. Downstream: `compatibility`. Nothing here asks the target.
+"""
+
+import math
+from collections.abc import Iterator
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.predicates.predicate import View, iter_entities, parse_predicate
+from phyagentos.protocol.safety import TargetLimits
+from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.skill_runtimes import SkillRuntime, find_mismatch
+from phyagentos.protocol.verdicts import Truth
+from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+
+_CONDITIONS = ("requires", "hold", "accept")
+
+
+def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[Problem]:
+    """Arguments that the skill does not know, that it needs, or that do not fit."""
+    by = f"skill {skill.skill}: parameters"
+    for name in session.parameters:
+        if name not in skill.parameters:
+            yield make_unknown("PARAMETER_UNKNOWN", f"parameters.{name}", name, skill.parameters, triggered_by=by)
+    for name, parameter in skill.parameters.items():
+        value, address = session.parameters.get(name), f"parameters.{name}"
+        if value is None:
+            if not parameter.optional and parameter.default is None:
+                fix = f"Give {name!r} under 'with'."
+                yield make_problem("PARAMETER_MISSING", address, "nothing", parameter.type, triggered_by=by, fix=fix)
+        elif reason := find_mismatch(parameter, value):
+            yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, triggered_by=by)
+
+
+def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Problem]:
+    """Time limits that bound nothing, or more than safety.yaml allows a session."""
+    for name in session.limits.__struct_fields__:
+        value = getattr(session.limits, name)
+        if not math.isfinite(value) or value <= 0.0:
+            yield make_problem("INVALID_CONTRACT", f"limits.{name}", value, "a number of seconds above 0")
+    allowed_s = limits.session_duration_max.value
+    if isinstance(allowed_s, float | int) and session.limits.timeout_s > allowed_s:
+        yield make_problem(
+            "SESSION_TOO_LONG",
+            "limits.timeout_s",
+            session.limits.timeout_s,
+            f"at most {allowed_s:g} s",
+            triggered_by="safety.yaml: session_duration_max",
+            fix="Shorten 'timeout_s', or split the session.",
+        )
+
+
+def iter_predicate_problems(session: Session) -> Iterator[Problem]:
+    """Conditions that cannot be parsed."""
+    for kind in _CONDITIONS:
+        for index, text in enumerate(getattr(session, kind)):
+            try:
+                parse_predicate(text, address=f"{kind}[{index}]")
+            except DefinitionError as error:
+                yield from error.problems
+
+
+def iter_name_problems(
+    session: Session, skill: SkillRuntime | None, now: Environment, *, is_fresh: bool
+) -> Iterator[Problem]:
+    """Arguments that name what is not in the world; in a fresh world conditions too, since nothing is gone from it."""
+    known = {"entity": set(now.entities), "place": {*now.entities, *now.regions}}
+    told: set[str] = set()
+    for name, parameter in skill.parameters.items() if skill is not None else ():
+        value = session.parameters.get(name)
+        if parameter.type in known and isinstance(value, str) and value not in known[parameter.type]:
+            told.add(value)
+            names = sorted(known[parameter.type])
+            by = f"skill {session.skill}: parameters.{name}"
+            yield make_unknown("ENTITY_UNKNOWN", f"parameters.{name}", value, names, triggered_by=by)
+    for kind in ("hold", "accept") if is_fresh else ():
+        for index, text in enumerate(getattr(session, kind)):
+            for name in _find_names(text):
+                if name not in known["place"] and name not in told:
+                    told.add(name)
+                    address = f"{kind}[{index}]"
+                    yield make_unknown(
+                        "ENTITY_UNKNOWN", address, name, sorted(known["place"]), triggered_by=f"{kind}: {text}"
+                    )
+
+
+def iter_precondition_problems(session: Session, now: Environment) -> Iterator[Problem]:
+    """Preconditions that do not hold in the world as observed."""
+    for text in session.requires:
+        try:
+            evaluation = parse_predicate(text).evaluate(View(now=now, initial=now, target=session.target))
+        except DefinitionError:
+            continue  # told by `iter_predicate_problems`
+        if evaluation.truth is not Truth.TRUE:
+            yield make_problem(
+                "PRECONDITION_UNMET",
+                "requires",
+                f"{text} is {evaluation.truth}",
+                "true",
+                triggered_by=f"requires: {text}",
+                fix=evaluation.because,
+            )
+
+
+def _find_names(text: str) -> list[str]:
+    try:
+        return list(iter_entities(parse_predicate(text)))
+    except DefinitionError:
+        return []

@@ -1,0 +1,196 @@
+"""Which sessions fit which target: the checks in order, and what is granted. Paper sections 3.4 and 4.5.
+
+Upstream: the documents of a workspace. Downstream: `examination`, which asks the live target and its world; an adapter
+plan for the runner, or every problem at once.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+from phyagentos.errors import Problem, format_names
+from phyagentos.protocol.action_spaces import describe_target_space
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.skill_runtimes import SkillRuntime, problem_unknown_skill
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.actions.bridges.chain import BridgeChain
+from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.preflight.arguments import (
+    iter_limit_problems,
+    iter_name_problems,
+    iter_parameter_problems,
+    iter_precondition_problems,
+    iter_predicate_problems,
+)
+from phyagentos.runtime.preflight.findings import make_problem
+from phyagentos.runtime.preflight.live import iter_handshake_problems, iter_live_ability_problems
+from phyagentos.runtime.preflight.needs import (
+    find_exposed,
+    iter_ability_problems,
+    iter_operation_problems,
+    iter_version_problems,
+)
+from phyagentos.runtime.preflight.policies import AskPolicy, iter_policy_problems, iter_served_problems
+from phyagentos.runtime.preflight.safety_limits import (
+    iter_live_safety_problems,
+    iter_safety_problems,
+    iter_start_problems,
+)
+from phyagentos.runtime.preflight.sensing import iter_frame_problems, iter_sensing_problems
+from phyagentos.runtime.preflight.settings import Settings
+from phyagentos.runtime.preflight.timing import iter_timing_problems
+from phyagentos.runtime.preflight.tools import make_tools
+from phyagentos.runtime.targets.wire import Description
+
+RUNNABLE = ("builtin",)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preflight:
+    """The documents against which sessions are checked.
+
+    What does not change while a worker lives is checked once for each skill.
+
+    Attributes:
+        skills: SKILLRUNTIME.md, by name.
+        profile: Of the one target this worker commands.
+        settings: What people have set.
+        kinds: Kinds of skills that this runtime can run.
+        ask_policy: Asks a policy server what it is; None where nobody can.
+    """
+
+    skills: dict[str, SkillRuntime]
+    profile: TargetProfile
+    settings: Settings
+    kinds: tuple[str, ...] = RUNNABLE
+    ask_policy: AskPolicy | None = None
+    _chains: dict[str, BridgeChain | tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
+    _known: dict[str, tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
+
+    def find_contract_problems(self, session: Session) -> list[Problem]:
+        """What is wrong on paper, without asking the target."""
+        problems: list[Problem] = []
+        if session.target != self.profile.target:
+            problems.append(make_problem("TARGET_UNKNOWN", "target", repr(session.target), self.profile.target))
+        problems += iter_limit_problems(session, self.settings.limits)
+        problems += iter_predicate_problems(session)
+        skill = self.skills.get(session.skill)
+        if skill is None:
+            problems.append(problem_unknown_skill("skill", session.skill, list(self.skills)))
+        else:
+            problems += iter_parameter_problems(session, skill)
+        problems += self._find_lasting_problems(skill)
+        if skill is not None and skill.policy is not None and self.ask_policy is not None:
+            problems += iter_served_problems(skill, self.ask_policy)
+        return locate(session, problems)
+
+    def find_target_problems(self, session: Session, live: Description) -> list[Problem]:
+        """Where the live target differs from the documents."""
+        settings = self.settings
+        problems = [
+            *iter_handshake_problems(self.profile, settings.contract, live),
+            *iter_live_safety_problems(settings.limits, self.profile, live),
+        ]
+        return locate(session, problems)
+
+    def find_scene_problems(self, session: Session, live: Description) -> list[Problem]:
+        """What a skill needs of the scene that is loaded: frames and cameras."""
+        skill = self.skills.get(session.skill)
+        if skill is None:
+            return []
+        problems = [
+            *iter_frame_problems(skill, self.settings.sensors, live.cameras),
+            *iter_live_ability_problems(skill, self.profile, live),
+        ]
+        return locate(session, problems)
+
+    def find_world_problems(self, session: Session, now: Environment, *, is_fresh: bool = True) -> list[Problem]:
+        """Names that are not in the world, preconditions that do not hold in it, a tool that stands outside.
+
+        Args:
+            session: The contract.
+            now: The world as observed.
+            is_fresh: Whether nothing has moved in it yet.
+        """
+        skill = self.skills.get(session.skill)
+        problems = [
+            *iter_name_problems(session, skill, now, is_fresh=is_fresh),
+            *iter_precondition_problems(session, now),
+            *iter_start_problems(self.settings.limits, self.profile, now),
+        ]
+        return locate(session, problems)
+
+    def plan(self, session: Session, live: Description) -> tuple[AdapterPlan, TargetToolManifest]:
+        """The execution path that is granted to a session without problems."""
+        skill = self.skills[session.skill]
+        chain = self._compile_bridges(skill)
+        policy = skill.policy
+        seen = live.observations if policy is None else tuple(policy.observations)
+        plan = AdapterPlan(
+            target_adapter=f"target_adapter://{self.profile.kind}/{session.target}",
+            skill_runtime=f"skillruntime://{session.skill}",
+            tree=skill.tree,
+            observation_path=(*seen, f"perception://{self.settings.perception.sensing}"),
+            action_path=("tree" if policy is None else "policy", "guard", *live.actions),
+            action_bridges=tuple(map(str, chain.links)) if isinstance(chain, BridgeChain) else (),
+            policy_adapter="" if policy is None else f"policy_adapter://{policy.policy}@{policy.endpoint}",
+        )
+        granted = find_exposed(skill, self.profile, self.settings.contract)
+        return plan, TargetToolManifest(expose=granted, tools=make_tools(granted, self.profile, live))
+
+    def _find_lasting_problems(self, skill: SkillRuntime | None) -> tuple[Problem, ...]:
+        """What is wrong with the documents, whatever the session asks for."""
+        name = skill.skill if skill is not None else ""
+        if name not in self._known:
+            settings, profile = self.settings, self.profile
+            problems = [
+                *iter_safety_problems(settings.limits, profile),
+                *iter_timing_problems(profile, settings.contract),
+            ]
+            if skill is not None:
+                problems += self._find_skill_problems(skill)
+            self._known[name] = tuple(problems)
+        return self._known[name]
+
+    def _find_skill_problems(self, skill: SkillRuntime) -> list[Problem]:
+        settings, profile = self.settings, self.profile
+        problems: list[Problem] = []
+        if skill.kind not in self.kinds:
+            expected = format_names(self.kinds)
+            problems.append(make_problem("SKILL_KIND_UNSUPPORTED", "skill.kind", repr(skill.kind), expected))
+        problems += iter_version_problems(skill)
+        problems += iter_ability_problems(skill, profile)
+        problems += iter_operation_problems(skill, profile, settings.contract)
+        problems += iter_sensing_problems(skill, profile, settings.sensors, settings.perception, settings.contract)
+        if skill.kind == "policy":
+            problems += iter_policy_problems(skill, profile, settings.sensors)
+        chain = self._compile_bridges(skill)
+        if not isinstance(chain, BridgeChain):
+            problems += (_tell_of_space(skill, each) for each in chain if skill.action_space or _is_of_target(each))
+        return problems
+
+    def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
+        """From what the skill speaks to what the target takes; compiled once, since neither changes."""
+        if skill.skill not in self._chains:
+            target = describe_target_space(self.profile)
+            self._chains[skill.skill] = compile_chain(skill.action_space or target, target)
+        return self._chains[skill.skill]
+
+
+def _is_of_target(problem: Problem) -> bool:
+    """Whether a problem of an action space is one of the target's own."""
+    return problem.address.startswith("target.")
+
+
+def _tell_of_space(skill: SkillRuntime, problem: Problem) -> Problem:
+    """A problem of an action space, told as one of the skill or of the target."""
+    side, _, field = problem.address.rpartition(".")
+    whose = "target" if side == "target" else "skill"
+    by = f"skill {skill.skill}: action_space"
+    return replace(problem, address=f"{whose}.action_space.{field}", triggered_by=by)
+
+
+def locate(session: Session, problems: Iterable[Problem]) -> list[Problem]:
+    """The same problems, each told as one of this session."""
+    return [replace(problem, address=f"{session.id}: {problem.address}") for problem in problems]

@@ -1,0 +1,272 @@
+"""A dry run: whether the first motions of a skill can exist in the world as it stands. Nothing moves.
+
+Upstream: the session, its tree, the observed world. Downstream: `compatibility`. Three answers: possible, impossible,
+undecided; only what is proved impossible rejects a session. That a search within its budget found no way is no proof.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.environment import Entity, Environment, Shape
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.trees import Kind, Node, Reference, read_tree
+from phyagentos.runtime.adapter_plan import Trial
+from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose
+from phyagentos.runtime.motion.process import Planner
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    FindGrasps,
+    FindPlacements,
+    MotionAnswer,
+    MotionRequest,
+    NoPlan,
+    Payload,
+    PlanMove,
+    TimeLine,
+    World,
+)
+from phyagentos.runtime.preflight.findings import make_problem
+from phyagentos.runtime.preflight.reach import Reach
+
+CANDIDATES = 1  # one way is enough to know that there is one
+ANSWER_S = 60.0  # by the wall clock; at the first session the planner may still be starting
+SHARE = 0.5  # of the session's own wall time at most; the watchdog counts from the examination on
+PATH_SPEED = 1.0
+NUDGE_RAD = 0.01  # the shortest line that there is to time
+HAND_M = 0.05  # a tool point that grasps a thing is this near to its solids at most
+PROOFS = {  # of the planner's answers: what can never be, and under which code it is told
+    "TOO_WIDE": "TOO_WIDE",
+    "NO_SPACE": "NO_SPACE",
+    "NO_FREE_SITE": "NO_FREE_SITE",
+    "UNKNOWN_ENTITY": "ENTITY_UNKNOWN",
+}
+REACH_REASONS = {"ik"}  # every candidate died of reach alone, none of a contact
+STILL = frozenset(
+    {"open_gripper", "close_gripper", "locate", "attach", "look", "verify_grasp", "wait"}
+)  # move no thing
+WITH_THE_THING = frozenset({"move_to", "move_linear"})  # between the two, only what is held moves
+
+
+@dataclass(frozen=True, slots=True)
+class Grasp:
+    """The tree takes hold of a thing, before anything has moved."""
+
+    object: str
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The tree puts down what it took hold of."""
+
+    object: str
+    destination: str
+    relation: str
+    near: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DryRun:
+    """Asks the planner as the tree will.
+
+    Args:
+        planner: The worker's; idle between sessions.
+        library: Where trees are.
+        clock: Measures the cost.
+        home_rad: Where the arm stands before a session.
+        reach: Bound on the tool; None for a target that is no arm.
+        patience_s: Longest wait for one answer, by the wall clock; then it decides nothing.
+    """
+
+    planner: Planner
+    library: Library
+    clock: Clock
+    home_rad: tuple[float, ...]
+    reach: Reach | None
+    patience_s: float = ANSWER_S
+
+    def run(self, session: Session, tree: str, now: Environment, *, thorough: bool) -> tuple[Trial, ...]:
+        """Try the first grasp and the place that follows it.
+
+        Args:
+            session: The contract.
+            tree: Its behaviour tree.
+            now: The world.
+            thorough: Also look for a collision-free path to the grasp; costs more and never rejects.
+        """
+        trials: list[Trial] = []
+        state = now.targets.get(session.target)
+        q_rad = np.asarray(state.q_rad if state is not None else self.home_rad, dtype=np.float64)
+        world = World(tuple(now.entities.values()), tuple(now.regions.values()))
+        grasped: Payload | None = None
+        if thorough:
+            self._ask(
+                TimeLine(waypoints_rad=np.stack((q_rad, q_rad + NUDGE_RAD)))
+            )  # it is ready: the costs are its own
+        for motion in find_motions(tree, session.parameters, self.library):
+            if isinstance(motion, Grasp):
+                entity = now.entities.get(motion.object)
+                if entity is None:
+                    break  # told by the names
+                trial, answer = self._try_grasp(session, motion, entity, world, q_rad)
+                trials.append(trial)
+                if not isinstance(answer, Approaches):
+                    break
+                way = answer.approaches[0]
+                if thorough:
+                    trials.append(self._try_path(session, motion, way.line_rad[:1], world, q_rad))
+                inverse = compute_inverse(compute_matrix(way.tcp_end))
+                grasped = Payload(motion.object, compute_pose(inverse @ compute_matrix(entity.pose)))
+                q_rad = way.line_rad[-1]
+            elif grasped is not None and grasped.entity == motion.object:
+                trials.append(self._try_place(session, motion, grasped, now, world, q_rad))
+        return tuple(trials)
+
+    def _try_grasp(
+        self, session: Session, motion: Grasp, entity: Entity, world: World, q_rad: "np.ndarray"
+    ) -> tuple[Trial, MotionAnswer | None]:
+        name = f"grasp {motion.object}"
+        excess_m = self._compute_excess(entity)
+        if excess_m > 0.0:
+            message = f"{motion.object} lies {excess_m:.3f} m beyond the longest reach of {session.target}"
+            return Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message), None
+        avoid = tuple(session.strategy.get("avoid_grasps", ()))
+        request = FindGrasps(
+            world=world, object=motion.object, q_rad=q_rad, seed=session.seed, avoid=avoid, count=CANDIDATES
+        )
+        answer, ms = self._ask(request)
+        return _judge(name, answer, ms), answer
+
+    def _try_place(
+        self, session: Session, motion: Place, payload: Payload, now: Environment, world: World, q_rad: "np.ndarray"
+    ) -> Trial:
+        name = f"place {motion.object} {motion.relation} {motion.destination}"
+        place = now.entities.get(motion.destination) or now.regions.get(motion.destination)
+        if place is None:
+            return Trial(motion=name, outcome="undecided", message="the destination is not in the world")
+        request = FindPlacements(
+            world=world,
+            payload=payload,
+            destination=motion.destination,
+            q_rad=q_rad,
+            seed=session.seed,
+            relation=motion.relation,
+            near=motion.near,
+            avoid=tuple(session.strategy.get("avoid_sites", ())),
+            count=CANDIDATES,
+        )
+        answer, ms = self._ask(request)
+        return _judge(name, answer, ms)
+
+    def _try_path(
+        self, session: Session, motion: Grasp, goals_rad: "np.ndarray", world: World, q_rad: "np.ndarray"
+    ) -> Trial:
+        request = PlanMove(world=world, q_rad=q_rad, goals_rad=goals_rad, seed=session.seed, speed=PATH_SPEED)
+        answer, ms = self._ask(request)
+        return _judge(f"path to {motion.object}", answer, ms, proves=False)
+
+    def _ask(self, request: MotionRequest) -> tuple[MotionAnswer | None, float]:
+        """The planner's answer, None when it is too slow or gone; and its cost [ms]."""
+        began_s = self.clock.now_s()
+        self.planner.submit(request)
+        answer = None
+        while answer is None and (left_s := began_s + self.patience_s - self.clock.now_s()) > 0.0:
+            self.planner.wait(left_s)
+            answer = self.planner.poll()
+        if answer is None:
+            self.planner.cancel()
+        return answer, 1e3 * (self.clock.now_s() - began_s)
+
+    def _compute_excess(self, entity: Entity) -> float:
+        """How far a thing lies beyond every grasp of it [m]."""
+        if self.reach is None:
+            return 0.0
+        own_m = max((_compute_radius(shape) for shape in entity.shapes), default=0.0)
+        return self.reach.compute_excess(entity.pose.position_m) - own_m - HAND_M
+
+
+def _compute_radius(shape: Shape) -> float:
+    """Of a ball about the entity's origin that holds the shape [m]."""
+    return float(np.linalg.norm(shape.pose.position_m) + np.linalg.norm(shape.size_m))
+
+
+def find_motions(
+    tree: str, arguments: Mapping[str, Any], library: Library, within: tuple[str, ...] = ()
+) -> Iterator[Grasp | Place]:
+    """The grasp that a tree surely begins with, and the place that surely follows it.
+
+    What stands in a fallback, a retry or any other control node is passed over, with everything after it: it may not
+    be reached, or not in this world. So is everything after the place, or after a leaf of somebody else.
+    """
+    try:
+        authored = read_tree(library.get_tree(tree))
+    except DefinitionError:
+        return  # told by the check of trees
+    inputs = authored.header.inputs
+    known = {name: port.default for name, port in inputs.items() if port.default is not None}
+    known |= {name: value for name, value in arguments.items() if value is not None}
+    yield from _find_in(authored.root, known, library, (*within, tree))
+
+
+def _find_in(
+    node: Node, known: Mapping[str, Any], library: Library, within: tuple[str, ...]
+) -> Iterator[Grasp | Place]:
+    children = node.children if node.kind is Kind.SEQUENCE else (node,)
+    for child in children:
+        wired = {
+            port: known.get(value.key) if isinstance(value, Reference) else value
+            for port, value in child.wiring.items()
+        }
+        if child.kind is Kind.SUBTREE and child.type not in within:
+            yield from find_motions(child.type, wired, library, within)
+        elif child.kind is not Kind.LEAF:
+            return
+        elif child.type == "plan_grasp":
+            if not isinstance(object := wired.get("object"), str):
+                return
+            yield Grasp(object)
+        elif child.type == "plan_place":
+            place = _make_place(wired, known.get("object"))
+            if place is not None:
+                yield place
+            return
+        elif child.type not in STILL | WITH_THE_THING:
+            return
+
+
+def _make_place(wired: Mapping[str, Any], object: Any) -> Place | None:
+    destination, near = wired.get("destination"), wired.get("near")
+    if not isinstance(destination, str) or not isinstance(object, str):
+        return None
+    point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
+    return Place(object, destination, str(wired.get("relation") or "inside"), point)
+
+
+def make_trial_problem(trial: Trial, session: Session) -> Problem:
+    """Why a session is rejected whose first motion cannot exist."""
+    return make_problem(
+        trial.code,
+        f"dry run: {trial.motion}",
+        trial.message,
+        "a motion that exists",
+        triggered_by=f"skill {session.skill}: its first motion",
+        fix="Choose another thing, destination or target.",
+    )
+
+
+def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = True) -> Trial:
+    if answer is None:
+        return Trial(motion=name, outcome="undecided", message="the planner did not answer in time", ms=ms)
+    if not isinstance(answer, NoPlan):
+        return Trial(motion=name, outcome="possible", ms=ms)
+    code = PROOFS.get(answer.code, "")
+    if answer.code == "NO_IK" and answer.rejected and set(answer.rejected) <= REACH_REASONS:
+        code = "OUT_OF_REACH"
+    if not proves or not code:
+        return Trial(motion=name, outcome="undecided", code=answer.code, message=answer.message, ms=ms)
+    return Trial(motion=name, outcome="impossible", code=code, message=answer.message, ms=ms)

@@ -1,0 +1,158 @@
+"""The examination of one session: documents, tree, live target, world and dry run, every problem at once.
+
+Upstream: the worker. Downstream: the handle (describe, load, observe: nothing that moves), the planner. The world is
+looked at as long as the target is the one that it is said to be; that the contract is wrong too does not hide it.
+"""
+
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import Session
+from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest, Trial
+from phyagentos.runtime.execution.registry import LeafRegistry
+from phyagentos.runtime.execution.tree_check import check_tree
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.motion.process import Planner
+from phyagentos.runtime.perception import Perception
+from phyagentos.runtime.preflight.compatibility import Preflight, locate
+from phyagentos.runtime.preflight.dry_run import ANSWER_S, SHARE, DryRun, make_trial_problem
+from phyagentos.runtime.preflight.reach import compute_reach
+from phyagentos.runtime.targets.wire import Description
+
+State = NDArray[np.float64]
+_OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world is not looked at
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """What the examination of one session found.
+
+    Attributes:
+        plan: None when there is any problem.
+        tools: None when there is any problem.
+        trials: Of the dry run; empty where none was made.
+        problems: Every one.
+        ms: What it cost, wall time [ms], the loading of a scene left out.
+    """
+
+    plan: AdapterPlan | None
+    tools: TargetToolManifest | None
+    problems: tuple[Problem, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    ms: float = 0.0
+
+
+@dataclass(slots=True, kw_only=True)
+class Examiner:
+    """Examines sessions on one target.
+
+    Attributes:
+        preflight: The documents.
+        handle: To the target.
+        perception: Looks at the world.
+        planner: Idle between sessions.
+        library: Where trees and scenes are.
+        registry: Where leaves are.
+        clock: Measures the cost.
+    """
+
+    preflight: Preflight
+    handle: TargetSessionHandle
+    perception: Perception
+    planner: Planner
+    library: Library
+    registry: LeafRegistry
+    clock: Clock
+    _episode: str = field(default="", init=False)
+
+    def examine(self, session: Session, *, state: State | None = None, thorough: bool = False) -> Finding:
+        """Everything that is wrong with a session, or what it is granted.
+
+        Args:
+            session: The contract.
+            state: Where a repeated session begins; it is not tried out again.
+            thorough: Make the dry run of every session and look for paths, not only of the first of an episode.
+        """
+        began_s = self.clock.now_s()
+        loading_s = 0.0
+        trials: tuple[Trial, ...] = ()
+        problems = [*self.preflight.find_contract_problems(session), *self._find_tree_problems(session)]
+        try:
+            live = self.handle.describe()
+            problems += (mismatches := self.preflight.find_target_problems(session, live))
+            problems += (missing := self._find_scene_problems(session))
+            is_other = any(problem.code in _OTHER_TARGET for problem in mismatches)
+            if not missing and not is_other and session.target == self.preflight.profile.target:
+                loading_s = self._load(session, state)
+                live = self.handle.describe()  # its cameras belong to the scene
+                problems += self.preflight.find_scene_problems(session, live)
+                found, trials = self._look(session, live, is_repeated=state is not None, thorough=thorough)
+                problems += found
+        except DefinitionError as error:
+            problems += locate(session, error.problems)
+        except ExecutionError as error:
+            address = f"{session.id}: target {session.target}"
+            problems.append(Problem(code=error.code, address=address, found=str(error)))
+        ms = 1e3 * (self.clock.now_s() - began_s - loading_s)
+        if problems:
+            return Finding(plan=None, tools=None, problems=tuple(dict.fromkeys(problems)), trials=trials, ms=ms)
+        plan, tools = self.preflight.plan(session, live)
+        return Finding(plan=plan, tools=tools, trials=trials, ms=ms)
+
+    def _load(self, session: Session, state: State | None) -> float:
+        """Make the session's world the present one; how long that took [s]."""
+        began_s = self.clock.now_s()
+        self.handle.load(session.scene, state)
+        return self.clock.now_s() - began_s
+
+    def _look(
+        self, session: Session, live: Description, *, is_repeated: bool, thorough: bool
+    ) -> tuple[list[Problem], tuple[Trial, ...]]:
+        """Problems of the world as it stands, and the dry run in it."""
+        is_first = session.scene.episode != self._episode and not is_repeated
+        self._episode = session.scene.episode
+        now = self.perception.perceive(self.handle.observe(), session.scene)
+        problems = self.preflight.find_world_problems(session, now, is_fresh=is_first)
+        if not thorough and not (is_first and session.attempt == 0):
+            return problems, ()
+        trials = self._try_out(session, now, live, thorough=thorough)
+        impossible = (each for each in trials if each.outcome == "impossible")
+        return [*problems, *locate(session, (make_trial_problem(each, session) for each in impossible))], trials
+
+    def _find_tree_problems(self, session: Session) -> list[Problem]:
+        skill = self.preflight.skills.get(session.skill)
+        if skill is None or skill.kind != "builtin":
+            return []
+        try:
+            return check_tree(skill.tree, self.library, self.registry)
+        except DefinitionError as error:
+            return list(error.problems)
+
+    def _find_scene_problems(self, session: Session) -> list[Problem]:
+        try:
+            self.library.get_scene(session.scene.name)
+        except DefinitionError as error:
+            return locate(session, error.problems)
+        return []
+
+    def _try_out(self, session: Session, now: Environment, live: Description, *, thorough: bool) -> tuple[Trial, ...]:
+        skill = self.preflight.skills.get(session.skill)
+        profile = self.preflight.profile
+        if skill is None or not skill.tree or profile.kind == "debug":
+            return ()
+        reach = compute_reach(live.kinematics) if live.kinematics is not None else None
+        dry_run = DryRun(
+            planner=self.planner,
+            library=self.library,
+            clock=self.clock,
+            home_rad=profile.arm.home_rad,
+            reach=reach,
+            patience_s=min(ANSWER_S, SHARE * session.limits.wall_timeout_s),
+        )
+        return dry_run.run(session, skill.tree, now, thorough=thorough)

@@ -1,0 +1,38 @@
+"""How a finding of preflight is made, and how it is told as data. The six fields of the paper's rejection.
+
+Upstream: every check of this package. Downstream: the reject record, `paos preflight --json`.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from phyagentos.errors import Problem, format_hint, format_names
+
+
+def make_problem(
+    code: str, address: str, found: object, expected: str, *, triggered_by: str = "", fix: str = ""
+) -> Problem:
+    """One finding; the address is completed with the session's id by `locate`."""
+    shown = found if isinstance(found, str) else f"{found:g}" if isinstance(found, float) else repr(found)
+    return Problem(code=code, address=address, found=shown, expected=expected, hint=fix, triggered_by=triggered_by)
+
+
+def make_unknown(
+    code: str, address: str, name: str, known: Iterable[str], *, triggered_by: str = "", fix: str = ""
+) -> Problem:
+    """A name that is not among the known ones; the fix is the nearest of them where nothing better is given."""
+    names = list(known)
+    hint = format_hint(name, names) or fix
+    return make_problem(code, address, repr(name), format_names(names), triggered_by=triggered_by, fix=hint)
+
+
+def describe_problem(problem: Problem) -> Mapping[str, Any]:
+    """{code, address, found, expected, triggered_by, fix}."""
+    return {
+        "code": problem.code,
+        "address": problem.address,
+        "found": problem.found,
+        "expected": problem.expected,
+        "triggered_by": problem.triggered_by,
+        "fix": problem.hint,
+    }

@@ -1,0 +1,71 @@
+"""The live target against its profile: the handshake.
+
+Upstream: the target's own description, read from its model. Downstream: `compatibility`.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from phyagentos.errors import Problem, format_names
+from phyagentos.protocol.runtime_contract import RuntimeContract
+from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.preflight.findings import make_problem
+from phyagentos.runtime.targets.wire import WIRE_VERSION, Description
+
+
+def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, live: Description) -> Iterator[Problem]:
+    """Where the live target differs from what TARGETS.md and runtime_contract.yaml say of it."""
+    by = "TARGETS.md"
+    steps = round(profile.control_period_s / profile.physics_step_s)
+    pairs: dict[str, tuple[Any, Any]] = {
+        "target": (live.target, profile.target),
+        "n_joints": (live.n_joints, len(profile.arm.joints)),
+        "steps_per_command": (live.steps_per_command, steps),
+        "physics_step_s": (live.physics_step_s, profile.physics_step_s),
+    }
+    if live.joints and live.n_joints == len(profile.arm.joints):
+        pairs["joints"] = (", ".join(live.joints), ", ".join(profile.arm.joints))
+    for name, (found, expected) in pairs.items():
+        if found != expected:
+            fix = "TARGETS.md and the running target must be the same robot."
+            yield make_problem("TARGET_MISMATCH", f"target.{name}", str(found), str(expected), triggered_by=by, fix=fix)
+    for name, said, offered in (
+        ("observations", profile.observations, live.observations),
+        ("actions", profile.actions, live.actions),
+    ):
+        for each in said:
+            if each not in offered:
+                yield make_problem(
+                    "TARGET_MISMATCH", f"target.{name}", format_names(offered), repr(each), triggered_by=by
+                )
+    if live.mode != contract.world_mode:
+        yield make_problem(
+            "CONTRACT_MISMATCH",
+            "runtime_contract.yaml: world_mode",
+            contract.world_mode,
+            live.mode,
+            triggered_by=f"target {profile.target}, as it runs",
+        )
+    if live.version != WIRE_VERSION:
+        yield make_problem(
+            "VERSION_MISMATCH",
+            "target.wire",
+            f"version {live.version}",
+            f"version {WIRE_VERSION}",
+            triggered_by="this runtime",
+            fix="Start target and worker from the same installation.",
+        )
+
+
+def iter_live_ability_problems(skill: SkillRuntime, profile: TargetProfile, live: Description) -> Iterator[Problem]:
+    """What the profile promises, the skill needs and the live target does not give."""
+    if "render" in skill.needs.operations and not live.cameras:
+        yield make_problem(
+            "OPERATION_UNAVAILABLE",
+            "target.cameras",
+            "none",
+            "a camera",
+            triggered_by=f"skill {skill.skill}: needs.operations",
+            fix=f"Give the scene of {profile.target} a camera.",
+        )

@@ -1,0 +1,88 @@
+"""What a skill needs against what the target offers and the site permits: names, operations, versions.
+
+Upstream: the skill's front matter, the target's profile, runtime_contract.yaml. Downstream: `compatibility`.
+"""
+
+from collections.abc import Iterator
+from importlib.metadata import version
+
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+
+from phyagentos.errors import Problem, format_names
+from phyagentos.protocol.operations import CORE_OPERATIONS, SESSION_OPERATIONS, Operation
+from phyagentos.protocol.runtime_contract import RuntimeContract
+from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+
+
+def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterator[Problem]:
+    """Observations, actions and capabilities that the target does not offer."""
+    needs = skill.needs
+    offers = (
+        ("OBSERVATION_UNAVAILABLE", "observations", needs.observations, profile.observations),
+        ("ACTION_UNAVAILABLE", "actions", needs.actions, profile.actions),
+        ("CAPABILITY_UNAVAILABLE", "capabilities", needs.capabilities, profile.capabilities),
+    )
+    for code, name, needed, offered in offers:
+        for need in needed:
+            if need not in offered:
+                by = f"skill {skill.skill}: needs.{name}"
+                fix = f"Choose a target that offers it; {profile.target} does not."
+                yield make_unknown(code, f"skill.needs.{name}", need, offered, triggered_by=by, fix=fix)
+
+
+def find_operations(skill: SkillRuntime) -> tuple[Operation, ...]:
+    """The operations that a skill cannot do without."""
+    of_policy = skill.policy.operations if skill.policy is not None else ()
+    return tuple(dict.fromkeys((*CORE_OPERATIONS, *skill.needs.operations, *of_policy)))
+
+
+def find_exposed(skill: SkillRuntime, profile: TargetProfile, contract: RuntimeContract) -> tuple[Operation, ...]:
+    """The operations that are granted: what is needed or usual, offered and permitted."""
+    usual = dict.fromkeys((*SESSION_OPERATIONS, *find_operations(skill)))
+    return tuple(each for each in usual if each in profile.operations and each in contract.operations)
+
+
+def iter_operation_problems(
+    skill: SkillRuntime, profile: TargetProfile, contract: RuntimeContract
+) -> Iterator[Problem]:
+    """Operations that the target lacks, or that a session may not use here."""
+    for each in find_operations(skill):
+        by = f"skill {skill.skill}: {'every session' if each in CORE_OPERATIONS else 'needs.operations'}"
+        if each not in profile.operations:
+            yield make_problem(
+                "OPERATION_UNAVAILABLE",
+                "target.operations",
+                repr(each),
+                format_names(profile.operations),
+                triggered_by=by,
+                fix=f"{profile.target} cannot do it; choose another target.",
+            )
+        elif each not in contract.operations:
+            yield make_problem(
+                "OPERATION_FORBIDDEN",
+                "runtime_contract.yaml: operations",
+                repr(each),
+                format_names(contract.operations),
+                triggered_by=by,
+                fix=f"Permit {each!r} in runtime_contract.yaml, if sessions may do that here.",
+            )
+
+
+def iter_version_problems(skill: SkillRuntime) -> Iterator[Problem]:
+    """A skill that was written for another version of this software."""
+    wanted = skill.needs.phyagentos
+    if not wanted:
+        return
+    address, by = "skill.needs.phyagentos", f"skill {skill.skill}: needs.phyagentos"
+    found = version("phyagentos")
+    try:
+        fits = SpecifierSet(wanted).contains(found, prereleases=True)
+    except InvalidSpecifier:
+        yield make_problem(
+            "VERSION_MISMATCH", address, repr(wanted), "versions as in '>=0.2,<1' (PEP 440)", triggered_by=by
+        )
+        return
+    if not fits:
+        yield make_problem("VERSION_MISMATCH", address, f"phyagentos {found}", wanted, triggered_by=by)

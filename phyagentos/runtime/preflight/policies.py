@@ -1,0 +1,149 @@
+"""A policy against the sensors, the target and the clock; and, where its server can be asked, against its own words.
+
+Upstream: the policy descriptor of a skill. Downstream: `compatibility`. How the policy speaks (its action space) is
+checked by compiling the bridges. Asking a server is a port: whoever brings a policy loop brings the asking.
+"""
+
+from collections.abc import Callable, Iterator
+from urllib.parse import urlsplit
+
+from phyagentos.errors import ExecutionError, Problem, format_names
+from phyagentos.protocol.policies import POLICY_PROTOCOL, PolicyDescriptor, Stream
+from phyagentos.protocol.sensors import Length, Sensor, Sensors, Signal
+from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE, find_sensor
+
+AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> what listens there; raises ExecutionError when nobody does
+SCHEMES = ("tcp", "ws", "wss", "http", "https")
+
+
+def iter_policy_problems(skill: SkillRuntime, profile: TargetProfile, sensors: Sensors) -> Iterator[Problem]:
+    """Everything that the declaration tells."""
+    policy, by = skill.policy, f"skill {skill.skill}"
+    if policy is None or skill.action_space is None:
+        for name, declared in (("policy", policy), ("action_space", skill.action_space)):
+            if declared is None:
+                fix = f"Add {name!r} to SKILL.md: a policy is checked by what it declares."
+                yield make_problem("POLICY_UNDECLARED", f"skill.{name}", "nothing", name, triggered_by=by, fix=fix)
+        return
+    by = f"policy {policy.policy}"
+    yield from _iter_endpoint_problems(policy, by)
+    if policy.protocol != POLICY_PROTOCOL:
+        yield make_problem(
+            "VERSION_MISMATCH",
+            "skill.policy.protocol",
+            f"version {policy.protocol}",
+            f"version {POLICY_PROTOCOL}",
+            triggered_by=by,
+        )
+    for name, stream in policy.observations.items():
+        yield from _iter_stream_problems(name, stream, profile, sensors, by)
+    chunk_s = skill.action_space.chunk_length / skill.action_space.rate_hz
+    if policy.inference_s > chunk_s:
+        yield make_problem(
+            "POLICY_TOO_SLOW",
+            "skill.policy.inference_s",
+            f"{policy.inference_s:g} s",
+            f"at most {chunk_s:g} s, which one chunk lasts",
+            triggered_by=f"{by}: chunk_length / rate_hz",
+            fix="Longer chunks, or a faster server: the robot would wait in the middle of a motion.",
+        )
+
+
+def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Problem]:
+    """Where the server's own description differs from the declared one."""
+    policy = skill.policy
+    if policy is None:
+        return
+    try:
+        served = ask(policy.endpoint)
+    except ExecutionError as error:
+        yield make_problem(
+            "POLICY_UNREACHABLE",
+            "skill.policy.endpoint",
+            str(error),
+            f"a policy server at {policy.endpoint}",
+            triggered_by=f"policy {policy.policy}",
+            fix="Start the server.",
+        )
+        return
+    for name in PolicyDescriptor.model_fields:
+        said, found = getattr(policy, name), getattr(served, name)
+        if name != "endpoint" and said != found:
+            yield make_problem(
+                "POLICY_MISMATCH",
+                f"skill.policy.{name}",
+                str(found),
+                str(said),
+                triggered_by=f"policy {policy.policy}",
+                fix="The server at this endpoint is not the one that SKILL.md describes.",
+            )
+
+
+def _iter_endpoint_problems(policy: PolicyDescriptor, by: str) -> Iterator[Problem]:
+    parts = urlsplit(policy.endpoint)
+    try:
+        has_port = parts.port is not None or parts.scheme in {"http", "https", "ws", "wss"}
+    except ValueError:
+        has_port = False
+    if parts.scheme not in SCHEMES or not parts.hostname or not has_port:
+        expected = f"SCHEME://HOST:PORT with one of {format_names(SCHEMES)}"
+        yield make_problem(
+            "ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, triggered_by=by
+        )
+
+
+def _iter_stream_problems(
+    name: str, stream: Stream, profile: TargetProfile, sensors: Sensors, by: str
+) -> Iterator[Problem]:
+    address = f"skill.policy.observations.{name}"
+    if name not in profile.observations:
+        yield make_unknown("OBSERVATION_UNAVAILABLE", address, name, profile.observations, triggered_by=by)
+        return
+    found = find_sensor(sensors, name)
+    if found is None:
+        known = sorted({each for sensor in sensors.sensors.values() for each in sensor.provides})
+        fix = f"Let a sensor of sensors.yaml provide {name!r}."
+        yield make_problem("SENSOR_MISSING", address, repr(name), format_names(known), triggered_by=by, fix=fix)
+        return
+    sensor = found[1]
+    signal = sensor.signals.get(name)
+    if signal is None:
+        fix = f"Say shape, dtype and unit of {name!r} in sensors.yaml, under sensors.{found[0]}.signals."
+        yield make_problem("OBSERVATION_SHAPE", address, "no form in sensors.yaml", "one", triggered_by=by, fix=fix)
+    else:
+        yield from _iter_form_problems(address, stream, signal, len(profile.arm.joints), by)
+    yield from _iter_source_problems(address, stream, sensor, by)
+
+
+def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: int, by: str) -> Iterator[Problem]:
+    wanted, given = _resolve(stream.shape, n_joints), _resolve(signal.shape, n_joints)
+    if wanted != given:
+        yield make_problem(
+            "OBSERVATION_SHAPE", f"{address}.shape", str(list(wanted)), str(list(given)), triggered_by=by
+        )
+    if stream.dtype != signal.dtype:
+        yield make_problem("OBSERVATION_DTYPE", f"{address}.dtype", stream.dtype, signal.dtype, triggered_by=by)
+    if stream.unit != signal.unit:
+        yield make_problem(
+            "OBSERVATION_UNIT", f"{address}.unit", stream.unit or "none", signal.unit or "none", triggered_by=by
+        )
+
+
+def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str) -> Iterator[Problem]:
+    if stream.modality != sensor.modality:
+        yield make_problem(
+            "OBSERVATION_MODALITY", f"{address}.modality", stream.modality, sensor.modality, triggered_by=by
+        )
+    if stream.frame != sensor.frame:
+        yield make_problem("OBSERVATION_FRAME", f"{address}.frame", stream.frame, sensor.frame, triggered_by=by)
+    if stream.rate_hz > sensor.rate_hz * (1.0 + RATE_TOLERANCE):
+        yield make_problem(
+            "OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, f"at most {sensor.rate_hz:g} Hz", triggered_by=by
+        )
+
+
+def _resolve(shape: tuple[Length, ...], n_joints: int) -> tuple[int, ...]:
+    return tuple(n_joints if each == "n_joints" else int(each) for each in shape)

@@ -1,0 +1,228 @@
+"""safety.yaml against the target: one number per joint, no wider than the target's own, room left to work.
+
+Upstream: safety.yaml, the profile, the live target. Downstream: `compatibility`. The guard narrows the limits by what
+the target says of itself; a limit that is wider than the target's own is refused all the same, since whoever wrote it
+believed in a motion that the target cannot make.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import Problem
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.safety import Limit, TargetLimits
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.handle import EXPIRY_PERIODS
+from phyagentos.runtime.preflight.findings import make_problem
+from phyagentos.runtime.targets.wire import Description
+
+POSITION_TOLERANCE_RAD = 0.02  # a target keeps a margin before its end stops; the guard keeps it too
+RELATIVE_TOLERANCE = 1e-6
+
+Array = NDArray[np.float64]
+_PER_JOINT = (
+    "joint_position_min", "joint_position_max", "joint_velocity_max", "joint_acceleration_max", "joint_jerk_max",
+    "tracking_error_max",
+)  # fmt: skip
+_OWN = (
+    ("joint_velocity_max", "velocity_rad_s"),
+    ("joint_acceleration_max", "acceleration_rad_s2"),
+    ("joint_jerk_max", "jerk_rad_s3"),
+)
+_NARROW = "No session could do anything under it."
+
+
+def iter_safety_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
+    """What can be said on paper."""
+    bad = list(_iter_length_problems(limits, profile))
+    yield from bad
+    wrong = {problem.address for problem in bad}
+    n = len(profile.arm.joints)
+    for name, field in _OWN:
+        if _place(profile, name) not in wrong and len(getattr(profile.arm, field)) == n:
+            own = np.asarray(getattr(profile.arm, field)) * (1.0 + RELATIVE_TOLERANCE)
+            yield from _iter_wider(profile, name, _spread(getattr(limits, name), n), own, f"arm.{field}")
+    if not {_place(profile, "joint_position_min"), _place(profile, "joint_position_max")} & wrong:
+        low, high = _spread(limits.joint_position_min, n), _spread(limits.joint_position_max, n)
+        yield from _iter_range_problems(profile, low, high)
+    yield from _iter_box_problems(limits, profile)
+    yield from _iter_number_problems(limits, profile)
+
+
+def iter_live_safety_problems(limits: TargetLimits, profile: TargetProfile, live: Description) -> Iterator[Problem]:
+    """What only the live target can tell: its joint ranges and the force of its gripper."""
+    n = live.n_joints
+    low, high = limits.joint_position_min, limits.joint_position_max
+    if _fits(low, n) and _fits(high, n):
+        own_low = np.asarray(live.q_min_rad) - POSITION_TOLERANCE_RAD
+        own_high = np.asarray(live.q_max_rad) + POSITION_TOLERANCE_RAD
+        yield from _iter_wider(profile, "joint_position_min", -_spread(low, n), -own_low, "its end stops", sign=-1.0)
+        yield from _iter_wider(profile, "joint_position_max", _spread(high, n), own_high, "its end stops")
+    force_n = float(np.asarray(limits.gripper_force_max.value))
+    if live.gripper_force_n > force_n * (1.0 + RELATIVE_TOLERANCE):
+        yield make_problem(
+            "GRIPPER_FORCE",
+            _place(profile, "gripper_force_max"),
+            f"{live.gripper_force_n:g} N, which the gripper can press with",
+            f"at most {force_n:g} N",
+            triggered_by="safety.yaml: gripper_force_max",
+            fix="Use a weaker gripper, or raise the limit with a source.",
+        )
+
+
+def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Environment) -> Iterator[Problem]:
+    """Where the tool stands now: the guard refuses every command of a session that begins outside."""
+    state = now.targets.get(profile.target)
+    if state is None:
+        return
+    point = np.asarray(state.tcp.position_m)
+    low, high = np.asarray(limits.workspace_box.value)
+    if np.any(point < low) or np.any(point > high):
+        yield make_problem(
+            "START_OUTSIDE",
+            _place(profile, "workspace_box"),
+            f"the tool stands at {_show(point)}",
+            f"inside {_show(low)} to {_show(high)}",
+            triggered_by="safety.yaml: workspace_box",
+            fix="Move the robot by hand, or correct the box.",
+        )
+    for name, limit in limits.keep_out.items():
+        low, high = np.asarray(limit.value)
+        if np.all(point > low) and np.all(point < high):
+            yield make_problem(
+                "START_OUTSIDE",
+                f"safety.yaml: targets.{profile.target}.keep_out.{name}",
+                f"the tool stands at {_show(point)}",
+                f"outside {_show(low)} to {_show(high)}",
+                triggered_by=f"safety.yaml: keep_out.{name}",
+                fix="Move the robot by hand, or correct the box.",
+            )
+
+
+def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
+    n = len(profile.arm.joints)
+    for name in _PER_JOINT:
+        limit = getattr(limits, name)
+        if not _fits(limit, n):
+            yield make_problem(
+                "WRONG_LENGTH",
+                _place(profile, name),
+                f"{len(limit.value)} numbers",
+                f"one, or {n}: one per joint",
+                triggered_by=f"target {profile.target}: arm.joints",
+            )
+    arm = profile.arm
+    fields = ("home_rad", "velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "stiffness_nm_rad")
+    for field in (*fields, "damping_nms_rad"):
+        if len(getattr(arm, field)) != n:
+            yield make_problem(
+                "WRONG_LENGTH",
+                f"target.arm.{field}",
+                f"{len(getattr(arm, field))} numbers",
+                f"{n}: one per joint",
+                triggered_by=f"target {profile.target}: arm.joints",
+            )
+
+
+def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Iterator[Problem]:
+    for index, joint in enumerate(profile.arm.joints):
+        if low[index] >= high[index]:
+            yield make_problem(
+                "LIMIT_EMPTY",
+                f"{_place(profile, 'joint_position_min')}[{index}]",
+                f"{joint} from {low[index]:g} to {high[index]:g} rad",
+                "the least below the greatest",
+            )
+    home = profile.arm.home_rad
+    outside = [
+        joint
+        for index, joint in enumerate(profile.arm.joints)
+        if index < len(home) and low[index] < high[index] and not low[index] <= home[index] <= high[index]
+    ]
+    if outside:
+        yield make_problem(
+            "LIMIT_TOO_NARROW",
+            _place(profile, "joint_position_min"),
+            f"{', '.join(outside)} stands outside in the home posture",
+            "a range that holds arm.home_rad",
+            triggered_by=f"target {profile.target}: arm.home_rad",
+            fix=_NARROW,
+        )
+
+
+def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
+    if profile.workspace_m is None:
+        return
+    low, high = np.asarray(limits.workspace_box.value)
+    own_low, own_high = np.asarray(profile.workspace_m)
+    if np.any(low < own_low - RELATIVE_TOLERANCE) or np.any(high > own_high + RELATIVE_TOLERANCE):
+        yield make_problem(
+            "LIMIT_WIDER",
+            _place(profile, "workspace_box"),
+            f"{_show(low)} to {_show(high)}",
+            f"inside {_show(own_low)} to {_show(own_high)}",
+            triggered_by=f"target {profile.target}: workspace_m",
+            fix="The target stops by itself at its own box.",
+        )
+
+
+def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
+    """Limits of one number, against what the target does in one control period."""
+    by, period_s = f"target {profile.target}", profile.control_period_s
+    width_m = float(np.asarray(limits.gripper_width_max.value))
+    if width_m > profile.gripper.max_width_m * (1.0 + RELATIVE_TOLERANCE):
+        yield make_problem(
+            "LIMIT_WIDER", _place(profile, "gripper_width_max"), f"{width_m:g} m",
+            f"at most {profile.gripper.max_width_m:g} m", triggered_by=f"{by}: gripper.max_width_m",
+        )  # fmt: skip
+    rate, own_rate = float(np.asarray(limits.command_rate_max.value)), 1.0 / period_s
+    if rate > own_rate * (1.0 + RELATIVE_TOLERANCE):
+        yield make_problem(
+            "LIMIT_WIDER", _place(profile, "command_rate_max"), f"{rate:g} 1/s", f"at most {own_rate:g} 1/s",
+            triggered_by=f"{by}: control_period_s",
+        )  # fmt: skip
+    elif rate < own_rate * (1.0 - RELATIVE_TOLERANCE):
+        yield make_problem(
+            "LIMIT_TOO_NARROW", _place(profile, "command_rate_max"), f"{rate:g} 1/s", f"at least {own_rate:g} 1/s",
+            triggered_by=f"{by}: control_period_s", fix=_NARROW,
+        )  # fmt: skip
+    valid_s, needed_s = float(np.asarray(limits.command_validity_max.value)), EXPIRY_PERIODS * period_s
+    if valid_s < needed_s * (1.0 - RELATIVE_TOLERANCE):
+        yield make_problem(
+            "LIMIT_TOO_NARROW", _place(profile, "command_validity_max"), f"{valid_s:g} s", f"at least {needed_s:g} s",
+            triggered_by=f"{by}: control_period_s", fix=_NARROW,
+        )  # fmt: skip
+
+
+def _iter_wider(
+    profile: TargetProfile, name: str, values: Array, own: Array, whose: str, sign: float = 1.0
+) -> Iterator[Problem]:
+    for index, joint in enumerate(profile.arm.joints[: len(own)]):
+        if values[index] > own[index]:
+            yield make_problem(
+                "LIMIT_WIDER",
+                f"{_place(profile, name)}[{index}]",
+                f"{joint} {sign * values[index]:g}",
+                f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}",
+                triggered_by=f"target {profile.target}: {whose}",
+                fix="A limit may narrow what the target can do, never widen it.",
+            )
+
+
+def _place(profile: TargetProfile, name: str) -> str:
+    return f"safety.yaml: targets.{profile.target}.{name}"
+
+
+def _fits(limit: Limit, n: int) -> bool:
+    return np.asarray(limit.value).shape in {(), (n,)}
+
+
+def _spread(limit: Limit, n: int) -> Array:
+    """(n,) numbers of a limit that may be one for all joints."""
+    return np.broadcast_to(np.asarray(limit.value, dtype=np.float64), (n,))
+
+
+def _show(point: Array) -> str:
+    return f"({', '.join(f'{value:g}' for value in np.round(point, 3))})"

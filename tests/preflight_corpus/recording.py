@@ -1,0 +1,75 @@
+"""What the real world process says of each shipped scene, kept as JSON, so that most cases need no simulator.
+
+    python tests/preflight_corpus/recording.py
+
+A test compares the files with the simulator. Upstream: `MujocoWorld`. Downstream: `corpus`.
+"""
+
+import tempfile
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import Scene
+from phyagentos.runtime.targets import wire
+
+FOLDER = Path(__file__).parent / "recorded"
+SEED = 0
+EPISODE = "recorded"
+
+
+class Recorded(msgspec.Struct, frozen=True, kw_only=True):
+    """One scene as it begins.
+
+    Attributes:
+        description: Of the target, with the scene loaded.
+        environment: The world at rest.
+    """
+
+    description: wire.Description
+    environment: Environment
+
+
+def read_recorded(scene: str) -> Recorded:
+    """The recording of a scene."""
+    return msgspec.json.decode(get_file(scene).read_bytes(), type=Recorded)
+
+
+def get_file(scene: str) -> Path:
+    """Where the recording of a scene is."""
+    return FOLDER / f"{scene.replace('/', '__')}.json"
+
+
+def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recorded:
+    """Ask a simulated world, as the world process would hold it."""
+    from phyagentos.runtime.perception import TruthPerception
+    from phyagentos.runtime.targets.faults import FaultInjector, Schedule
+    from phyagentos.runtime.targets.receive_log import ReceiveLog
+    from phyagentos.runtime.targets.robot import read_profile
+    from phyagentos.runtime.targets.world import MujocoWorld
+
+    profile, folder = read_profile(library.get_target(target))
+    with tempfile.TemporaryDirectory() as logs:
+        log = ReceiveLog(Path(logs) / "receive.jsonl")
+        world = MujocoWorld(profile, folder, library, log, lambda episode, seed: FaultInjector(Schedule()))
+        world.handle(wire.LoadScene(scene=scene, seed=seed, episode=EPISODE))
+        description, observation = world.handle(wire.Describe()), world.handle(wire.Observe())
+        world.close()
+    assert isinstance(description, wire.Description), description
+    assert isinstance(observation, wire.Observation), observation
+    where = Scene(name=scene, seed=seed, episode=EPISODE)
+    return Recorded(description=description, environment=TruthPerception(target).perceive(observation, where))
+
+
+def main() -> None:
+    """Write every recording again."""
+    library = Library.open()
+    for scene in library.names_of_scenes():
+        data = msgspec.json.encode(record(scene, "panda", library))
+        get_file(scene).write_bytes(msgspec.json.format(data, indent=1))
+
+
+if __name__ == "__main__":
+    main()

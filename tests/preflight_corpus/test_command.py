@@ -1,0 +1,99 @@
+"""`paos preflight`, with the real processes: it prints what would be granted, or why not, and moves nothing."""
+
+import json
+import subprocess
+import sys
+
+import msgspec
+import pytest
+import yaml
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.workspace import Workspace
+
+from .corpus import compile_sessions
+
+pytestmark = pytest.mark.journey
+
+
+def paos(*arguments, cwd):
+    command = [sys.executable, "-m", "phyagentos", "preflight", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, cwd=cwd)
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    return Workspace.create(tmp_path / "w", Library.open())
+
+
+def widen_velocity(workspace):
+    settings = yaml.safe_load(workspace.safety.read_text(encoding="utf-8"))
+    settings["targets"]["panda"]["joint_velocity_max"]["value"] = 3.0
+    workspace.safety.write_text(yaml.safe_dump(settings), encoding="utf-8")
+
+
+def test_a_goal_graph_that_fits_prints_plans_tools_and_the_dry_run(tmp_path):
+    done = paos("two_in_a_tray", "--json", cwd=tmp_path)
+
+    assert done.returncode == 0, done.stderr
+    sessions = {each["session"]: each for each in json.loads(done.stdout)["sessions"]}
+    red, beside = sessions["two_in_a_tray.red"], sessions["two_in_a_tray.beside"]
+    assert red["fits"]
+    assert red["problems"] == []
+    assert red["plan"]["tree"] == "pick_and_place"
+    assert [tool["name"] for tool in red["tools"]["tools"]] == red["tools"]["expose"]
+    assert red["tools"]["tools"][0]["arguments"]["required"] == ["q_rad", "qd_rad_s", "gripper_width_m"]
+    assert [trial["outcome"] for trial in red["dry_run"]] == ["possible"] * 3
+    assert beside["awaits"] == {"near": "${red.outputs.place_site}"}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_goal_graph_is_refused_by_the_settings_of_a_workspace(tmp_path, workspace):
+    widen_velocity(workspace)
+
+    done = paos("tidy_table", "--workspace", workspace.root, cwd=tmp_path)
+
+    assert done.returncode == 3
+    assert "tidy_table.red: would be REJECTED" in done.stdout
+    assert "LIMIT_WIDER at safety.yaml: targets.panda.joint_velocity_max[0]" in done.stdout
+    assert "asked for by target panda: arm.velocity_rad_s" in done.stdout
+    assert "3 of 3 would be rejected" in done.stderr
+    assert not (workspace.logs / "receive-panda.jsonl").exists()
+
+
+def test_a_goal_graph_that_does_not_compile_is_invalid_input(tmp_path):
+    (tmp_path / "goal_graphs").mkdir()
+    graph = (Library.open().roots[-1] / "goal_graphs" / "tidy_table.yaml").read_text(encoding="utf-8")
+    (tmp_path / "goal_graphs/broken.yaml").write_text(graph.replace("skill: pick_and_place", "skill: pick_and_plaice"))
+
+    done = paos("goal_graphs/broken.yaml", cwd=tmp_path)
+
+    assert done.returncode == 2
+    assert "UNKNOWN_SKILL" in done.stderr
+
+
+def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, workspace):
+    session = compile_sessions("tidy_table", Library.open(), workspace)[0]
+    spoilt = msgspec.structs.replace(session, parameters={**session.parameters, "object": "purple_cube"})
+    journal = Journal(workspace.root, side=Side.AGENT, by="test", clock=SystemClock())
+    journal.commit([Entry(spoilt.id, "submit", msgspec.to_builtins(spoilt))])
+    journal.close()
+
+    done = paos("red", "--workspace", workspace.root, "--json", cwd=tmp_path)
+
+    assert done.returncode == 3, done.stderr
+    (report,) = json.loads(done.stdout)["sessions"]
+    (problem,) = report["problems"]
+    assert problem["code"] == "ENTITY_UNKNOWN"
+    assert "Did you mean" in problem["fix"]
+    assert set(problem) == {"code", "address", "found", "expected", "triggered_by", "fix"}
+
+
+def test_what_is_neither_graph_nor_session_is_told_with_what_there_is(tmp_path, workspace):
+    done = paos("tidy_tabel", "--workspace", workspace.root, cwd=tmp_path)
+
+    assert done.returncode == 2
+    assert "no such session" in done.stderr

@@ -1,0 +1,79 @@
+"""The same misconfigurations against the real processes: both planes, a simulated arm, and its own receive log."""
+
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+from phyagentos.agent.mission import Mission
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.workspace import Workspace
+
+from .corpus import HERE, Edit, make_project, read_case
+
+GRAPH = find_shipped_root() / "goal_graphs" / "tidy_table.yaml"
+OBSERVING = {"process_start", "Describe", "LoadScene", "Observe", "state_write", "Render"}
+FAR_CUBE = Edit(
+    file="scenes/tabletop/cubes_and_trays.yaml",
+    path=("bodies", "red_cube", "place"),
+    value={"position_m": [1.9, 0.0, 0.03]},
+)
+
+
+def run(root, edits, rename=("", "")):
+    """A mission in a project with these edits: its report, codes of the reject records, what the target took."""
+    workspace = Workspace.create(root / "w", make_project(root / "project", edits))
+    if rename[0]:
+        text = workspace.target_registry.read_text(encoding="utf-8")
+        workspace.target_registry.write_text(text.replace(*rename), encoding="utf-8")
+    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
+    journal = Journal(workspace.root, side=Side.AGENT, by="test", clock=SystemClock())
+    with (workspace.logs / "watch.log").open("wb") as log, subprocess.Popen(command, stdout=log, stderr=log) as watch:
+        try:
+            mission = Mission(workspace, journal, clock=SystemClock(), is_runtime_alive=lambda: watch.poll() is None)
+            report = mission.run(GRAPH, seed=1, goal="tidy")
+        finally:
+            watch.terminate()
+            watch.wait(30)
+            journal.close()
+    reasons = {id: status.reason for id, status in mission.ledger.sessions.items() if status.state == "rejected"}
+    codes = {id: set(re.findall(r": ([A-Z]+(?:_[A-Z]+)+)\b", reason)) for id, reason in reasons.items()}
+    received = workspace.logs / "receive-panda.jsonl"
+    lines = received.read_text(encoding="utf-8").splitlines() if received.exists() else []
+    return report, codes, [json.loads(line) for line in lines]
+
+
+@pytest.mark.journey
+@pytest.mark.parametrize(
+    ("side", "name", "rename"),
+    [
+        ("safety", "velocity_wider_than_the_arm", ("", "")),
+        ("safety", "limit_without_a_source", ("", "")),
+        ("sensor", "opening_that_nobody_measures", ("", "")),
+        ("target", "joint_renamed_in_its_document", ("joint7", "wrist")),
+    ],
+)
+def test_a_misconfigured_target_gets_no_command_at_all(side, name, rename, tmp_path):
+    case = read_case(HERE / side / f"{name}.yaml")
+
+    report, codes, received = run(tmp_path, case.edits, rename)
+
+    assert report.exit_code == 3
+    assert codes == {f"tidy.{node}": set(case.expect) for node in ("red", "green", "blue")}
+    assert {line["kind"] for line in received} <= OBSERVING
+
+
+@pytest.mark.journey
+def test_a_thing_out_of_reach_stops_only_its_own_session(tmp_path):
+    report, codes, received = run(tmp_path, [FAR_CUBE])
+
+    assert codes == {"tidy.red": {"OUT_OF_REACH"}}
+    assert report.exit_code == 3
+    assert report.first_attempt_success == {"red": False, "green": True, "blue": True}
+    assert not [line for line in received if line.get("session") == "tidy.red"]
+    assert [line for line in received if line.get("session") == "tidy.green"]

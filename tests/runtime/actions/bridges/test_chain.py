@@ -1,0 +1,221 @@
+"""A chain of bridges is chosen in preflight, printed, and refuses what would be unsafe."""
+
+import numpy as np
+import pytest
+
+from phyagentos.protocol.action_spaces import ActionSpace, GripperRange, describe_target_space
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
+from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.violations import ViolationCode
+
+JOINTS = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7")
+HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.08])
+POSE = {"representation": "tool_pose", "rate_hz": 10.0, "chunk_length": 16}
+
+
+@pytest.fixture
+def target(profile):
+    return describe_target_space(profile)
+
+
+def build_source(**changes):
+    facts = {
+        "representation": "joint_position",
+        "joints": tuple(reversed(JOINTS)),
+        "angle_unit": "deg",
+        "rate_hz": 10.0,
+        "chunk_length": 16,
+        "gripper": GripperRange(closed=1.0, open=0.0),
+    }
+    return ActionSpace(**{**facts, **changes})
+
+
+def make_rows(source, q=HOME, count=4):
+    """Rows of the reversed, degree-speaking source that hold a posture of the target."""
+    row = np.concatenate((np.degrees(q[6::-1]), [1.0 - q[7] / 0.08]))
+    return np.tile(row, (count, 1))
+
+
+def test_a_chain_is_printed_in_the_order_in_which_a_chunk_travels(target):
+    chain = compile_chain(build_source(), target)
+    assert str(chain) == (
+        "units deg->rad . joints [joint1, joint2, joint3, joint4, joint5, joint6, joint7] . gripper 1..0->0..0.08"
+        " . resample 10->50 Hz"
+    )
+
+
+def test_a_skill_that_speaks_the_targets_language_needs_no_bridge(target):
+    chain = compile_chain(target, target)
+    assert chain.links == ()
+    assert str(chain) == "identity"
+
+
+def test_a_pose_policy_is_bridged_by_frame_rotation_units_and_rate():
+    frames = {"base": np.diag([-1.0, -1.0, 1.0, 1.0])}
+    source = ActionSpace(
+        **POSE, delta=True, frame="base", length_unit="mm", rotation="euler", euler_order="xyz", angle_unit="deg"
+    )
+    goal = ActionSpace(representation="tool_pose", rate_hz=50.0, chunk_length=100, rotation="quaternion_wxyz")
+    chain = compile_chain(source, goal, frames)
+    assert str(chain) == (
+        "units mm->m, deg->rad . rotation euler_xyz->quaternion_wxyz . delta->absolute . frame base->world"
+        " . resample 10->50 Hz"
+    )
+    before = np.array([0.5, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0])
+    forward = chain.apply(np.array([[10.0, 0.0, 0.0, 0.0, 0.0, 90.0]]), before)
+    assert forward.rows[-1, :3] == pytest.approx([0.49, 0.0, 0.3])  # the base looks the other way
+    assert forward.rows[-1, 3:] == pytest.approx([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+    assert forward.rows[2, :3] == pytest.approx([0.494, 0.0, 0.3])
+
+
+def test_joint_angles_arrive_in_radians_in_the_targets_order(target):
+    chain = compile_chain(build_source(), target)
+    bridged = chain.apply(make_rows(chain.source), HOME)
+    assert bridged == Bridged(bridged.rows, ())
+    assert bridged.rows.shape == (20, 8)
+    assert bridged.rows == pytest.approx(np.tile(HOME, (20, 1)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "address", "word"),
+    [
+        ({"representation": "tool_pose"}, "REPRESENTATION_UNBRIDGED", "source.representation", "planning"),
+        ({"joints": (*JOINTS[:6], "joint_7")}, "JOINT_UNKNOWN", "joints", "Did you mean 'joint7'?"),
+        ({"joints": JOINTS[:6]}, "JOINT_MISSING", "joints", "where joint7 stands"),
+        ({"joints": ("joint1",) * 7}, "ACTION_SPACE_INVALID", "source.joints", ""),
+        ({"joints": ()}, "ACTION_SPACE_INVALID", "source.joints", ""),
+        ({"gripper": None}, "GRIPPER_MISMATCH", "gripper", "Both sides"),
+        ({"gripper": GripperRange(closed=1.0, open=1.0)}, "ACTION_SPACE_INVALID", "source.gripper", ""),
+        ({"rate_hz": 10.1234567}, "RATE_UNBRIDGED", "rate_hz", "divides"),
+        ({"chunk_length": 99}, "CHUNK_LENGTH", "chunk_length", "Shorten"),
+        ({"rate_hz": 50.0, "chunk_length": 101}, "CHUNK_LENGTH", "chunk_length", "Shorten"),
+        ({"rate_hz": 5000.0, "chunk_length": 20}, "CHUNK_LENGTH", "chunk_length", "at least one period"),
+        ({"maximum": (1.0,)}, "ACTION_SPACE_INVALID", "source.maximum", ""),
+    ],
+)
+def test_what_cannot_be_bridged_is_told_in_preflight(target, changes, code, address, word):
+    (problem,) = compile_chain(build_source(**changes), target)
+    assert (problem.code, problem.address) == (code, address)
+    assert word in problem.hint
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [({"frame": "camera"}, "FRAME_UNKNOWN"), ({"rotation": "euler"}, "ACTION_SPACE_INVALID")],
+)
+def test_what_is_wrong_with_a_pose_is_told_too(changes, code):
+    goal = ActionSpace(representation="tool_pose", rate_hz=50.0, chunk_length=100)
+    (problem,) = compile_chain(ActionSpace(**POSE, **changes), goal)
+    assert problem.code == code
+
+
+def test_a_clamp_without_a_range_is_a_problem():
+    goal = ActionSpace(representation="tool_pose", rate_hz=10.0, chunk_length=100)
+    (problem,) = compile_chain(ActionSpace(**POSE, clamp=True), goal)
+    assert problem.code == "CLAMP_UNBOUNDED"
+
+
+def test_all_problems_are_told_at_once(target):
+    source = build_source(joints=JOINTS[:6], gripper=None, rate_hz=7.77777)
+    assert {problem.code for problem in compile_chain(source, target)} == {
+        "JOINT_MISSING",
+        "GRIPPER_MISMATCH",
+        "RATE_UNBRIDGED",
+    }
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_number_that_is_none_is_refused_with_its_joint_and_row(target, bad):
+    chain = compile_chain(build_source(), target)
+    rows = make_rows(chain.source)
+    rows[2, 1] = bad
+    violation = chain.apply(rows, HOME)
+    assert (violation.code, violation.where, violation.row) == (ViolationCode.NOT_FINITE, "joint6", 2)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda rows: rows[:, :7],
+        lambda rows: rows[:0],
+        lambda rows: np.tile(rows, (5, 1)),
+        lambda rows: rows[0],
+        lambda rows: rows.astype(np.float32),
+        lambda rows: rows.astype(np.int64),
+    ],
+)
+def test_a_chunk_of_another_form_is_refused(target, spoil):
+    chain = compile_chain(build_source(), target)
+    violation = chain.apply(spoil(make_rows(chain.source)), HOME)
+    assert violation.code is ViolationCode.WRONG_SHAPE
+
+
+@pytest.mark.parametrize(
+    ("form", "columns"),
+    [
+        ("quaternion_wxyz", [0.0, 0.0, 0.0, 0.0]),
+        ("quaternion_xyzw", [2.0, 0.0, 0.0, 0.0]),
+        ("rotation_6d", [1.0, 0.0, 0.0, 2.0, 0.0, 0.0]),
+    ],
+)
+def test_columns_that_are_no_rotation_are_refused(form, columns):
+    goal = ActionSpace(representation="tool_pose", rate_hz=10.0, chunk_length=100, rotation="axis_angle")
+    chain = compile_chain(ActionSpace(**POSE, rotation=form), goal)
+    violation = chain.apply(np.array([[0.5, 0.0, 0.3, *columns]]), np.zeros(6))
+    assert (violation.code, violation.where) == (ViolationCode.ROTATION_INVALID, form)
+
+
+def test_a_delta_of_a_million_is_refused_not_clamped(target):
+    source = build_source(delta=True, angle_unit="rad")
+    chain = compile_chain(source, target)
+    rows = np.zeros((1, 8))
+    rows[0, 3] = 1e6
+    violation = chain.apply(rows, HOME)
+    assert (violation.code, violation.where) == (ViolationCode.DISCONTINUOUS, "joint4")
+    assert violation.found == pytest.approx(2e5)
+    assert violation.limit == pytest.approx(2.175 / 50, rel=0.02)
+
+
+def test_a_jump_between_two_chunks_is_refused_where_it_happens(target):
+    chain = compile_chain(build_source(rate_hz=50.0), target)
+    moved = HOME.copy()
+    moved[1] += 0.05
+    violation = chain.apply(make_rows(chain.source, moved), HOME)
+    assert (violation.code, violation.where, violation.row) == (ViolationCode.DISCONTINUOUS, "joint2", 0)
+
+
+def test_a_pose_that_turns_faster_than_the_target_is_refused():
+    goal = ActionSpace(representation="tool_pose", rate_hz=10.0, chunk_length=100, velocity_max=(0.5, 1.0))
+    chain = compile_chain(ActionSpace(**POSE), goal)
+    before = np.array([0.5, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0])
+    turned = np.array([[0.5, 0.0, 0.3, np.cos(0.1), np.sin(0.1), 0.0, 0.0]])
+    violation = chain.apply(turned, before)
+    assert (violation.code, violation.where, violation.unit) == (ViolationCode.DISCONTINUOUS, "rotation", "rad")
+    assert violation.found == pytest.approx(0.2)
+
+
+def test_only_a_declared_clamp_projects_and_it_is_recorded(target):
+    bounded = target.model_copy(update={"minimum": (-3.0,) * 7, "maximum": (0.8,) * 6 + (3.0,), "velocity_max": ()})
+    rows = make_rows(build_source())
+    refusing = compile_chain(build_source(), bounded)
+    clamping = compile_chain(build_source(clamp=True), bounded)
+    assert refusing.apply(rows, HOME).interventions == ()
+    bridged = clamping.apply(rows, HOME)
+    assert bridged.rows[:, 5] == pytest.approx(np.full(20, 0.8))
+    assert bridged.interventions[0] == Intervention("CLAMPED", "joint6", 0, pytest.approx(1.571), 0.8)
+    assert len(bridged.interventions) == 20
+
+
+def test_a_joint_that_the_policy_does_not_command_stands_where_the_contract_says(target):
+    source = build_source(joints=JOINTS[:6], fixed={"joint7": 45.0}, angle_unit="deg", rate_hz=50.0)
+    chain = compile_chain(source, target)
+    rows = np.concatenate((np.degrees(HOME[:6]), [0.0]))[None]
+    assert chain.apply(rows, HOME).rows[0, :7] == pytest.approx([*HOME[:6], np.pi / 4])
+
+
+def test_fifteen_hertz_become_fifty_by_way_of_their_multiple(target):
+    chain = compile_chain(build_source(rate_hz=15.0), target)
+    assert isinstance(chain, BridgeChain)
+    assert str(chain).endswith("resample 15->150 Hz . resample 150->50 Hz")
+    assert len(chain.apply(make_rows(chain.source, count=6), HOME).rows) == 20

@@ -1,0 +1,159 @@
+"""Every bridge of the registry: what it converts comes back, or applying it twice is applying it once."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from phyagentos.protocol.action_spaces import POSITION_WIDTH, ActionSpace, GripperRange
+from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
+from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.registry import BRIDGES
+from phyagentos.runtime.actions.bridges.rotations import decode_rotation, encode_rotation
+from phyagentos.runtime.actions.violations import ViolationCode
+
+FORMS = ("quaternion_wxyz", "quaternion_xyzw", "axis_angle", "rotation_6d", "euler")
+RATES = (5.0, 10.0, 15.0, 25.0, 50.0, 100.0)
+FRAMES = {
+    "base": np.array([[0.0, -1.0, 0.0, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.0, 1.0, 0.8], [0.0, 0.0, 0.0, 1.0]]),
+    "tilted": np.block(
+        [
+            [Rotation.from_euler("xyz", [0.3, -0.7, 1.1]).as_matrix(), np.array([[0.1], [0.2], [-0.4]])],
+            [np.zeros((1, 3)), np.ones((1, 1))],
+        ]
+    ),
+}
+JOINTS = ("j1", "j2", "j3", "j4", "j5")
+
+
+@st.composite
+def draw_pair(draw):
+    """Two action spaces that can be bridged."""
+    joint_space = draw(st.booleans())
+    gripper = draw(st.booleans())
+    common = {"representation": "joint_position" if joint_space else "tool_pose"}
+    sides = []
+    for _ in range(2):
+        side = {
+            **common,
+            "delta": draw(st.booleans()),
+            "angle_unit": draw(st.sampled_from(("rad", "deg"))),
+            "rate_hz": draw(st.sampled_from(RATES)),
+            "gripper": draw(st.sampled_from(((0.0, 0.08), (1.0, 0.0), (0.0, 1.0), (-1.0, 1.0)))) if gripper else None,
+        }
+        if side["gripper"] is not None:
+            side["gripper"] = GripperRange(closed=side["gripper"][0], open=side["gripper"][1])
+        if joint_space:
+            side["joints"] = tuple(draw(st.permutations(JOINTS)))
+        else:
+            side |= {
+                "frame": draw(st.sampled_from(("world", *FRAMES))),
+                "length_unit": draw(st.sampled_from(("m", "cm", "mm"))),
+                "rotation": draw(st.sampled_from(FORMS)),
+                "euler_order": draw(st.sampled_from(("xyz", "ZYX", "zyz", "YXZ"))),
+            }
+        sides.append(side)
+    source, target = sides
+    if joint_space and draw(st.booleans()):
+        target["joints"] = tuple(joint for joint in target["joints"] if joint != "j2")
+        source["drop"] = ("j2",)
+        source["joints"] = tuple(joint for joint in source["joints"] if joint != "j4")
+        source["fixed"] = {"j4": 0.5}
+    if draw(st.booleans()):
+        columns = len(target["joints"]) if joint_space else 3
+        source["clamp"] = True
+        target |= {"minimum": (-0.5,) * columns, "maximum": (0.7,) * columns}
+    return ActionSpace(**source, chunk_length=40), ActionSpace(**target, chunk_length=4000)
+
+
+def draw_rows(space, count, rng):
+    """Rows of a space: moderate values, any rotation (small ones where rows are changes)."""
+    rows = rng.uniform(-1.0, 1.0, (count, space.width))
+    if space.representation == "tool_pose":
+        spread = 0.3 if space.delta else 3.0
+        turns = Rotation.from_rotvec(rng.uniform(-1.0, 1.0, (count, 3)) * spread / np.sqrt(3.0))
+        rows[:, POSITION_WIDTH : space.arm_width] = encode_rotation(turns, space)
+    return rows
+
+
+def measure_distance(space, first, second):
+    """Largest difference of two chunks: of numbers, or of rotations by their angle."""
+    if first.shape != second.shape:
+        return np.inf
+    if space.representation == "joint_position":
+        return float(np.abs(first - second).max(initial=0.0))
+    columns = slice(POSITION_WIDTH, space.arm_width)
+    rest = np.delete(first - second, np.r_[columns], axis=1)
+    turn = decode_rotation(first[:, columns], space) * decode_rotation(second[:, columns], space).inv()
+    return float(max(np.abs(rest).max(initial=0.0), turn.magnitude().max(initial=0.0)))
+
+
+TOLERANCE = 1e-8
+PAIRS = st.tuples(draw_pair(), st.integers(1, 12), st.integers(0, 2**32 - 1))
+
+
+def check_link(link, count, rng):
+    """The property of one bridge, at both of its ends."""
+    before = draw_rows(link.target.model_copy(update={"delta": False}), 1, rng)[0]
+    rows = draw_rows(link.source, count, rng)
+    converted = link.apply(rows, before)
+    assert converted.shape[1] == link.target.width
+    assert np.isfinite(converted).all()
+    back = link.invert(converted, before)
+    if link.lossless:
+        assert measure_distance(link.source, back, rows) < TOLERANCE
+    else:
+        assert measure_distance(link.target, link.apply(back, before), converted) < TOLERANCE
+
+
+@given(PAIRS)
+@settings(max_examples=250, deadline=None)
+def test_every_bridge_of_any_chain_is_undone_by_its_inverse_or_is_a_projection(drawn):
+    (source, target), count, seed = drawn
+    chain = compile_chain(source, target, FRAMES)
+    assert isinstance(chain, BridgeChain), chain
+    for link in chain.links:
+        check_link(link, count, np.random.default_rng(seed))
+
+
+@given(PAIRS)
+@settings(max_examples=150, deadline=None)
+def test_a_whole_chain_speaks_the_targets_language_and_leads_back(drawn):
+    (source, target), count, seed = drawn
+    rng = np.random.default_rng(seed)
+    chain = compile_chain(source, target, FRAMES)
+    before = draw_rows(target.model_copy(update={"delta": False}), 1, rng)[0]
+    rows = draw_rows(source, count, rng)
+    bridged = chain.apply(rows, before)
+    expected = int(count / source.rate_hz * target.rate_hz + 1e-9)
+    if not expected:
+        assert bridged.code is ViolationCode.WRONG_SHAPE
+        return
+    assert isinstance(bridged, Bridged)
+    assert len(bridged.rows) == expected
+    assert bridged.rows.shape[1] == target.width
+    if all(link.lossless for link in chain.links):
+        assert measure_distance(source, chain.invert(bridged.rows, before), rows) < 1e-6
+    assert bool(bridged.interventions) <= source.clamp
+
+
+@pytest.mark.parametrize("kind", BRIDGES, ids=lambda kind: kind.name)
+def test_every_kind_of_bridge_is_needed_by_some_pair_of_spaces(kind):
+    found = []
+
+    @given(PAIRS)
+    @settings(max_examples=300, deadline=None, database=None, derandomize=True)
+    def collect(drawn):
+        (source, target), count, seed = drawn
+        links = compile_chain(source, target, FRAMES).links
+        found.extend((link, count, seed) for link in links if type(link) is kind)
+
+    collect()
+    assert len(found) >= 20, f"draw_pair never needs {kind.name}"
+    for link, count, seed in found:
+        check_link(link, count, np.random.default_rng(seed))
+
+
+def test_bridges_have_names_of_their_own():
+    assert len({kind.name for kind in BRIDGES}) == len(BRIDGES)

@@ -1,0 +1,305 @@
+"""What the guard does about a broken limit, and the limits beyond those of single joints."""
+
+import numpy as np
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.environment import Pose, TargetState
+from phyagentos.protocol.safety import Limit, read_safety
+from phyagentos.runtime.actions.guard import SafetyGuard
+from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.actions.tool_point import ToolPoint
+from phyagentos.runtime.actions.violations import ViolationCode
+from phyagentos.runtime.handle import CommandRefused, TargetSessionHandle
+from phyagentos.runtime.targets.wire import Command, Description, Halt, Kinematics, Step
+
+HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
+N, DT = 10, 0.002
+PLANAR = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.0, 0.0, 0.0),) * 7, tcp_m=(0.5, 0.0, 0.4))
+
+
+def build_description(**changes):
+    facts = {
+        "target": "panda",
+        "n_joints": 7,
+        "steps_per_command": N,
+        "physics_step_s": DT,
+        "q_min_rad": (-3.0,) * 7,
+        "q_max_rad": (3.8,) * 7,
+        "observations": (),
+        "actions": (),
+        "cameras": (),
+        "mode": "lockstep",
+    }
+    return Description(**{**facts, **changes})
+
+
+def build_step(time_s=0.0):
+    state = TargetState(q_rad=tuple(HOME), qd_rad_s=(0.0,) * 7, gripper_width_m=0.08, tcp=Pose((0.4, 0.0, 0.4)))
+    return Step(time_s=time_s, target=state, tracking_error_rad=0.0)
+
+
+def build_command(q=None, qd=None, width=None, expires_at_s=0.06):
+    return Command(
+        session="s",
+        epoch=1,
+        sequence=1,
+        expires_at_s=expires_at_s,
+        q_rad=np.tile(HOME, (N, 1)) if q is None else q,
+        qd_rad_s=np.zeros((N, 7)) if qd is None else qd,
+        gripper_width_m=np.full(N, 0.08) if width is None else width,
+    )
+
+
+@pytest.fixture
+def make_guard(limits):
+    def make(start=HOME, description=None, changes=None, **stages):
+        changed = limits.model_copy(update=changes or {})
+        guard = SafetyGuard(changed, description or build_description(), **stages)
+        guard.begin(start)
+        return guard
+
+    return make
+
+
+def integrate(acceleration, start=HOME):
+    """Rows of a motion from rest with these accelerations (N, 7), consistent in position and velocity."""
+    qd = np.cumsum(acceleration, axis=0) * DT
+    before = np.vstack((np.zeros(7), qd[:-1]))
+    return start + np.cumsum((before + qd) / 2.0, axis=0) * DT, qd
+
+
+def test_acceleration_that_chatters_within_its_own_limit_is_refused_as_jerk(make_guard):
+    signs = np.where(np.arange(N) % 2 == 0, 1.0, -1.0)[:, None]
+    q, qd = integrate(0.9 * signs * ACCELERATION)
+    violation = make_guard().check(build_command(q, qd), build_step())
+    assert violation.code is ViolationCode.JOINT_JERK
+    assert violation.found > violation.limit
+    assert violation.unit == "rad/s^3"
+
+
+def test_a_bang_bang_motion_is_no_jerk(make_guard):
+    push = np.where(np.arange(N) < N // 2, 1.0, -1.0)[:, None]
+    q, qd = integrate(0.9 * push * ACCELERATION)
+    assert make_guard().check(build_command(q, qd), build_step()) is None
+
+
+def test_positions_that_shake_under_quiet_velocity_rows_are_refused(make_guard):
+    q = np.tile(HOME, (N, 1))
+    q[::2, 0] += 3e-4  # 0.15 rad/s from row to row: no velocity limit sees it
+    violation = make_guard().check(build_command(q), build_step())
+    assert (violation.code, violation.where) == (ViolationCode.JOINT_ACCELERATION, "joint 1")
+    assert violation.found == pytest.approx(150.0)
+
+
+def test_velocity_rows_that_are_not_those_of_the_positions_are_refused(make_guard):
+    qd = np.zeros((N, 7))
+    qd[:, 0] = 14.0 * DT * np.arange(1, N + 1)  # a ramp that the positions do not follow
+    violation = make_guard().check(build_command(qd=qd), build_step())
+    assert (violation.code, violation.where) == (ViolationCode.SET_POINTS_DISAGREE, "joint 1")
+
+
+@pytest.mark.parametrize(
+    ("expires_at_s", "code"), [(np.nan, "EXPIRED"), (0.2, "EXPIRY_TOO_LATE"), (np.inf, "EXPIRY_TOO_LATE")]
+)
+def test_an_expiry_that_never_comes_is_refused(make_guard, expires_at_s, code):
+    violation = make_guard().check(build_command(expires_at_s=expires_at_s), build_step())
+    assert violation.code == code
+
+
+def test_a_session_that_commands_for_too_long_is_refused(make_guard):
+    guard = make_guard()
+    assert guard.check(build_command(), build_step()) is None
+    violation = guard.check(build_command(expires_at_s=700.05), build_step(time_s=700.0))
+    assert violation.code is ViolationCode.SESSION_TOO_LONG
+
+
+def test_nothing_passes_while_the_emergency_stop_is_latched(make_guard, tmp_path):
+    latch = tmp_path / "estop"
+    guard = make_guard(is_stopped=latch.exists)
+    assert guard.check(build_command(), build_step()) is None
+    latch.touch()
+    ruling = guard.judge(build_command(expires_at_s=0.08), build_step(time_s=0.02))
+    assert (ruling.violation.code, ruling.reaction) == (ViolationCode.ESTOPPED, "stop_category_1")
+
+
+def test_a_gripper_that_can_press_harder_than_allowed_is_not_used(make_guard):
+    violation = make_guard(description=build_description(gripper_force_n=140.0)).check(build_command(), build_step())
+    assert (violation.code, violation.found, violation.limit) == (ViolationCode.GRIPPER_FORCE, 140.0, 70.0)
+
+
+def test_the_commanded_tool_point_is_kept_in_the_workspace_before_the_arm_moves(make_guard):
+    start = np.array([1.6, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])  # the planar double: the angle is the sum, the radius 0.5 m
+    guard = make_guard(start, build_description(kinematics=PLANAR))
+    assert guard.check(build_command(np.tile(start, (N, 1))), build_step()) is None
+    start = start + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    guard = make_guard(start, build_description(kinematics=PLANAR))
+    ruling = guard.judge(build_command(np.tile(start, (N, 1))), build_step())
+    assert (ruling.violation.code, ruling.violation.where) == (ViolationCode.WORKSPACE, "x")
+    assert ruling.violation.found == pytest.approx(0.5 * np.cos(2.6))
+    assert ruling.reaction == "stop_category_2"
+
+
+def test_the_tool_point_does_not_enter_a_keep_out_volume(make_guard):
+    box = Limit(value=((0.4, -0.1, 0.3), (0.6, 0.1, 0.5)), unit="m", source="a lamp", provenance="site_policy")
+    start = np.array([0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])
+    guard = make_guard(start, build_description(kinematics=PLANAR), {"keep_out": {"lamp": box}})
+    violation = guard.check(build_command(np.tile(start, (N, 1))), build_step())
+    assert (violation.code, violation.where) == (ViolationCode.KEEP_OUT, "lamp")
+
+
+def test_a_commanded_posture_that_touches_something_is_refused_with_its_name(make_guard):
+    guard = make_guard(find_contact=lambda q: "link5|wall" if q[0] > 0.0 else "")
+    assert guard.check(build_command(), build_step()) is None
+    q, qd = integrate(np.full((N, 7), 5.0))
+    ruling = guard.judge(build_command(q, qd, expires_at_s=0.08), build_step(time_s=0.02))
+    assert (ruling.violation.code, ruling.violation.where) == (ViolationCode.COLLISION, "link5|wall")
+    assert ruling.reaction == "stop_category_2"
+
+
+def test_only_an_authorised_clamp_changes_a_command_and_it_is_recorded(make_guard):
+    wide = build_command(width=np.full(N, 0.09))
+    assert make_guard().judge(wide, build_step()).command is None
+    ruling = make_guard(changes={"reactions": {"GRIPPER_WIDTH": "clamp"}}).judge(wide, build_step())
+    assert ruling.command.gripper_width_m == pytest.approx(np.full(N, 0.08))
+    assert len(ruling.interventions) == N
+    assert ruling.interventions[0] == Intervention("CLAMPED_GRIPPER", "gripper", 0, 0.09, pytest.approx(0.08))
+
+
+def test_a_clamp_never_lets_a_jump_or_a_nan_through(make_guard):
+    guard = make_guard(changes={"reactions": {"JOINT_POSITION": "clamp", "GRIPPER_WIDTH": "clamp"}})
+    teleport = np.tile(HOME, (N, 1))
+    teleport[:, 0] = 1e6
+    ruling = guard.judge(build_command(teleport), build_step())
+    assert (ruling.command, ruling.violation.code) == (None, ViolationCode.JOINT_VELOCITY)
+    assert guard.judge(build_command(width=np.full(N, np.nan)), build_step()).command is None
+
+
+def test_a_joint_that_creeps_over_its_limit_is_clamped_to_it(make_guard, limits):
+    top = limits.joint_position_max.value[5]
+    start = np.array([*HOME[:5], top - 2e-5, HOME[6]])
+    q, qd = integrate(np.eye(7)[5] * np.full((N, 1), 1.0), start)
+    ruling = make_guard(start, changes={"reactions": {"JOINT_POSITION": "clamp"}}).judge(
+        build_command(q, qd), build_step()
+    )
+    assert ruling.command is None or ruling.command.q_rad[:, 5].max() <= top + 1e-8
+    assert {each.code for each in ruling.interventions} == {"CLAMPED_JOINT"}
+
+
+@pytest.mark.sim
+def test_the_tool_point_agrees_with_the_simulator(profile, library):
+    import mujoco
+
+    from phyagentos.runtime.targets.kinematics import read_kinematics
+    from phyagentos.runtime.targets.robot import build_robot
+
+    model = build_robot(profile, library.get_target("panda").parent).compile()
+    data, tool = mujoco.MjData(model), ToolPoint(read_kinematics(model, profile))
+    address = [int(model.joint(name).qposadr[0]) for name in profile.arm.joints]
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        q = rng.uniform(-2.5, 2.5, 7)
+        data.qpos[address] = q
+        mujoco.mj_kinematics(model, data)
+        assert tool.compute(q) == pytest.approx(data.site_xpos[model.site(profile.tcp).id], abs=1e-12)
+
+
+@pytest.mark.parametrize(("reaction", "category"), [("stop_category_1", 1), ("stop_category_2", 2), ("refuse", None)])
+def test_the_handle_stops_the_target_as_the_reaction_says(doubles, profile, limits, reaction, category):
+    target = doubles.PerfectTarget(profile)
+    changed = limits.model_copy(update={"reactions": {"JOINT_VELOCITY": reaction}})
+    handle = TargetSessionHandle(doubles.LocalConnection(target), changed)
+    handle.begin("s", 1)
+    q = np.tile(HOME + 0.1, (N, 1))
+    with pytest.raises(CommandRefused, match="the guard refused a command: joint 4, row 0") as caught:
+        handle.apply(SetPoints(q_rad=q, qd_rad_s=np.zeros((N, 7)), gripper_width_m=np.full(N, 0.08)))
+    assert (caught.value.by, caught.value.reaction) == ("guard", reaction)
+    assert target.commands() == []
+    halts = [request.category for request in target.requests if isinstance(request, Halt)]
+    assert halts == ([category] if category else [])
+
+
+SOURCED = """
+version: 1
+targets:
+  panda:
+"""
+FIELDS = {
+    "joint_position_min": ("[-2.0]", "rad"),
+    "joint_position_max": ("[2.0]", "rad"),
+    "joint_velocity_max": ("2.0", "rad/s"),
+    "joint_acceleration_max": ("2.0", "rad/s^2"),
+    "joint_jerk_max": ("2.0", "rad/s^3"),
+    "workspace_box": ("[[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]", "m"),
+    "gripper_width_max": ("0.08", "m"),
+    "gripper_force_max": ("70.0", "N"),
+    "command_rate_max": ("50.0", "1/s"),
+    "command_validity_max": ("0.1", "s"),
+    "session_duration_max": ("60.0", "s"),
+    "tracking_error_max": ("0.2", "rad"),
+}
+
+
+@pytest.fixture
+def write_safety(tmp_path):
+    def write(changed="", **facts):
+        text = SOURCED
+        for name, (value, unit) in FIELDS.items():
+            parts = {"value": value, "unit": unit, "source": '"a data sheet"', "provenance": "measured"}
+            if name == changed:
+                parts |= facts
+            body = ", ".join(f"{key}: {part}" for key, part in parts.items() if part is not None)
+            text += f"    {name}: {{{body}}}\n"
+        (tmp_path / "safety.yaml").write_text(text)
+        return tmp_path / "safety.yaml"
+
+    return write
+
+
+def test_limits_with_a_source_are_read(write_safety):
+    assert read_safety(write_safety()).targets["panda"].gripper_force_max.value == 70.0
+
+
+@pytest.mark.parametrize("name", FIELDS)
+@pytest.mark.parametrize("source", ['""', '"  "', '"unknown"', '"TODO"', None])
+def test_every_limit_without_a_source_is_refused_at_load(write_safety, name, source):
+    with pytest.raises(DefinitionError, match=r"UNSOURCED_LIMIT|MISSING_KEY") as caught:
+        read_safety(write_safety(name, source=source))
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_limit_in_another_unit_is_refused_at_load(write_safety, name):
+    with pytest.raises(DefinitionError, match="WRONG_UNIT: found 'deg'"):
+        read_safety(write_safety(name, unit="deg"))
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_limit_of_unknown_provenance_is_refused_at_load(write_safety, name):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
+        read_safety(write_safety(name, provenance="hearsay"))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("joint_velocity_max", "0.0"),
+        ("joint_jerk_max", "[1.0, -1.0]"),
+        ("joint_velocity_max", "[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]"),
+        ("workspace_box", "[[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0]]"),
+        ("workspace_box", "3.0"),
+        ("command_rate_max", ".inf"),
+    ],
+)
+def test_a_limit_that_bounds_nothing_is_refused_at_load(write_safety, name, value):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
+        read_safety(write_safety(name, value=value))
+
+
+def test_what_cannot_be_clamped_is_refused_at_load(write_safety):
+    path = write_safety()
+    path.write_text(path.read_text() + "    reactions: {JOINT_VELOCITY: clamp}\n")
+    with pytest.raises(DefinitionError, match=r"Only GRIPPER_WIDTH, JOINT_POSITION can be clamped"):
+        read_safety(path)

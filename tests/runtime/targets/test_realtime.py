@@ -1,0 +1,123 @@
+"""A world in real time: time passes by itself, a broken stream ends in a hold, stops need no client."""
+
+import json
+import threading
+from multiprocessing.connection import Client
+
+import numpy as np
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.estop import Latch, latch
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.realtime import serve_realtime
+from phyagentos.runtime.targets.stop_listener import StopListener
+
+pytestmark = pytest.mark.sim
+
+CLOCK = SystemClock()
+
+
+class Served:
+    """A world behind its socket, and one client."""
+
+    def __init__(self, rig, signals, socket) -> None:
+        self.rig, self.signals, self.socket = rig, signals, str(socket)
+        self.stops = StopListener(signals, CLOCK)
+        rig.world._is_estopped = self.stops.is_latched
+        self.thread = threading.Thread(target=serve_realtime, args=(rig.world, str(socket), CLOCK), daemon=True)
+        self.thread.start()
+        while not socket.exists():
+            CLOCK.sleep(0.005)
+        self.connection = Client(str(socket), "AF_UNIX")
+
+    def ask(self, request):
+        wire.send(self.connection, request)
+        return wire.receive_reply(self.connection, 20.0)
+
+    def stream(self, rows):
+        """Send commands as fast as the world takes them; the last reply."""
+        for q, qd in rows:
+            reply = self.ask(self.rig.make_command(q, qd=qd))
+            if not isinstance(reply, wire.Step):
+                return reply
+            self.rig.sequence += 1
+        return reply
+
+    def wait_for_rest(self):
+        for _ in range(500):
+            if np.abs(self.ask(wire.Observe()).target.qd_rad_s).max() < 0.01:
+                return
+            CLOCK.sleep(0.02)
+        raise AssertionError("the arm does not come to rest")
+
+    def close(self):
+        self.ask(wire.Shutdown())
+        self.thread.join(10.0)
+        self.connection.close()
+        self.stops.close()
+
+
+@pytest.fixture
+def served(make_rig, tmp_path):
+    rig = make_rig(log=tmp_path / "receive.jsonl")
+    rig.load()
+    rig.begin()
+    rows = rig.plan(np.array(rig.profile.arm.home_rad) + np.array((0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)), 2.0)
+    world = Served(rig, tmp_path / "signals", tmp_path / "world.sock")
+    world.rows = rows
+    yield world
+    world.close()
+
+
+def read_kinds(tmp_path):
+    return [json.loads(line)["kind"] for line in (tmp_path / "receive.jsonl").read_text().splitlines()]
+
+
+def test_simulated_time_keeps_pace_with_the_wall_clock_without_a_command(served):
+    before_s, wall_s = served.ask(wire.Observe()).time_s, CLOCK.now_s()
+    CLOCK.sleep(0.4)
+    passed_s = served.ask(wire.Observe()).time_s - before_s
+
+    assert 0.2 < passed_s <= CLOCK.now_s() - wall_s + 0.04
+
+
+def test_a_stream_is_carried_out_no_faster_than_the_wall_clock(served):
+    wall_s = CLOCK.now_s()
+    reply = served.stream(served.rows)
+
+    assert isinstance(reply, wire.Step)
+    assert CLOCK.now_s() - wall_s > 0.02 * (len(served.rows) - 4)
+
+
+def test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_up_again(served, tmp_path):
+    half = len(served.rows) // 2
+    assert isinstance(served.stream(served.rows[:half]), wire.Step)
+    served.wait_for_rest()
+    late = served.stream(served.rows[half:])
+
+    assert late.code == "DEADMAN"
+    assert "Deadman" in read_kinds(tmp_path)
+
+
+def test_an_emergency_stop_in_mid_motion_needs_no_client_and_no_command_follows_it(served, tmp_path):
+    half = len(served.rows) // 2
+    assert isinstance(served.stream(served.rows[:half]), wire.Step)
+    latch(served.signals, Latch(by="a button"))
+    late = served.stream(served.rows[half:])
+    served.wait_for_rest()
+
+    assert late.code == "ESTOPPED"
+    assert served.ask(wire.End(session="s", epoch=1)).time_s > 0.0
+    assert served.ask(wire.Begin(session="t", epoch=1)).code == "ESTOPPED"
+    kinds = read_kinds(tmp_path)
+    assert kinds.count("EStop") == 1
+    assert kinds.index("EStop") >= half
+
+
+def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_at_rest(served):
+    served.stream(served.rows[: len(served.rows) // 2])
+    served.connection.close()
+    served.connection = Client(served.socket, "AF_UNIX")
+    served.wait_for_rest()
+    assert served.ask(wire.Begin(session="t", epoch=1)) == wire.Ack()

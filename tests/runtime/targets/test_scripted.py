@@ -1,0 +1,109 @@
+"""A debug target: the wire, the authority and the receive log of any other, without physics."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.registries import read_target
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.scripted import ScriptedWorld
+from phyagentos.runtime.targets.server import Loopback
+
+LIBRARY = Library((Path(__file__).resolve().parents[3] / "benchmarks" / "library",))
+
+
+@pytest.fixture
+def world(tmp_path):
+    world = ScriptedWorld(read_target(LIBRARY.get_target("counter")), LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
+    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e"))
+    return world
+
+
+def command(q: float, sequence: int = 1, session: str = "s", epoch: int = 1) -> wire.Command:
+    return wire.Command(
+        session=session,
+        epoch=epoch,
+        sequence=sequence,
+        expires_at_s=1.0,
+        q_rad=np.array([[q]]),
+        qd_rad_s=np.zeros((1, 1)),
+        gripper_width_m=np.zeros(1),
+    )
+
+
+def find_height(world) -> float:
+    (mark,) = world.handle(wire.Observe()).entities
+    return mark.pose.position_m[2]
+
+
+def test_it_stands_where_it_is_told_and_what_is_movable_rides_on_it(world):
+    world.handle(wire.Begin(session="s", epoch=1))
+    before = find_height(world)
+    step = world.handle(command(0.02))
+
+    assert (step.time_s, step.target.q_rad) == (0.02, (0.02,))
+    assert find_height(world) == pytest.approx(before + 0.02)
+
+
+def test_a_command_without_authority_moves_nothing(world):
+    assert world.handle(command(0.02)).code == "NO_AUTHORITY"
+    world.handle(wire.Begin(session="s", epoch=2))
+    assert world.handle(command(0.02, epoch=1)).code == "STALE_TOKEN"
+    assert world.handle(command(0.02, sequence=2, epoch=2)).code == "OUT_OF_SEQUENCE"
+    assert world.handle(command(float("nan"), epoch=2)).code == "MALFORMED"
+    assert find_height(world) == 0.0
+
+
+def test_an_episode_goes_on_and_another_begins_anew(world):
+    world.handle(wire.Begin(session="s", epoch=1))
+    world.handle(command(0.5))
+    world.handle(wire.End(session="s", epoch=1))
+    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e"))
+    assert find_height(world) == 0.5
+    assert world.handle(wire.LoadScene(scene="counter", seed=1, episode="e")).code == "EPISODE_CONFLICT"
+    world.handle(wire.LoadScene(scene="counter", seed=1, episode="f"))
+    assert find_height(world) == 0.0
+
+
+def test_a_recorded_state_is_restored(world):
+    world.handle(wire.Begin(session="s", epoch=1))
+    world.handle(command(0.5))
+    state = world.handle(wire.Observe()).state
+    world.handle(wire.End(session="s", epoch=1))
+    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e", state=state * 1.0))
+
+    assert find_height(world) == 0.5
+    assert world.handle(wire.Observe()).time_s == pytest.approx(0.02)
+
+
+def test_the_receive_log_tells_what_arrived_and_every_write_of_state(world, tmp_path):
+    world.handle(command(0.02))
+    world.handle(wire.Begin(session="s", epoch=1))
+    world.handle(command(0.02))
+    world.handle(wire.End(session="s", epoch=1))
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    lines = [line for line in lines if line["kind"] != "process_start"]
+
+    assert [(line["kind"], line.get("accepted", True)) for line in lines] == [
+        ("state_write", True),
+        ("LoadScene", True),
+        ("Command", False),
+        ("Begin", True),
+        ("Command", True),
+        ("End", True),
+    ]
+
+
+def test_it_answers_in_its_own_process_as_over_a_socket(world):
+    channel = Loopback(world)
+    assert not channel.poll()
+    with pytest.raises(EOFError):
+        channel.recv_bytes()
+    wire.send(channel, wire.Describe())
+
+    assert channel.poll()
+    assert wire.receive_reply(channel, 1.0).target == "counter"

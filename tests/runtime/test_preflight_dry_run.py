@@ -1,0 +1,206 @@
+"""A dry run rejects what is proved impossible, and nothing else."""
+
+from multiprocessing import Pipe
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from phyagentos.clock import ManualClock
+from phyagentos.errors import Problem
+from phyagentos.protocol.channel import Link
+from phyagentos.protocol.environment import Entity, Environment, Pose, TargetState
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import Scene, Session
+from phyagentos.runtime.actions.tool_point import ToolPoint
+from phyagentos.runtime.dispatch import Check, Checked, Ready, Reconcile, receive_answer, send
+from phyagentos.runtime.motion.requests import Approach, Approaches, FindGrasps, FindPlacements, NoPlan, Timing
+from phyagentos.runtime.preflight.dry_run import ANSWER_S, DryRun, Grasp, Place, find_motions
+from phyagentos.runtime.preflight.reach import Reach, compute_reach
+from phyagentos.runtime.refusal import serve_refusals
+from phyagentos.runtime.targets.wire import Kinematics
+
+HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
+WAY = Approach(label="yaw+000", tcp_end=Pose((0.5, 0.0, 0.02)), line_rad=np.tile(HOME, (3, 1)))
+FOUND = Approaches(approaches=(WAY,), timing=Timing(ms={}))
+SESSION = Session(
+    id="g.a", goal="g", node="a", objective="o", skill="pick_and_place", target="panda", accept=(), seed=0,
+    parameters={"object": "cube", "destination": "tray"}, scene=Scene(name="s", seed=0, episode="e"),
+)  # fmt: skip
+
+
+class Oracle:
+    """A planner that answers what it was told to, by kind of request."""
+
+    def __init__(self, **answers) -> None:
+        self.answers, self.asked, self.waiting = answers, [], None
+
+    def submit(self, request) -> None:
+        self.asked.append(request)
+        self.waiting = self.answers.get(type(request).__name__)
+
+    def poll(self):
+        return self.waiting
+
+    def wait(self, timeout_s) -> bool:
+        return True
+
+
+def refuse(code, **rejected):
+    return NoPlan(code=code, message="no", timing=Timing(ms={}), rejected=rejected)
+
+
+def try_out(planner, cube=(0.5, 0.0, 0.02), reach=None, thorough=False, clock=None):
+    state = TargetState(q_rad=HOME, qd_rad_s=(0.0,) * 7, gripper_width_m=0.08, tcp=Pose())
+    entities = {
+        "cube": Entity(name="cube", kind="cube", pose=Pose(cube)),
+        "tray": Entity(name="tray", kind="tray", pose=Pose((0.4, 0.3, 0.0))),
+    }
+    now = Environment(
+        time_s=0.0, scene="s", episode="e", revision=1, sensing="truth", entities=entities, regions={},
+        targets={"panda": state},
+    )  # fmt: skip
+    dry_run = DryRun(planner=planner, library=Library.open(), clock=clock or ManualClock(), home_rad=HOME, reach=reach)
+    return dry_run.run(SESSION, "pick_and_place", now, thorough=thorough)
+
+
+def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
+    arguments = {"object": "cube", "destination": "tray", "near": [0.4, 0.1, 0.0]}
+
+    motions = list(find_motions("pick_and_place", arguments, Library.open()))
+
+    assert motions == [Grasp("cube"), Place("cube", "tray", "inside", (0.4, 0.1, 0.0))]
+    assert list(find_motions("stack", {"object": "a", "support": "b"}, Library.open()))[1].relation == "on"
+    assert list(find_motions("home", {}, Library.open())) == []
+    assert list(find_motions("nowhere", {}, Library.open())) == []
+
+
+def test_what_a_fallback_may_never_reach_is_not_tried(tmp_path):
+    tree = """
+tree: cautious
+description: d
+inputs: {object: {type: entity}}
+root:
+  sequence:
+    children:
+      - fallback: {children: [{condition: "visible(${object})"}, wait]}
+      - subtree: {tree: pick, with: {object: $object}}
+"""
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees/cautious.yaml").write_text(tree, encoding="utf-8")
+
+    assert list(find_motions("cautious", {"object": "cube"}, Library.open(tmp_path))) == []
+
+
+def test_a_motion_that_was_found_is_possible_and_the_place_is_asked_for_with_its_grasp():
+    planner = Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
+
+    trials = try_out(planner)
+
+    assert [trial.outcome for trial in trials] == ["possible", "possible"]
+    grasp, place = planner.asked
+    assert isinstance(grasp, FindGrasps)
+    assert isinstance(place, FindPlacements)
+    assert grasp.count == place.count == 1
+    assert place.payload.entity == "cube"
+
+
+@pytest.mark.parametrize(
+    ("answer", "outcome", "code"),
+    [
+        (refuse("TOO_WIDE"), "impossible", "TOO_WIDE"),
+        (refuse("NO_IK", ik=40), "impossible", "OUT_OF_REACH"),
+        (refuse("NO_IK", ik=39, line=1), "undecided", "NO_IK"),
+        (refuse("NO_IK"), "undecided", "NO_IK"),
+        (refuse("IN_COLLISION"), "undecided", "IN_COLLISION"),
+        (refuse("PLANNER_LOST"), "undecided", "PLANNER_LOST"),
+        (refuse("CANCELLED"), "undecided", "CANCELLED"),
+    ],
+)
+def test_only_a_proof_makes_a_grasp_impossible(answer, outcome, code):
+    (trial,) = try_out(Oracle(FindGrasps=answer))
+
+    assert (trial.outcome, trial.code) == (outcome, code)
+
+
+def test_a_path_that_was_not_found_is_no_proof():
+    planner = Oracle(FindGrasps=FOUND, PlanMove=refuse("TOO_WIDE"), FindPlacements=FOUND, TimeLine=refuse("NO_MODEL"))
+
+    assert [trial.outcome for trial in try_out(planner, thorough=True)] == ["possible", "undecided", "possible"]
+
+
+class Silent(Oracle):
+    """A planner that never answers, on a clock that goes on meanwhile."""
+
+    def __init__(self, clock) -> None:
+        super().__init__()
+        self.clock, self.cancelled = clock, False
+
+    def wait(self, timeout_s) -> bool:
+        self.clock.advance(timeout_s)
+        return False
+
+    def cancel(self) -> None:
+        self.cancelled = True
+
+
+def test_a_planner_that_does_not_answer_in_time_decides_nothing():
+    clock = ManualClock()
+    planner = Silent(clock)
+
+    (trial,) = try_out(planner, clock=clock)
+
+    assert trial.outcome == "undecided"
+    assert planner.cancelled
+    assert trial.ms == pytest.approx(1e3 * ANSWER_S)
+
+
+def test_what_lies_beyond_the_reach_is_not_even_asked_for():
+    planner = Oracle()
+
+    (trial,) = try_out(planner, cube=(3.0, 0.0, 0.0), reach=Reach((0.0, 0.0, 0.333), 1.0))
+
+    assert (trial.outcome, trial.code) == ("impossible", "OUT_OF_REACH")
+    assert planner.asked == []
+
+
+def test_no_posture_reaches_beyond_the_bound():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        n = int(rng.integers(1, 8))
+        axes = rng.normal(size=(n, 3))
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        anchors, tcp = rng.uniform(-1.0, 1.0, (n, 3)), rng.uniform(-1.0, 1.0, 3)
+        kinematics = Kinematics(
+            axes=tuple(map(tuple, axes.tolist())), anchors_m=tuple(map(tuple, anchors.tolist())), tcp_m=tuple(tcp)
+        )
+        reach, tool = compute_reach(kinematics), ToolPoint(kinematics)
+        excess = [reach.compute_excess(tool.compute(q)) for q in rng.uniform(-np.pi, np.pi, (200, n))]
+        assert max(excess) < 1e-9
+
+
+def test_joints_that_only_turn_in_place_do_not_lengthen_the_reach():
+    up, side = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
+    anchors = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.3), (0.0, 0.0, 0.7))
+    reach = compute_reach(Kinematics(axes=(up, side, side), anchors_m=anchors, tcp_m=(0.0, 0.0, 1.0)))
+
+    assert reach.center_m == (0.0, 0.0, 0.3)
+    assert reach.radius_m == pytest.approx(0.7)
+
+
+def test_a_worker_whose_settings_cannot_be_read_refuses_every_session_with_the_reasons():
+    ours, theirs = Pipe()
+    control = Link(ours)
+    problem = Problem(code="UNSOURCED_LIMIT", address="safety.yaml:9:5", found="'tbd'")
+    thread = Thread(target=serve_refusals, args=(Link(theirs), [problem]))
+    thread.start()
+
+    assert isinstance(receive_answer(control), Ready)
+    send(control, Check(session=SESSION, epoch=1))
+    answer = receive_answer(control)
+    assert isinstance(answer, Checked)
+    assert answer.plan is None
+    assert answer.problems[0].address == "g.a: safety.yaml:9:5"
+    send(control, Reconcile(session=SESSION, epoch=2, evidence="e", reason="r"))  # nothing that it could do
+    thread.join(5.0)
+    assert not thread.is_alive()
