@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from phyagentos.agent.judges import evaluate_criterion
+from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.environment import Entity, Environment
 from phyagentos.protocol.evidence import Bundle, TraceEvent
 from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
@@ -68,16 +69,7 @@ class Cause(StrEnum):
     """None of the above."""
 
 
-HOPELESS = frozenset(
-    {
-        Cause.OBJECT_GONE,
-        Cause.OBJECT_HIDDEN,
-        Cause.NOTHING_CHANGED,
-        Cause.IMPOSSIBLE,
-        Cause.CANCELLED,
-        Cause.NO_CRITERIA,
-    }
-)
+HOPELESS = frozenset(cause for cause in Cause if CODES[cause].retry is Retry.NEVER)
 """Causes that another attempt cannot mend."""
 
 _OF_CODES = {
@@ -94,7 +86,7 @@ _OF_CODES = {
     "PLANNER_LOST": Cause.RUNNER_LOST,
     "TOO_WIDE": Cause.IMPOSSIBLE,
     "UNMET": Cause.UNMET,
-    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_GRASP", "NO_PLAN"), Cause.NO_PLAN),
+    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN"), Cause.NO_PLAN),
 }
 _OF_ENDS = {
     Ended.TIMED_OUT: Cause.TIMED_OUT,

@@ -33,13 +33,18 @@ def check_spec(spec: GoalSpec, nodes: Mapping[str, Node], located: Located, cata
 
 
 def check_bindings(
-    spec: GoalSpec, nodes: Mapping[str, Node], dag: "nx.DiGraph[str]", located: Located, catalogue: Catalogue
+    spec: GoalSpec,
+    nodes: Mapping[str, Node],
+    dag: "nx.DiGraph[str]",
+    order: Iterable[str],
+    located: Located,
+    catalogue: Catalogue,
 ) -> tuple[dict[str, Choice], list[Problem]]:
     """Skill and target of each node in the order of the graph, and what is wrong with them and their arguments."""
     choices: dict[str, Choice] = {}
     problems: list[Problem] = []
-    rank = {name: index for index, name in enumerate(nodes)}
-    for name in nx.lexicographical_topological_sort(dag, key=rank.__getitem__):
+    names = catalogue.find_scene_names(spec.scene)
+    for name in order:
         node = nodes[name]
         try:
             choices[name] = _choose(spec, node, dag, nodes, choices, located, catalogue)
@@ -47,7 +52,7 @@ def check_bindings(
             problems += error.problems
             continue
         runtime = catalogue.skills[choices[name].skill]
-        problems += _check_arguments(node, choices[name], runtime, located, catalogue.find_scene_names(spec.scene))
+        problems += _check_arguments(node, choices[name], runtime, located, names)
         problems += _check_data_edges(node, runtime, choices, located, catalogue)
         if not node.spec.accept and not runtime.guarantees:
             hint = "Add 'accept': what nobody can judge can never succeed."
@@ -82,7 +87,7 @@ def _choose(
         )
     established = [
         text
-        for before in sorted(nx.ancestors(dag, node.name))
+        for before in (sorted(nx.ancestors(dag, node.name)) if isinstance(skill, Promise) else ())
         if before in choices
         for text in iter_promises(nodes[before], choices[before], catalogue)
     ]

@@ -18,6 +18,7 @@ from phyagentos.agent.goal_expansion import Node, expand_nodes
 from phyagentos.agent.goal_spec import GoalSpec
 from phyagentos.agent.selector import Choice
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.markdown import escape_label
 from phyagentos.protocol.schema import Located, read_yaml, salvage
 
 
@@ -31,6 +32,7 @@ class GoalGraph:
         nodes: By name, in authored order.
         choices: Skill, target and bound parameters of each node.
         dag: Edges lead from a node to those that wait for it; attribute `data` names the outputs that flow.
+        order: Node names in an order that respects every edge; authored order decides where edges do not.
     """
 
     spec: GoalSpec
@@ -38,17 +40,12 @@ class GoalGraph:
     nodes: Mapping[str, Node]
     choices: Mapping[str, Choice]
     dag: "nx.DiGraph[str]"
+    order: tuple[str, ...]
 
     @property
     def name(self) -> str:
         """Name of the goal."""
         return self.spec.goal
-
-    @property
-    def order(self) -> tuple[str, ...]:
-        """Node names in an order that respects every edge; authored order decides where edges do not."""
-        rank = {name: index for index, name in enumerate(self.nodes)}
-        return tuple(nx.lexicographical_topological_sort(self.dag, key=rank.__getitem__))
 
     def find_successors(self, node: str) -> frozenset[str]:
         """Every node that waits for this one, directly or not."""
@@ -93,11 +90,12 @@ def render_mermaid(graph: GoalGraph, states: Mapping[str, str] | None = None) ->
     lines = ["flowchart LR"]
     for name, choice in graph.choices.items():
         state = (states or {}).get(name, "")
-        label = f"<b>{name}</b><br/>{choice.skill} on {choice.target}" + (f"<br/>{state}" if state else "")
+        label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{choice.skill} on {choice.target}')}"
+        label += f"<br/>{state}" if state else ""
         lines.append(f'    {ids[name]}["{label}"]' + (f":::{state}" if state else ""))
     for before, after, facts in graph.dag.edges(data=True):
         outputs = facts["data"]
-        arrow = f'-- "{", ".join(outputs)}" -->' if outputs else "-->"
+        arrow = f'-- "{escape_label(", ".join(outputs))}" -->' if outputs else "-->"
         lines.append(f"    {ids[before]} {arrow} {ids[after]}")
     colors = {
         "done": "#cde8c9",
@@ -129,12 +127,15 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         )
         dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
     problems += check_spec(spec, nodes, located, catalogue)
-    choices, more = check_bindings(spec, nodes, dag, located, catalogue)
+    rank = {name: index for index, name in enumerate(nodes)}
+    order = tuple(nx.lexicographical_topological_sort(dag, key=rank.__getitem__))
+    choices, more = check_bindings(spec, nodes, dag, order, located, catalogue)
     told = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
     unique = list(reversed(told.values()))
     if len(choices) < len(nodes):
         return None, unique
-    return GoalGraph(spec=spec, source=located.source, nodes=nodes, choices=choices, dag=dag), unique
+    graph = GoalGraph(spec=spec, source=located.source, nodes=nodes, choices=choices, dag=dag, order=order)
+    return graph, unique
 
 
 def _build_dag(nodes: Mapping[str, Node]) -> "nx.DiGraph[str]":
@@ -149,10 +150,9 @@ def _build_dag(nodes: Mapping[str, Node]) -> "nx.DiGraph[str]":
 
 def _find_cycle(dag: "nx.DiGraph[str]") -> list[str]:
     """Names along one cycle, the first repeated at the end; empty when there is none."""
-    try:
-        edges = nx.find_cycle(dag)
-    except nx.NetworkXNoCycle:
+    if nx.is_directed_acyclic_graph(dag):  # much cheaper than to look for one
         return []
+    edges = nx.find_cycle(dag)
     return [*(edge[0] for edge in edges), edges[0][0]]
 
 

@@ -4,8 +4,8 @@ Upstream: finished sessions. Downstream: `progress`. A goal is met when every no
 true in the latest snapshot, changes measured against the goal's first one.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -16,49 +16,81 @@ from phyagentos.agent.selector import ANY
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import AFTER, Bundle, read_bundle
+from phyagentos.protocol.lifecycle import FINAL_STATES
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.sessions import SessionStatus
 from phyagentos.protocol.verdicts import Criterion, Truth, Verdict
 
 
-@dataclass(frozen=True, slots=True)
 class Evidence:
-    """The bundles of one workspace, each read once.
+    """The bundles of one goal, and the first and the latest snapshot in those that were read.
+
+    Sessions are judged in the order of their end, so that order is also the age of what they saw. The world's own time
+    is not: it begins anew when a simulated world was lost.
+
+    Args:
+        root: The workspace.
 
     Attributes:
-        root: The workspace.
+        initial: The world before the first session, None before any was observed.
+        now: The world after the latest.
+        now_file: Where that stands, relative to the workspace.
     """
 
-    root: Path
-    _bundles: dict[str, Bundle] = field(default_factory=dict)
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._ages: dict[str, tuple[int, str]] = {}
+        self._oldest: tuple[int, str] | None = None
+        self._latest: tuple[int, str] | None = None
+        self.initial: Environment | None = None
+        self.now: Environment | None = None
+        self.now_file = AFTER
 
-    def read(self, status: SessionStatus) -> Bundle:
-        """The bundle of a session that has an execution; one that cannot be read is empty, which proves nothing."""
-        id, execution = status.contract.id, status.execution
-        if id not in self._bundles:
-            if execution is None:
-                raise ExecutionError("EXECUTION_MISSING", f"session {id} is {status.state} and was never executed")
-            folder = self.root / execution.evidence
-            try:
-                bundle = read_bundle(folder, status.contract, execution)
-            except ExecutionError as error:
-                told = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
-                bundle = Bundle(
-                    folder=folder,
-                    session=status.contract,
-                    execution=told,
-                    before=None,
-                    after=None,
-                    holds=(),
-                    trace=(),
-                    events=(),
-                )
-            self._bundles[id] = bundle
-        return self._bundles[id]
+    def read(self, status: SessionStatus, *, with_course: bool = True) -> Bundle:
+        """The bundle of a session that has an execution; one that cannot be read is empty, which proves nothing.
 
-    def read_all(self, sessions: Iterable[SessionStatus]) -> list[Bundle]:
-        """The bundles of several sessions."""
-        return [self.read(status) for status in sessions]
+        Args:
+            status: Of the session.
+            with_course: Whether trace and events are wanted.
+        """
+        bundle = self._read(status, with_course)
+        age = self._ages.setdefault(bundle.session.id, self._compute_age(status))
+        if bundle.before is not None and (self._oldest is None or age < self._oldest):
+            self._oldest, self.initial = age, bundle.before
+        if bundle.after is not None and (self._latest is None or age > self._latest):
+            self._latest, self.now = age, bundle.after
+            self.now_file = f"{bundle.execution.evidence}/{AFTER}"
+        return bundle
+
+    def _compute_age(self, status: SessionStatus) -> tuple[int, str]:
+        """What an earlier agent judged comes first, in the order of its verdicts; then what is judged here."""
+        return (0, status.updated_at) if status.state in FINAL_STATES else (len(self._ages) + 1, "")
+
+    def take_in(self, status: SessionStatus) -> None:
+        """Know the snapshots of a session, without reading them again."""
+        if status.contract.id not in self._ages:
+            self.read(status, with_course=False)
+
+    def _read(self, status: SessionStatus, with_course: bool) -> Bundle:
+        execution = status.execution
+        if execution is None:
+            id = status.contract.id
+            raise ExecutionError("EXECUTION_MISSING", f"session {id} is {status.state} and was never executed")
+        folder = self._root / execution.evidence
+        try:
+            return read_bundle(folder, status.contract, execution, with_course=with_course)
+        except ExecutionError as error:
+            told = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
+            return Bundle(
+                folder=folder,
+                session=status.contract,
+                execution=told,
+                before=None,
+                after=None,
+                holds=(),
+                trace=(),
+                events=(),
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,19 +112,16 @@ class Outcome:
     now: Environment | None = None
 
 
-def judge_goal(graph: GoalGraph, bundles: Sequence[Bundle], blocked: Mapping[str, str]) -> Outcome:
+def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str]) -> Outcome:
     """Whether the goal is met.
 
     Args:
         graph: With the goal's own acceptance.
-        bundles: Evidence of its sessions.
+        evidence: Of its finished sessions.
         blocked: Node that cannot be done -> why.
     """
-    befores = [bundle.before for bundle in bundles if bundle.before]
-    afters = [bundle.after for bundle in bundles if bundle.after]
-    initial = min(befores, key=lambda e: (e.time_s, e.revision), default=None)
-    now = max(afters, key=lambda e: (e.time_s, e.revision), default=None)
-    criteria = tuple(_judge(text, graph, initial, now) for text in graph.spec.accept)
+    initial, now = evidence.initial, evidence.now
+    criteria = tuple(_judge(text, graph, evidence) for text in graph.spec.accept)
     missed = [criterion for criterion in criteria if criterion.truth is not Truth.TRUE]
     if blocked:
         node, why = next(iter(blocked.items()))
@@ -105,11 +134,12 @@ def judge_goal(graph: GoalGraph, bundles: Sequence[Bundle], blocked: Mapping[str
     return Outcome(verdict=verdict, reason=reason, criteria=criteria, initial=initial, now=now)
 
 
-def _judge(text: str, graph: GoalGraph, initial: Environment | None, now: Environment | None) -> Criterion:
+def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
+    now = evidence.now
     roles = {role: target for role, target in graph.spec.targets.items() if target != ANY}
     text = parse_predicate(text).rename_targets(roles).text
     if now is None:
         return Criterion(text=text, kind="accept", truth=Truth.UNKNOWN, because="no session left a snapshot")
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
-    return evaluate_on(text, "accept", now, initial, target=only, evidence=AFTER)
+    return evaluate_on(text, "accept", now, evidence.initial, target=only, evidence=evidence.now_file)

@@ -4,7 +4,7 @@ Upstream: a goal graph and a seed. Downstream: the journal, where the runtime fi
 state of its own: what to do next is decided by `progress` from the records, so a mission may be killed and run again.
 """
 
-import shutil
+import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Protocol
 
 import yaml
 
+from phyagentos.agent.agenda import Agenda
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.compiler import SessionCompiler
 from phyagentos.agent.goal_graph import override_yaml, read_goal_graph
@@ -27,8 +28,9 @@ from phyagentos.protocol.schema import read_yaml
 from phyagentos.protocol.sessions import GoalId
 from phyagentos.protocol.store.admission import Entry, Fenced, GoalEvent, IllegalEvent
 from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.ledger import GoalStatus, Ledger
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.watch import Watch
+from phyagentos.protocol.tasks import GoalStatus
 from phyagentos.protocol.views.tasks import render_tasks
 from phyagentos.protocol.workspace import Workspace
 
@@ -81,7 +83,7 @@ class Mission:
         self._cancelled = threading.Event()
         self._next_publish_s = 0.0
         self._published_seq = -1
-        self.ledger = Ledger()
+        self.ledger = journal.open_ledger()
 
     def run(
         self, graph_file: Path, *, seed: int, overrides: Mapping[str, str] | None = None, goal: GoalId | None = None
@@ -107,9 +109,9 @@ class Mission:
             return self.resume(id)
         if overrides:
             data = override_yaml(read_yaml(graph_file), overrides).data
-            file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
+            _write_durably(file, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
         elif file.resolve() != graph_file.resolve():
-            shutil.copyfile(graph_file, file)
+            _write_durably(file, graph_file.read_bytes())
         run = self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
         self._commit(run, run.open)
         return self._pursue(run)
@@ -140,23 +142,34 @@ class Mission:
         self._cancelled.set()
 
     def _make_run(self, compiler: SessionCompiler) -> GoalRun:
+        self.ledger.keep_goal(compiler.goal)  # the report comes after the verdict
         return GoalRun(
-            compiler=compiler, ledger=self.ledger, evidence=Evidence(self._workspace.root), verifier=self._verifier
+            compiler=compiler,
+            ledger=self.ledger,
+            evidence=Evidence(self._workspace.root),
+            verifier=self._verifier,
+            agenda=Agenda(compiler.graph, compiler.goal, self.ledger),
         )
 
     def _choose_id(self, name: str) -> GoalId:
         """The first free id, or that of a goal without a verdict."""
         id, number = GoalId(name), 2
-        while id in self.ledger.goals and (self.ledger.goals[id].verdict or self.ledger.goals[id].is_cancelled):
+        while self._is_spent(id):
             id, number = GoalId(f"{name}-{number}"), number + 1
         return id
+
+    def _is_spent(self, id: GoalId) -> bool:
+        """Whether a goal of this id is over; the ledger has forgotten those that ended long ago."""
+        goal = self.ledger.goals.get(id)
+        return bool(goal.verdict) or goal.is_cancelled if goal else self._journal.knows(f"goal:{id}")
 
     def _pursue(self, run: GoalRun) -> MissionReport:
         begin_s = self._clock.now_s()
         with Watch([self._journal.folder], clock=self._clock) as watch:
             while not self._is_over(run):
-                watch.drain()
-                if self._read(run) + self._commit(run, lambda: self._decide(run)):
+                watch.drain()  # first: what comes after the look wakes the wait
+                self._read(run)
+                if self._commit(run, lambda: self._decide(run)):
                     continue
                 self._publish()
                 if not watch.wait(WAIT_S) and not self._is_runtime_alive():
@@ -199,6 +212,8 @@ class Mission:
         records = self._journal.read_new()
         for record in records:
             self.ledger.apply(record)
+            if run is not None:
+                run.take_in(record)
         if records and run is not None and run.goal in self.ledger.goals:
             for observer in self._observers:
                 observer.on_change(run.status, self.ledger)
@@ -231,3 +246,18 @@ class Mission:
         self._published_seq = self.ledger.seq
         cost_s = self._clock.now_s() - now_s
         self._next_publish_s = now_s + max(PUBLISH_PERIOD_S, cost_s / PUBLISH_SHARE)
+
+
+def _write_durably(path: Path, data: bytes) -> None:
+    """Let a file appear as a whole, on the disk: a goal that was recorded can be read again after a power cut."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

@@ -10,7 +10,8 @@ import msgspec
 
 from phyagentos.protocol.lifecycle import SessionState
 from phyagentos.protocol.sessions import GoalId, SessionId, SessionStatus
-from phyagentos.protocol.store.ledger import GoalStatus, Ledger
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.tasks import GoalStatus
 from phyagentos.protocol.verdicts import Criterion, Verdict
 
 CANCELLED = "cancelled"

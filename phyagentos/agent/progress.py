@@ -1,7 +1,8 @@
 """One goal while it is pursued: what to record next, decided from records and evidence alone.
 
 Upstream: the fold of the journal. Downstream: `mission`, which commits what this asks for. Nothing is remembered beside
-the records, so an agent that was killed goes on where it stopped; each answer is one batch, recorded whole or not.
+the records (the agenda can be made anew from them), so an agent that was killed goes on where it stopped; each answer
+is one batch, recorded whole or not. A step costs what has changed, however large the graph is.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,6 +12,7 @@ from typing import Any
 import msgspec
 import networkx as nx
 
+from phyagentos.agent.agenda import Agenda
 from phyagentos.agent.compiler import Revision, SessionCompiler
 from phyagentos.agent.goal_graph import GoalGraph
 from phyagentos.agent.goal_judgement import Evidence, judge_goal
@@ -21,8 +23,13 @@ from phyagentos.protocol.evidence import Bundle
 from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions import GoalId, Session, SessionId, SessionStatus
 from phyagentos.protocol.store.admission import Entry, GoalEvent
-from phyagentos.protocol.store.ledger import GoalStatus, Ledger, NodeState
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.records import Record
+from phyagentos.protocol.tasks import GoalStatus, NodeState
 from phyagentos.protocol.verdicts import Attempt, Verdict
+
+NODES_A_RECORD = 1000  # a record has an upper limit; a larger graph takes several
+BATCH = 64  # verdicts recorded as one: enough to share the wait for the disk, few enough that nobody waits for them
 
 _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}
 _OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
@@ -37,12 +44,14 @@ class GoalRun:
         ledger: Kept up to date by the mission.
         evidence: Reads the bundles of its sessions.
         verifier: Judges them.
+        agenda: What has changed since the last look.
     """
 
     compiler: SessionCompiler
     ledger: Ledger
     evidence: Evidence
     verifier: SessionVerifier
+    agenda: Agenda
 
     @property
     def graph(self) -> GoalGraph:
@@ -73,57 +82,66 @@ class GoalRun:
             for name, node in self.graph.nodes.items()
         }
         asked = {"graph": spec.goal, "seed": self.compiler.seed, "objective": spec.objective, "scene": spec.scene}
-        compiled = {"nodes": nodes, "accept": list(spec.accept), "constraints": list(spec.constraints)}
+        judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
+        names = list(nodes)
+        parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
         first = [name for name in self.graph.order if not self.graph.nodes[name].after]
         return [
             self._say(GoalEvent.GOAL_SUBMITTED, asked),
-            self._say(GoalEvent.GOAL_COMPILED, compiled),
+            *(self._say(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
             *self._start(first, {}),
         ]
+
+    def take_in(self, record: Record) -> None:
+        """Note what a record changed; the ledger knows it already."""
+        self.agenda.take_in(record, self.ledger)
 
     def decide(self) -> list[Entry]:
         """The next batch; empty when there is nothing to do but wait."""
         if self.status.verdict or self.status.is_cancelled:
             return []
-        for session in self._iter_unjudged():
-            return self._judge(session)
-        return self._follow_ends() or self._start_free() or self._block_waiting() or self._finish()
+        return self._judge_ended() or self._look_at_changed() or self._finish()
 
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""
-        return (status for status in self.ledger.live_sessions() if status.contract.goal == self.goal)
+        return (self.ledger.sessions[id] for id in self.agenda.iter_live())
 
     # -- sessions ------------------------------------------------------------------------------------------------------
 
-    def _iter_unjudged(self) -> Iterator[SessionStatus]:
-        """Those that wait for a verdict, first the ones whose judgement was interrupted, then in order of their end."""
-        for status in self.iter_live():
-            if status.state == SessionState.VERIFYING:
-                yield status
-        for status in self.ledger.iter_awaiting_verification():
-            if status.contract.goal == self.goal:
-                yield status
+    def _judge_ended(self) -> list[Entry]:
+        """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one.
 
-    def _judge(self, status: SessionStatus) -> list[Entry]:
-        """Verdict and consequences of one session."""
-        bundle = self.evidence.read(status)
-        node = status.contract.node
-        history = History(replans=self._count_replans(node), max_replans=self.graph.max_replans(node))
-        attempt = self.verifier.judge(bundle, history)
-        consequences: list[Entry]
-        if attempt.verdict is Verdict.SUCCESS:
-            done = self._say_of(node, GoalEvent.NODE_DONE, attempt.reason)
-            outputs = bundle.execution.outputs
-            consequences = [done, *self._start(self._find_freed_by(node), {node: outputs})]
-        elif attempt.verdict is Verdict.REPLAN:
-            spent = self._say_of(node, GoalEvent.BUDGET_SPENT, f"{attempt.cause}: {status.contract.id}")
-            consequences = [spent, *self._continue(node, bundle, attempt)]
-        else:
-            consequences = [self._say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
-        id = status.contract.id
-        verify = [] if status.state == SessionState.VERIFYING else [Entry(id, "verify", epoch=status.epoch)]
-        verdict = Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)
-        return [*verify, verdict, *consequences]
+        Those whose judgement was interrupted come first, then the others in the order of their end.
+        """
+        waiting = [self.ledger.sessions[id] for id in self.agenda.iter_unjudged()]
+        waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)
+        entries: list[Entry] = []
+        fresh: dict[str, Mapping[str, Any]] = {}
+        for status in waiting[:BATCH]:
+            bundle = self.evidence.read(status, with_course=False)
+            node = status.contract.node
+            history = History(replans=self._count_replans(node), max_replans=self.graph.max_replans(node))
+            attempt = self.verifier.judge(bundle, history)
+            if attempt.verdict is not Verdict.SUCCESS:  # now it matters what happened on the way
+                bundle = self.evidence.read(status)
+                attempt = self.verifier.judge(bundle, history)
+            if attempt.verdict is Verdict.SUCCESS:
+                fresh[node] = bundle.execution.outputs
+                done = self._say_of(node, GoalEvent.NODE_DONE, attempt.reason)
+                freed = self._find_freed_by(node, fresh)
+                entries += [*_record_verdict(status, attempt), done, *self._start(freed, fresh)]
+            elif not entries:
+                return [*_record_verdict(status, attempt), *self._follow_miss(node, bundle, attempt)]
+            else:
+                break
+        return entries
+
+    def _follow_miss(self, node: str, bundle: Bundle, attempt: Attempt) -> list[Entry]:
+        """Consequences of a verdict that is no success."""
+        if attempt.verdict is Verdict.FAILURE:
+            return [self._say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+        spent = self._say_of(node, GoalEvent.BUDGET_SPENT, f"{attempt.cause}: {bundle.session.id}")
+        return [spent, *self._continue(node, bundle, attempt)]
 
     def _continue(self, node: str, bundle: Bundle, attempt: Attempt, *, restores: bool = True) -> list[Entry]:
         """The child of a session, or first the restoration of what it needs and an earlier node had achieved."""
@@ -134,7 +152,7 @@ class GoalRun:
         restorers = self._find_restorers(child, bundle) if restores else {}
         if restorers:
             return self._reopen(restorers)
-        return self._submit_child(child, "; ".join(revision.reasons))
+        return self._submit_child(child, "; ".join(reason.rstrip(".") for reason in revision.reasons))
 
     def _find_restorers(self, child: Session, bundle: Bundle) -> dict[str, str]:
         """Finished nodes before this one that had achieved what the child needs and lacks now -> the lack."""
@@ -148,23 +166,41 @@ class GoalRun:
             if name in before and lost & set(session.accept) and self._has_budget(name)
         }
 
-    def _follow_ends(self) -> list[Entry]:
-        """Nodes whose session ended without a verdict, and children that waited for a restoration."""
-        for name, node in self.status.nodes.items():
-            if node.state is not NodeState.ACTIVE:
-                continue
-            latest = self.ledger.sessions[node.sessions[-1]]
-            if latest.state in {SessionState.REJECTED, SessionState.CANCELLED}:
-                return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
-            if latest.state == SessionState.REPLANNED and self._is_free(name):
-                return self._continue(name, self.evidence.read(latest), latest.attempts[-1], restores=False)
-        return []
-
     # -- nodes ---------------------------------------------------------------------------------------------------------
 
-    def _start_free(self) -> list[Entry]:
-        free = [name for name in self.graph.order if self._get_state(name) in _OPEN and self._is_free(name)]
-        return self._start(free, {})
+    def _look_at_changed(self) -> list[Entry]:
+        """What follows for the nodes that changed: a session for one that is free, an end for one that cannot be."""
+        entries: list[Entry] = []
+        blocked: set[str] = set()
+        names = self.agenda.iter_changed()
+        for name in names:
+            found = self._look_at(name, blocked)
+            if not found:
+                self.agenda.settle(name)
+            elif found[0].ev == GoalEvent.NODE_BLOCKED:
+                blocked.add(name)
+                names.add(self.agenda.find_successors(name))
+            entries += found
+        return entries
+
+    def _look_at(self, name: str, blocked: set[str]) -> list[Entry]:
+        """What is to be done about one node; `blocked` are those that this batch blocks."""
+        node = self.status.nodes[name]
+        is_open = node.state in _OPEN
+        is_free = self.agenda.count_missing(name) == 0
+        latest = self.ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
+        if latest is not None and latest.state in {SessionState.REJECTED, SessionState.CANCELLED}:
+            return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+        waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
+        if latest is not None and waits_for_restoration and is_free:
+            return self._continue(name, self.evidence.read(latest), latest.attempts[-1], restores=False)
+        if is_open and is_free:
+            return self._start((name,), {})
+        if is_open or waits_for_restoration:
+            for before in self.graph.nodes[name].after:
+                if before in blocked or self._get_state(before) is NodeState.BLOCKED:
+                    return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
+        return []
 
     def _start(self, names: Iterable[str], fresh: Mapping[str, Mapping[str, Any]]) -> list[Entry]:
         """Sessions for nodes that wait for nothing any more; `fresh` are outputs not yet in the records."""
@@ -183,17 +219,6 @@ class GoalRun:
                 entries.append(Entry(session.id, "submit", _to_body(session)))
         return entries
 
-    def _block_waiting(self) -> list[Entry]:
-        """Nodes that wait for one that cannot be done."""
-        states = {name: self._get_state(name) for name in self.graph.order}
-        entries = []
-        for name in self.graph.order:
-            cause = next((b for b in self.graph.nodes[name].after if states[b] is NodeState.BLOCKED), None)
-            if cause and (states[name] in _OPEN or self._waits_for_restoration(name)):
-                states[name] = NodeState.BLOCKED
-                entries.append(self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {cause}, which is blocked"))
-        return entries
-
     def _reopen(self, undone: Mapping[str, str]) -> list[Entry]:
         """Finished nodes that must be done again, each at the price of one replan."""
         entries: list[Entry] = []
@@ -206,11 +231,12 @@ class GoalRun:
 
     def _finish(self) -> list[Entry]:
         """The verdict of the goal, or the nodes that the world has undone; empty while a session lives."""
-        if any(True for _ in self.iter_live()):
+        if self.agenda.has_live():
             return []
-        bundles = self.evidence.read_all(self._get_finished_sessions())
+        for status in self._get_finished_sessions():
+            self.evidence.take_in(status)
         blocked = {name: n.reason for name, n in self.status.nodes.items() if n.state is NodeState.BLOCKED}
-        outcome = judge_goal(self.graph, bundles, blocked)
+        outcome = judge_goal(self.graph, self.evidence, blocked)
         if outcome.now is not None and not blocked and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
             undone = find_undone(self._finished(), self.graph.order, outcome.now, outcome.initial)
             payable = {name: reason for name, reason in undone.items() if self._has_budget(name)}
@@ -225,7 +251,12 @@ class GoalRun:
 
     def _compile(self, name: str, fresh: Mapping[str, Mapping[str, Any]], revision: Revision | None) -> Session | str:
         """The next session of a node, or why it cannot be compiled."""
-        outputs = {node: self._get_outputs(node) for node in self._finished()} | dict(fresh)
+        sources = {edge.node for edge in self.graph.nodes[name].data}
+        outputs = {
+            source: fresh[source] if source in fresh else self._get_outputs(source)
+            for source in sources
+            if source in fresh or self._get_state(source) is NodeState.DONE
+        }
         attempt = len(self._get_sessions(name))
         try:
             return self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
@@ -239,23 +270,15 @@ class GoalRun:
             Entry(child.id, "submit", _to_body(child)),
         ]
 
-    def _find_freed_by(self, node: str) -> list[str]:
-        """Nodes that wait for nothing else once `node` is done."""
+    def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
+        """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""
         return [
             name
-            for name in self.graph.order
-            if node in self.graph.nodes[name].after
-            and self._get_state(name) in _OPEN
-            and all(b == node or self._get_state(b) is NodeState.DONE for b in self.graph.nodes[name].after)
+            for name in self.agenda.find_successors(node)
+            if self._get_state(name) in _OPEN
+            and self.agenda.count_missing(name) <= len(fresh)
+            and all(b in fresh or self._get_state(b) is NodeState.DONE for b in self.graph.nodes[name].after)
         ]
-
-    def _waits_for_restoration(self, name: str) -> bool:
-        """Whether its latest session was replanned and the child is still to come."""
-        sessions = self._get_sessions(name)
-        return bool(sessions) and self.ledger.sessions[sessions[-1]].state == SessionState.REPLANNED
-
-    def _is_free(self, name: str) -> bool:
-        return all(self._get_state(before) is NodeState.DONE for before in self.graph.nodes[name].after)
 
     def _finished(self) -> dict[str, Session]:
         """Nodes that are done -> their latest succeeded session."""
@@ -292,6 +315,14 @@ class GoalRun:
 
     def _say_of(self, node: str, event: GoalEvent, reason: str) -> Entry:
         return Entry(f"node:{self.goal}/{node}", event, {"reason": reason})
+
+
+def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:
+    id = status.contract.id
+    verdict = Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)
+    if status.state == SessionState.VERIFYING:
+        return [verdict]
+    return [Entry(id, "verify", epoch=status.epoch), verdict]
 
 
 def _to_body(session: Session) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import msgspec
 from phyagentos.errors import Problem
 from phyagentos.protocol.channel import Channel
 from phyagentos.protocol.sessions import Execution, Session
-from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 
 
 class Check(msgspec.Struct, frozen=True, tag=True):
@@ -13,11 +13,13 @@ class Check(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         restore: File with the state vector to start from (a rerun), empty for an ordinary session.
+        thorough: Try out the motions of every session, paths too (`paos preflight`).
     """
 
     session: Session
     epoch: int
     restore: str = ""
+    thorough: bool = False
 
 
 class Run(msgspec.Struct, frozen=True, tag=True):
@@ -57,12 +59,16 @@ class Checked(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         plan: None when there is any problem.
+        trials: Of the dry run, where one was made.
+        ms: What the examination cost, wall time [ms].
     """
 
     session: str
     plan: AdapterPlan | None
     tools: TargetToolManifest | None
     problems: tuple[Problem, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    ms: float = 0.0
 
 
 class Finished(msgspec.Struct, frozen=True, tag=True):

@@ -12,10 +12,11 @@ from phyagentos.clock import Clock
 from phyagentos.protocol.heartbeats import Heartbeat, find_heartbeat, write_heartbeat
 
 PERIOD_S = 0.1
+LOOK_PERIOD_S = 0.2  # the watchdog reads no faster; a limit of seconds does not notice
 
 
 class HeartbeatWriter:
-    """Publishes what one worker is doing; a change of session is published at once."""
+    """Publishes what one worker is doing, at most ten times a second; what is left out of a rush nobody would see."""
 
     def __init__(self, folder: Path, target: str, clock: Clock) -> None:
         self._folder = folder
@@ -32,10 +33,21 @@ class HeartbeatWriter:
         tick: int = 0,
         sim_time_s: float = 0.0,
         leaf: str = "",
+        at_once: bool = False,
     ) -> None:
-        """Say what is going on now; cheap enough for every control period."""
+        """Say what is going on now; cheap enough for every control period.
+
+        Args:
+            phase: See `Heartbeat`, as for the other fields.
+            session: Empty when idle.
+            epoch: Of the claim.
+            tick: Control periods commanded so far.
+            sim_time_s: The world's time [s].
+            leaf: Path of the active leaf.
+            at_once: Even within a tenth of a second: nothing will be said for a while.
+        """
         now_s = self._clock.now_s()
-        if session == self._beat.session and now_s - self._written_at_s < PERIOD_S:
+        if now_s - self._written_at_s < PERIOD_S and not at_once:
             return
         self._written_at_s = now_s
         self._beat = msgspec.structs.replace(
@@ -60,6 +72,7 @@ class HeartbeatMonitor:
         self._clock = clock
         self._sequence = -1
         self._changed_at_s = clock.now_s()
+        self._looked_at_s = -LOOK_PERIOD_S
 
     def restart(self) -> None:
         """Count the silence from now (a new claim, a new worker)."""
@@ -67,8 +80,11 @@ class HeartbeatMonitor:
 
     def compute_silence_s(self) -> float:
         """Seconds since the worker last said something new [s]."""
-        beat = find_heartbeat(self._folder, self._target)
-        if beat is not None and beat.sequence != self._sequence:
-            self._sequence = beat.sequence
-            self._changed_at_s = self._clock.now_s()
-        return self._clock.now_s() - self._changed_at_s
+        now_s = self._clock.now_s()
+        if now_s - max(self._looked_at_s, self._changed_at_s) >= LOOK_PERIOD_S:
+            self._looked_at_s = now_s
+            beat = find_heartbeat(self._folder, self._target)
+            if beat is not None and beat.sequence != self._sequence:
+                self._sequence = beat.sequence
+                self._changed_at_s = now_s
+        return now_s - self._changed_at_s

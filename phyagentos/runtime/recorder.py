@@ -4,32 +4,42 @@ Upstream: the runner, which tells it what happens. Downstream: the verifier, whi
 samples only go to memory; files are written before the first command and after the last one.
 """
 
+import contextlib
 import os
 import platform
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-import yaml
 
 from phyagentos.protocol import evidence
+from phyagentos.protocol.arrays import encode_arrays
 from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.evidence import Event, TraceEvent, write_json, write_lines
+from phyagentos.protocol.evidence import Event, TraceEvent, encode_json, encode_lines
+from phyagentos.protocol.evidence_manifest import unseal_bundle
 from phyagentos.protocol.sessions import Execution, Session
 from phyagentos.protocol.settings import compute_file_hash
+from phyagentos.protocol.store.bodies import render_yaml
 from phyagentos.protocol.verdicts import Criterion
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.blanks import Blanks
 from phyagentos.runtime.targets.wire import FaultStruck, Observation, Step
 
 RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
 )  # fmt: skip
+
+WRITTEN = (
+    evidence.CONTRACT, evidence.INITIAL, evidence.BEFORE, evidence.TERMINAL, evidence.AFTER, evidence.TRAJECTORY,
+    evidence.TRACE, evidence.EVENTS, evidence.EXECUTION,
+)  # fmt: skip
+"""Files that every session writes for itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,17 +57,46 @@ class Contract:
     settings: Sequence[Path]
 
 
+class Stationery:
+    """Files that are the same in many bundles: written once, then linked, since a new file costs fifty times a link."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, bytes], Path] = {}
+
+    def write(self, path: Path, data: bytes) -> None:
+        """Let `path` hold `data`."""
+        key = (path.name, data)
+        known = self._known.get(key)
+        if known is not None:
+            with contextlib.suppress(OSError):  # it was cleaned away, or has too many links
+                os.link(known, path)
+                return
+        path.write_bytes(data)
+        path.chmod(0o444)  # a change in place would change every bundle
+        self._known[key] = path
+
+
 class Recorder:
     """One bundle.
 
     Args:
         folder: `evidence/<session id>/`; made if it is missing.
+        stationery: Shared by the bundles of one process.
+        blanks: Folders that were made ahead.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, stationery: Stationery | None = None, blanks: Blanks | None = None) -> None:
         self.folder = folder
+        self._stationery = stationery or Stationery()
         self._rows: list[tuple[float, ...]] = []
-        folder.mkdir(parents=True, exist_ok=True)
+        self._blank: set[str] = set()  # files that were made ahead and hold nothing yet
+        if blanks is not None and blanks.take(folder):
+            self._blank.update(WRITTEN)
+            return
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            unseal_bundle(folder)  # of a session whose runner was lost: what it left is written to again
 
     def write_contract(self, contract: Contract) -> None:
         """The resolved contract, the granted plan, the hashes of the settings, and the environment's fingerprint."""
@@ -65,12 +104,10 @@ class Recorder:
             "session": msgspec.to_builtins(contract.session),
             "epoch": contract.epoch,
             "adapter_plan": dict(contract.plan),
-            "settings_sha256": {path.name: compute_file_hash(path) for path in contract.settings},
+            "settings_sha256": {path.name: _read_hash(path) for path in contract.settings},
         }
-        text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
-        (self.folder / evidence.CONTRACT).write_text(text, encoding="utf-8")
-        seeds = {"session": contract.session.seed, "scene": contract.session.scene.seed}
-        write_json(self.folder / evidence.FINGERPRINT, {**read_fingerprint(), "seeds": seeds})
+        self._write(evidence.CONTRACT, render_yaml(document).encode())
+        self._stationery.write(self.folder / evidence.FINGERPRINT, encode_json(read_fingerprint()))
 
     def link_model(self, source: Path) -> bool:
         """Share the scene model of an earlier session of the same episode; False when it cannot be shared."""
@@ -85,12 +122,12 @@ class Recorder:
     def write_initial(self, observation: Observation, environment: Environment) -> None:
         """The world before the first command."""
         self._write_state(evidence.INITIAL, observation)
-        write_json(self.folder / evidence.BEFORE, environment)
+        self._write(evidence.BEFORE, encode_json(environment))
 
     def write_terminal(self, observation: Observation, environment: Environment) -> None:
         """The world at rest after the last command."""
         self._write_state(evidence.TERMINAL, observation)
-        write_json(self.folder / evidence.AFTER, environment)
+        self._write(evidence.AFTER, encode_json(environment))
 
     def write_picture(self, name: str, png: bytes) -> None:
         """A picture, unless the world could not make one."""
@@ -126,33 +163,60 @@ class Recorder:
         """What happened between the first and the last command."""
         rows = np.array(self._rows, dtype=np.float64).reshape(len(self._rows), 3 * n_joints + 3)
         q_end, measured_end, velocity_end = 1 + n_joints, 1 + 2 * n_joints, 1 + 3 * n_joints
-        np.savez(
-            self.folder / evidence.TRAJECTORY,
-            time_s=rows[:, 0],
-            q_commanded=rows[:, 1:q_end],
-            q_measured=rows[:, q_end:measured_end],
-            qd_measured=rows[:, measured_end:velocity_end],
-            gripper_commanded_m=rows[:, velocity_end],
-            gripper_measured_m=rows[:, velocity_end + 1],
-        )
-        write_lines(self.folder / evidence.TRACE, list(trace))
-        write_lines(self.folder / evidence.EVENTS, list(events))
-        write_json(self.folder / evidence.HOLDS, list(holds))
-        write_json(self.folder / evidence.FAULTS, list(faults))
+        arrays = {
+            "time_s": rows[:, 0],
+            "q_commanded": rows[:, 1:q_end],
+            "q_measured": rows[:, q_end:measured_end],
+            "qd_measured": rows[:, measured_end:velocity_end],
+            "gripper_commanded_m": rows[:, velocity_end],
+            "gripper_measured_m": rows[:, velocity_end + 1],
+        }
+        self._write(evidence.TRAJECTORY, encode_arrays(arrays))
+        self._write(evidence.TRACE, encode_lines(list(trace)))
+        self._write(evidence.EVENTS, encode_lines(list(events)))
+        for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):
+            if values:
+                self._write(name, encode_json(list(values)))
+            else:
+                self._stationery.write(self.folder / name, encode_json([]))
 
     def write_execution(self, execution: Execution) -> None:
         """How it ended; the last file of a bundle."""
-        write_json(self.folder / evidence.EXECUTION, execution)
+        self._write(evidence.EXECUTION, encode_json(execution))
+        for name in self._blank:  # the session was given up before there was anything to tell
+            (self.folder / name).unlink(missing_ok=True)
+
+    def _write(self, name: str, data: bytes) -> None:
+        """Let a file of the bundle hold `data`; in plain calls, since every session writes ten."""
+        fd = os.open(f"{self.folder}/{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[os.write(fd, rest) :]
+        finally:
+            os.close(fd)
+        self._blank.discard(name)
 
     def _write_state(self, name: str, observation: Observation) -> None:
-        np.savez(
-            self.folder / name,
-            state=observation.state,
-            time=np.float64(observation.time_s),
-            qpos=observation.qpos,
-            qvel=observation.qvel,
-            act=observation.act,
-        )
+        arrays = {
+            "state": observation.state,
+            "time": np.asarray(observation.time_s, dtype=np.float64),
+            "qpos": observation.qpos,
+            "qvel": observation.qvel,
+            "act": observation.act,
+        }
+        self._write(name, encode_arrays(arrays))
+
+
+def _read_hash(path: Path) -> str:
+    """SHA-256 of a settings file; one that has not changed is read once."""
+    changed = path.stat()
+    return _compute_hash(path, changed.st_ino, changed.st_mtime_ns, changed.st_size)
+
+
+@lru_cache(maxsize=64)
+def _compute_hash(path: Path, _inode: int, _changed_ns: int, _size: int) -> str:
+    return compute_file_hash(path)
 
 
 @cache

@@ -1,13 +1,16 @@
 """Whether a repeated session did the same: two evidence bundles compared bit by bit.
 
-Upstream: `paos rerun`. What depends on the wall clock (timings, pictures, fingerprints) is left out on purpose.
+Upstream: `paos rerun`. What depends on the wall clock (timings, pictures, fingerprints) is left out on purpose. What a
+clean-up took out of the recorded bundle is compared by its hash.
 """
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
 
 from phyagentos.protocol import evidence
+from phyagentos.protocol.evidence_manifest import read_manifest
 
 _ARRAYS = (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
 _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION)
@@ -23,10 +26,18 @@ def find_differences(recorded: Path, repeated: Path) -> list[str]:
     differences = [f"{name}: missing" for name in (*_ARRAYS, *_TEXTS) if not (repeated / name).exists()]
     if differences:
         return differences
+    manifest = read_manifest(recorded)
+    gone = manifest.gone if manifest is not None else {}
+    differences += [
+        f"{name}: differs from the hash that was kept"
+        for name in (*_ARRAYS, *_TEXTS)
+        if name in gone and hashlib.sha256((repeated / name).read_bytes()).hexdigest() != gone[name].sha256
+    ]
     for name in _ARRAYS:
-        differences += _compare_arrays(name, recorded / name, repeated / name)
+        if name not in gone:
+            differences += _compare_arrays(name, recorded / name, repeated / name)
     for name in _TEXTS:
-        if (recorded / name).read_bytes() != (repeated / name).read_bytes():
+        if name not in gone and (recorded / name).read_bytes() != (repeated / name).read_bytes():
             differences.append(f"{name}: differs")
     return differences
 

@@ -16,10 +16,11 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol import evidence as files
 from phyagentos.protocol.environment import TargetState
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.sessions import Ended, Execution, Session
-from phyagentos.protocol.settings import TargetLimits
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.blanks import Blanks
 from phyagentos.runtime.execution.commands import CommandBuffer
 from phyagentos.runtime.execution.context import Situation, SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
@@ -32,7 +33,7 @@ from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.perception import Perception
-from phyagentos.runtime.recorder import Contract, Recorder
+from phyagentos.runtime.recorder import Contract, Recorder, Stationery
 from phyagentos.runtime.targets.wire import FaultStruck, Step
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ class SessionRunner:
         clock: Bounds thinking.
         settings: Settings files to hash into each bundle.
         pictures: Whether to take pictures before and after.
+        blanks: Evidence folders that were made ahead.
     """
 
     def __init__(
@@ -110,6 +112,7 @@ class SessionRunner:
         clock: Clock,
         settings: Sequence[Path] = (),
         pictures: bool = False,
+        blanks: Blanks | None = None,
     ) -> None:
         self._handle = handle
         self._planner = planner
@@ -122,6 +125,7 @@ class SessionRunner:
         self._clock = clock
         self._settings = settings
         self._pictures = pictures
+        self._stationery, self._blanks = Stationery(), blanks
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
 
     def run(
@@ -141,7 +145,7 @@ class SessionRunner:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
         began_s = self._clock.now_s()
-        recorder = Recorder(self._workspace / evidence)
+        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
         recorder.write_contract(Contract(session=session, epoch=epoch, plan=plan, settings=self._settings))
         try:
             run = self._open(session, epoch, plan, recorder, cancel, beat)
@@ -172,7 +176,7 @@ class SessionRunner:
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
         """
-        recorder = Recorder(self._workspace / evidence)
+        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
         self._handle.begin(session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
@@ -280,7 +284,9 @@ class SessionRunner:
         )
 
     def _provide_model(self, session: Session, recorder: Recorder) -> None:
-        """The scene model: written once an episode, shared by its later sessions."""
+        """The scene model, where the target has one: written once an episode, shared by its later sessions."""
+        if self._profile.kind == "debug":
+            return
         episode = session.scene.episode
         if self._model_of is not None and self._model_of[0] == episode and recorder.link_model(self._model_of[1]):
             return
@@ -289,7 +295,7 @@ class SessionRunner:
 
     def _take_picture(self, recorder: Recorder, name: str) -> None:
         cameras = self._handle.describe().cameras
-        if self._pictures and cameras:
+        if self._pictures and cameras and self._handle.permits("render"):
             recorder.write_picture(name, self._handle.render(cameras[0]).png)
 
 

@@ -3,64 +3,40 @@
 Upstream: session records of the agent, signals of the operator. Downstream: one warm worker per target. It governs the
 life of a session and never touches an observation or a command. One loop, no threads: journal, signals and workers are
 waited for together.
+
+Only `start` waits for the disk before anything else happens: no target moves on the strength of a record that a power
+cut could take back. The `claim` stands in the same batch, unless the check takes long enough for a person to wonder;
+until then nothing has moved, and whoever else claims the session first simply has it. `finish` is covered by the
+verdict, which rests on it; after a power cut in between, the session is taken for running, and the world is observed
+anew.
 """
 
+import select
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
-from multiprocessing.connection import wait
-from typing import cast
 
 import msgspec
 
 from phyagentos.clock import Clock
+from phyagentos.protocol.estop import Latch, is_latched, latch
 from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState
 from phyagentos.protocol.sessions import Ended, Session, SessionId
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.journal import Entry, Fenced, Journal
 from phyagentos.protocol.store.mailbox import Signal, take_signals
 from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Ready, Reconcile, Run, Stop
 from phyagentos.runtime.heartbeat import HeartbeatMonitor
+from phyagentos.runtime.posts import Phase, Post, Queue
 from phyagentos.runtime.workers import Worker
 
-POLL_S = 0.5  # limits and heartbeats are looked at this often when nothing happens
+POLL_S = 0.5  # limits, heartbeats and the signal folder are looked at this often when nothing happens
+PUBLISH_PERIOD_S = 0.05  # views and edits are attended to this often when much happens
+CLAIM_AFTER_S = 0.02  # a check that takes longer shows as a claim; a quicker one is recorded with its outcome
 STARTS = 3  # a worker that dies this often before it is ready is not started again
 TRIES = 5  # at a record that another writer makes out of date
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
+_CHECKABLE = frozenset({SessionState.PENDING, SessionState.CLAIMED, SessionState.PREFLIGHT})
 _HELD = frozenset({SessionState.CLAIMED, SessionState.PREFLIGHT, SessionState.RUNNING, SessionState.HALTING})
-
-
-class Phase(StrEnum):
-    """What the worker of one target is busy with."""
-
-    STARTING = "starting"
-    IDLE = "idle"
-    CHECKING = "checking"
-    RUNNING = "running"
-    RECONCILING = "reconciling"
-    BROKEN = "broken"
-
-
-@dataclass(slots=True)
-class Post:
-    """One target under supervision.
-
-    Attributes:
-        lost: A session whose runner was lost; observed as soon as the new worker is ready.
-        stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
-    """
-
-    worker: Worker
-    monitor: HeartbeatMonitor
-    phase: Phase = Phase.STARTING
-    session: Session | None = None
-    epoch: int = 0
-    since_s: float = 0.0
-    stop_by_s: float | None = None
-    failed_starts: int = 0
-    lost: tuple[Session, int, str] | None = None
 
 
 class Watchdog:
@@ -71,7 +47,7 @@ class Watchdog:
         journal: Opened for the runtime side.
         hire: Starts the worker of a target; None when the target is unknown.
         clock: For limits and leases.
-        publish: Renders the views of the workspace; called in every turn of the loop.
+        publish: Renders the views of the workspace; called some twenty times a second.
     """
 
     def __init__(
@@ -88,14 +64,23 @@ class Watchdog:
         self._hire = hire
         self._clock = clock
         self._publish = publish
-        self._ledger = Ledger()
+        self._ledger = journal.open_ledger()
+        self._queues: dict[str, Queue] = {}
         self._posts: dict[str, Post] = {}
         self._is_stopping = False
+        self._poll = select.poll()
+        self._polled: dict[int, Post] = {}
+        self._is_stale = True
+        self._publish_at_s = self._signals_at_s = -float("inf")
 
     def run(self) -> None:
         """Supervise until `stop`; leaves every target at rest."""
-        with Watch([self._journal.folder, self._workspace.signals]) as watch:
+        with Watch([self._journal.folder]) as watch, Watch([self._workspace.signals]) as signals:
+            for each in (watch, signals):
+                self._poll.register(each.fileno(), select.POLLIN)
             try:
+                for status in self._ledger.iter_pending():
+                    self._enqueue(status.contract)
                 self._follow()
                 self._adopt()
                 while not self._is_stopping:
@@ -103,8 +88,8 @@ class Watchdog:
                     self._follow()
                     self._claim()
                     self._enforce_limits()
-                    self._publish()
-                    self._wait(watch)
+                    self._publish_if_due()
+                    self._wait(watch, signals)
             finally:
                 self._dismiss()
 
@@ -112,36 +97,70 @@ class Watchdog:
         """End after the current turn of the loop (safe in a signal handler)."""
         self._is_stopping = True
 
-    def _wait(self, watch: Watch) -> None:
-        alive = [post for post in self._posts.values() if post.phase is not Phase.BROKEN]
-        posts = {post.worker.connection.fileno(): post for post in alive}
-        for ready in wait([watch.fileno(), *posts], timeout=POLL_S):
+    def _wait(self, watch: Watch, signals: Watch) -> None:
+        """Until a record, a signal or an answer comes, or it is time for what is done now and then."""
+        self._watch_workers()
+        now_s = self._clock.now_s()
+        pause_s = max(0.0, self._publish_at_s - now_s) if self._is_stale else POLL_S
+        for ready, _ in self._poll.poll(1e3 * min(POLL_S, pause_s)):
             if ready == watch.fileno():
                 watch.drain()
+            elif ready == signals.fileno():
+                signals.drain()
+                self._signals_at_s = now_s
             else:
-                post = posts[cast("int", ready)]
+                post = self._polled[ready]
                 self._hear(post, post.worker.receive())
+            self._is_stale = True
+        watch.drain()  # what was just recorded here is no news
+
+    def _watch_workers(self) -> None:
+        """Wait for the workers that are there now."""
+        alive = {
+            post.worker.connection.fileno(): post for post in self._posts.values() if post.phase is not Phase.BROKEN
+        }
+        for fd in self._polled.keys() - alive.keys():
+            self._poll.unregister(fd)
+        for fd in alive.keys() - self._polled.keys():
+            self._poll.register(fd, select.POLLIN)
+        self._polled = alive
+
+    def _publish_if_due(self) -> None:
+        if self._clock.now_s() >= self._publish_at_s:
+            self._is_stale = False
+            self._publish()
+            self._publish_at_s = self._clock.now_s() + PUBLISH_PERIOD_S
 
     def _follow(self) -> None:
         for record in self._journal.read_new():
             self._ledger.apply(record)
+            if record.to == SessionState.PENDING:
+                status = self._ledger.sessions.get(SessionId(record.id))
+                if status is not None:
+                    self._enqueue(status.contract)
+
+    def _enqueue(self, session: Session) -> None:
+        self._queues.setdefault(session.target, Queue()).put(session)
 
     def _commit(self, session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> None:
-        facts = {name: value for name, value in body.items() if value != ""}
-        self._journal.commit([Entry(id=session, ev=trigger, body=facts or None, epoch=epoch)])
+        self._record(_entry(session, trigger, epoch, **body))
+
+    def _record(self, *entries: Entry, durable: bool = True) -> None:
+        self._journal.commit(entries, durable=durable)
         self._follow()
 
-    def _try_commit(self, session: SessionId, trigger: str, reason: str = "") -> bool:
+    def _try_commit(self, session: SessionId, trigger: str, reason: str = "", *, durable: bool = True) -> bool:
         """Record it, unless somebody else was faster; then the next turn of the loop decides anew."""
         try:
-            self._commit(session, trigger, reason=reason)
+            self._record(_entry(session, trigger, reason=reason), durable=durable)
         except IllegalTransition:
             self._follow()
             return False
         return True
 
     def _state(self, session: SessionId) -> SessionState:
-        return SessionState(self._ledger.sessions[session].state)
+        status = self._ledger.sessions.get(session)
+        return SessionState(status.state) if status is not None else SessionState.CANCELLED  # forgotten: long over
 
     def _adopt(self) -> None:
         """Sessions that an earlier watchdog held: their runner is gone, the world must be looked at."""
@@ -155,22 +174,31 @@ class Watchdog:
                     post.lost = (session, status.epoch, "watchdog lost")
 
     def _claim(self) -> None:
-        for target in sorted({status.contract.target for status in self._ledger.iter_pending()}):
-            post = self._get_post(target)
-            pending = [status.contract for status in self._ledger.iter_pending(target)]
-            if post is None:
-                for session in pending:
-                    self._reject(session, "TARGET_UNKNOWN", f"no target {target!r} in TARGETS.md")
-            elif post.phase is Phase.BROKEN:
-                for session in pending:
-                    self._reject(session, "TARGET_UNAVAILABLE", f"its worker does not start; see logs/*-{target}.log")
-            elif post.phase is Phase.IDLE and post.lost is None:
-                session = max(pending, key=lambda candidate: candidate.priority)
-                if not self._try_commit(session.id, "claim"):
-                    continue
-                post.session, post.epoch = session, self._ledger.sessions[session.id].epoch
-                self._begin(post, Phase.CHECKING)
-                post.worker.send(Check(session=session, epoch=post.epoch))
+        if is_latched(self._workspace.signals.parent):
+            return
+        for target, queue in self._queues.items():
+            post = self._get_post(target) if queue else None
+            if post is None or post.phase is Phase.BROKEN:
+                while session := queue.take(self._ledger):
+                    if post is None:
+                        self._reject(session, "TARGET_UNKNOWN", f"no target {target!r} in TARGETS.md")
+                    else:
+                        self._reject(
+                            session, "TARGET_UNAVAILABLE", f"its worker does not start; see logs/*-{target}.log"
+                        )
+            elif post.phase is Phase.IDLE and post.lost is None and (session := queue.take(self._ledger)):
+                self._check(post, session)
+
+    def _check(self, post: Post, session: Session) -> None:
+        """Have a session checked under the epoch that its claim will have."""
+        post.session, post.epoch = session, self._ledger.sessions[session.id].epoch + 1
+        self._begin(post, Phase.CHECKING)
+        post.worker.send(Check(session=session, epoch=post.epoch))
+
+    def _open_claim(self, post: Post, session: Session) -> tuple[Entry, ...]:
+        """The claim that is still to be recorded, with what follows from it."""
+        is_pending = self._state(session.id) is SessionState.PENDING
+        return (Entry(session.id, "claim", epoch=post.epoch - 1),) if is_pending else ()
 
     def _get_post(self, target: str) -> Post | None:
         if target not in self._posts:
@@ -190,7 +218,7 @@ class Watchdog:
         for _ in range(TRIES):
             try:
                 return self._act_on(post, answer)
-            except IllegalTransition as error:
+            except (IllegalTransition, Fenced) as error:
                 refused = error
                 self._follow()
         raise refused
@@ -219,28 +247,29 @@ class Watchdog:
         session = post.session
         if session is None:
             return
-        if self._state(session.id) is SessionState.CANCELLING:
-            self._commit(session.id, "confirm_cancel", post.epoch)
+        status, id, epoch = self._ledger.sessions.get(session.id), session.id, post.epoch
+        state = self._state(id)
+        if status is None:
             self._free(post)
+        elif state is SessionState.PENDING and status.epoch != epoch - 1:
+            self._check(post, status.contract)  # somebody claimed it meanwhile, and let go
+        elif state is SessionState.CANCELLING:
+            self._commit(id, "confirm_cancel", epoch)
+            self._free(post)
+        elif state not in _CHECKABLE or status.epoch > epoch:
+            self._free(post)  # it was cancelled, or somebody else has it
         elif answer.plan is None:
-            self._commit(
-                session.id,
-                "reject",
-                post.epoch,
-                reason="; ".join(str(problem) for problem in answer.problems),
-                problems=msgspec.to_builtins(answer.problems),
-            )
+            reason = "; ".join(str(problem) for problem in answer.problems)
+            refused = _entry(id, "reject", epoch, reason=reason, problems=msgspec.to_builtins(answer.problems))
+            self._record(*self._open_claim(post, session), refused)
             self._free(post)
         else:
-            self._commit(
-                session.id,
-                "start",
-                post.epoch,
-                plan=msgspec.to_builtins(answer.plan),
-                tools=msgspec.to_builtins(answer.tools),
-            )
+            granted = answer.tools.expose if answer.tools is not None else ()  # by name: the schemas are the target's
+            facts = {"plan": msgspec.to_builtins(answer.plan), "tools": {"expose": granted}}
+            self._record(*self._open_claim(post, session), Entry(id, "start", facts, epoch))
+            post.session = self._ledger.sessions[id].contract  # limits may have been amended until the claim
             self._begin(post, Phase.RUNNING)
-            post.worker.send(Run(session=session, epoch=post.epoch, evidence=f"evidence/{session.id}"))
+            post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}"))
 
     def _on_finished(self, post: Post, answer: Finished) -> None:
         session = post.session
@@ -253,7 +282,7 @@ class Watchdog:
         elif state is SessionState.OUTCOME_UNKNOWN:
             self._commit(session.id, "reconcile", post.epoch, execution=execution)
         elif state not in FINAL_STATES:
-            self._commit(session.id, "finish", post.epoch, execution=execution)
+            self._record(Entry(session.id, "finish", {"execution": execution}, post.epoch), durable=False)
         post.lost = None
         self._free(post)
         if answer.execution.ended is Ended.TARGET_LOST:
@@ -272,7 +301,7 @@ class Watchdog:
         session = post.session
         if session is not None and self._state(session.id) not in FINAL_STATES:
             if self._state(session.id) is not SessionState.OUTCOME_UNKNOWN:
-                self._commit(session.id, "lose", post.epoch, reason=reason)
+                self._record(*self._open_claim(post, session), _entry(session.id, "lose", post.epoch, reason=reason))
             post.lost = (session, post.epoch, reason)
         post.session = None
         post.failed_starts += post.phase is Phase.STARTING
@@ -288,6 +317,8 @@ class Watchdog:
             session = post.session
             if session is None or post.phase not in {Phase.CHECKING, Phase.RUNNING}:
                 continue
+            if self._state(session.id) is SessionState.PENDING and now_s - post.since_s > CLAIM_AFTER_S:
+                self._try_commit(session.id, "claim", durable=False)
             if post.stop_by_s is not None:
                 if now_s > post.stop_by_s:
                     self._lose(post, "the worker did not stop when asked to")
@@ -303,9 +334,16 @@ class Watchdog:
         post.stop_by_s = self._clock.now_s() + STOP_GRACE_S
 
     def _take_signals(self) -> None:
+        now_s = self._clock.now_s()
+        if now_s < self._signals_at_s:
+            return
+        self._signals_at_s = now_s + POLL_S
         for signal in take_signals(self._workspace.signals):
             if signal.kind == "cancel":
                 self._cancel(signal)
+            elif signal.kind == "estop":  # targets hear it themselves; where none runs, the latch waits for them
+                at = signal.at or self._clock.wall_iso()
+                latch(self._workspace.signals.parent, Latch(by=signal.by, reason=signal.reason, at=at))
 
     def _cancel(self, signal: Signal) -> None:
         for status in list(self._ledger.live_sessions()):
@@ -322,3 +360,8 @@ class Watchdog:
         for post in self._posts.values():
             post.worker.stop()
         self._publish()
+
+
+def _entry(session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> Entry:
+    """A record of one session; what is empty is left out of its body."""
+    return Entry(session, trigger, {name: value for name, value in body.items() if value != ""} or None, epoch)

@@ -5,27 +5,30 @@ that is slow to start (planner, target, leaves) is started once and kept warm.
 """
 
 import contextlib
+from collections import deque
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.channel import Channel
-from phyagentos.protocol.library import Library
+from phyagentos.protocol.evidence_manifest import Sealer
 from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.sessions import Ended, Execution, Scene
 from phyagentos.protocol.views.environment import render_environment
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.adapter_plan import AdapterPlan
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Ready, Reconcile, Run, Stop, receive_order, send
-from phyagentos.runtime.execution.registry import LeafRegistry
-from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.heartbeat import HeartbeatWriter
 from phyagentos.runtime.perception import Perception
-from phyagentos.runtime.preflight import Preflight
+from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.runner import SessionRunner
+
+REST_S = 0.05  # nobody asked for so long: time for what nobody waits for
+PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
 
 class WorkerLoop:
@@ -34,13 +37,12 @@ class WorkerLoop:
     Args:
         control: To the watchdog.
         handle: To the world.
-        preflight: What sessions are checked against.
+        examiner: Checks sessions.
         runner: Carries them out.
-        perception: Looks at the world for preconditions and reconciliation.
+        perception: Looks at the world for ENVIRONMENT.md.
         heartbeat: Says what is going on.
-        library: Where trees are.
-        registry: Where leaves are.
         workspace: Where ENVIRONMENT.md is published.
+        clock: For the rate of publishing.
     """
 
     def __init__(
@@ -48,74 +50,84 @@ class WorkerLoop:
         *,
         control: Channel,
         handle: TargetSessionHandle,
-        preflight: Preflight,
+        examiner: Examiner,
         runner: SessionRunner,
         perception: Perception,
         heartbeat: HeartbeatWriter,
-        library: Library,
-        registry: LeafRegistry,
         workspace: Workspace,
+        clock: Clock,
     ) -> None:
         self._control = control
         self._handle = handle
-        self._preflight = preflight
+        self._examiner = examiner
         self._runner = runner
         self._perception = perception
         self._heartbeat = heartbeat
-        self._library = library
-        self._registry = registry
         self._workspace = workspace
+        self._sealer = Sealer(workspace.evidence)
+        self._clock = clock
+        self._unsealed: deque[str] = deque()
+        self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
+        self._published_at_s = -PUBLISH_PERIOD_S
+        self._episode = ""
         self._plan: AdapterPlan | None = None
         self._stop_reason: str | None = None
 
     def run(self) -> None:
         """Serve until the watchdog closes the connection."""
-        self._heartbeat.beat(phase="idle")
+        self._heartbeat.beat(phase="idle", at_once=True)
         send(self._control, Ready())
         while True:
             try:
+                if not self._control.poll(REST_S):
+                    self._tidy_up()
                 order = receive_order(self._control)
             except (EOFError, OSError):
+                self._tidy_up()
                 return
             if isinstance(order, Check):
                 send(self._control, self._check(order))
             elif isinstance(order, Run):
                 send(self._control, Finished(session=order.session.id, execution=self._execute(order)))
-                self._publish_environment(order.session.scene)
-                self._heartbeat.beat(phase="idle")
+                self._unsealed.append(order.evidence)
+                self._unpublished = order.session.scene
+                self._publish_environment(PUBLISH_PERIOD_S)
             elif isinstance(order, Reconcile):
                 send(self._control, Finished(session=order.session.id, execution=self._reconcile(order)))
+                self._unsealed.append(order.evidence)
+
+    def _tidy_up(self) -> None:
+        """What nobody waits for: ENVIRONMENT.md, the hashes of bundles; gives way to an order."""
+        self._heartbeat.beat(phase="idle", at_once=True)
+        self._publish_environment(0.0)
+        while self._unsealed and not self._is_asked():
+            self._seal(self._unsealed.popleft())
+
+    def _is_asked(self) -> bool:
+        """Whether an order waits; not when the watchdog is gone."""
+        try:
+            return self._control.poll()
+        except (EOFError, OSError):
+            return False
 
     def _check(self, order: Check) -> Checked:
         session = order.session
         self._plan, self._stop_reason = None, None
-        self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch)
-        try:
-            problems = self._find_problems(order)
-            if problems:
-                return Checked(session=session.id, plan=None, tools=None, problems=tuple(problems))
-            self._plan, tools = self._preflight.plan(session, self._handle.describe())
-        except DefinitionError as error:
-            return Checked(session=session.id, plan=None, tools=None, problems=error.problems)
-        except ExecutionError as error:
-            problem = Problem(code=error.code, address=f"{session.id}: target {session.target}", found=str(error))
-            return Checked(session=session.id, plan=None, tools=None, problems=(problem,))
-        return Checked(session=session.id, plan=self._plan, tools=tools)
-
-    def _find_problems(self, order: Check) -> list[Problem]:
-        session, preflight = order.session, self._preflight
-        problems = preflight.find_contract_problems(session)
-        if problems:
-            return problems
-        tree = preflight.skills[session.skill].tree
-        problems = [
-            *check_tree(tree, self._library, self._registry),
-            *preflight.find_target_problems(session, self._handle.describe()),
-        ]
-        if problems:
-            return problems
-        self._handle.load(session.scene, _read_state(order.restore))
-        return preflight.find_world_problems(session, self._perception.perceive(self._handle.observe(), session.scene))
+        is_new = session.scene.episode != self._episode
+        self._episode = session.scene.episode
+        self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
+        found = self._examiner.examine(session, state=_read_state(order.restore), thorough=order.thorough)
+        self._plan = found.plan
+        if found.tools is not None:
+            self._handle.permit(found.tools.expose)
+        return Checked(
+            session=session.id,
+            plan=found.plan,
+            tools=found.tools,
+            problems=found.problems,
+            trials=found.trials,
+            ms=found.ms,
+        )
 
     def _execute(self, order: Run) -> Execution:
         if self._plan is None:
@@ -129,11 +141,20 @@ class WorkerLoop:
             beat=self._heartbeat.beat,
         )
 
-    def _publish_environment(self, scene: Scene) -> None:
-        """ENVIRONMENT.md: the world as the session left it."""
+    def _publish_environment(self, period_s: float) -> None:
+        """ENVIRONMENT.md: the world as the latest session left it, unless it was published less than `period_s` ago."""
+        scene, now_s = self._unpublished, self._clock.now_s()
+        if scene is None or now_s - self._published_at_s < period_s:
+            return
+        self._unpublished, self._published_at_s = None, now_s
         with contextlib.suppress(ExecutionError):
             environment = self._perception.perceive(self._handle.observe(), scene)
             publish(self._workspace.environment, render_environment(environment))
+
+    def _seal(self, evidence: str) -> None:
+        """Record the hashes of a bundle, once nobody waits for it; what fails here is done by the next clean-up."""
+        with contextlib.suppress(OSError, ExecutionError):
+            self._sealer.seal(self._workspace.root / evidence)
 
     def _find_stop_reason(self) -> str | None:
         """Whether the watchdog wants an end; asked in every turn of the runner's loop."""

@@ -86,7 +86,7 @@ class Worker:
 
     Args:
         target: Name of the target.
-        world: Command line of the world process (arguments after the interpreter).
+        world: Command line of the world process (arguments after the interpreter); none when the worker holds it.
         worker: Command line of the worker process; it is given `--control FD`.
         logs: Folder for the output of both.
     """
@@ -97,7 +97,9 @@ class Worker:
         self._world = self._start_world()
         self._worker, self.connection = self._start_worker()
 
-    def _start_world(self) -> ChildProcess:
+    def _start_world(self) -> ChildProcess | None:
+        if not self._world_command:
+            return None
         return ChildProcess(self._world_command, self._logs / f"world-{self.target}.log")
 
     def _start_worker(self) -> "tuple[ChildProcess, Connection[Any, Any]]":
@@ -124,7 +126,7 @@ class Worker:
         """Replace a lost or silent worker; the world goes on, unless it is lost too."""
         self._worker.kill()
         self.connection.close()
-        if not self._world.is_alive():
+        if self._world is not None and not self._world.is_alive():
             self._world = self._start_world()
         self._worker, self.connection = self._start_worker()
 
@@ -132,4 +134,5 @@ class Worker:
         """End both processes."""
         self.connection.close()
         self._worker.stop()
-        self._world.stop()
+        if self._world is not None:
+            self._world.stop()

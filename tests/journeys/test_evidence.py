@@ -1,13 +1,19 @@
 """A bundle is complete, loads without this package, and repeats itself bit for bit."""
 
 import json
+import shutil
 
 import mujoco
 import numpy as np
 import pytest
 
 from phyagentos.assembly.repetition import rerun_session
+from phyagentos.clock import ManualClock, SystemClock
 from phyagentos.protocol import evidence
+from phyagentos.protocol.evidence_manifest import MANIFEST, check_bundle, read_manifest
+from phyagentos.protocol.retention import apply_retention
+from phyagentos.protocol.runtime_contract import EvidenceRetention
+from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.repetition import find_differences
 
 pytestmark = pytest.mark.journey
@@ -85,3 +91,29 @@ def test_the_receive_log_shows_silence_after_the_end_and_no_state_write(plane, c
         if line["kind"] == "state_write":
             assert before.get("session", "") == "" or before["kind"] == "End", (before, line)
     assert commands > 100
+
+
+def test_a_thinned_session_is_compared_by_the_hashes_of_what_is_gone(plane, calm, tmp_path):
+    plane.run("calm-8", seed=8)
+    copy = Workspace(shutil.copytree(plane.workspace.root, tmp_path / "copy"))
+    report = apply_retention(copy, EvidenceRetention(keep_last=0, keep_days=0), ManualClock(4e9))
+    thinned = copy.evidence_of("calm-5.red")
+    assert "calm-5.red" in {each.session for each in report.thinned}
+    assert not (thinned / evidence.TRAJECTORY).exists()
+    assert check_bundle(thinned) == []
+
+    assert rerun_session(copy.root, "calm-5.red").differences == ()
+    assert "trajectory.npz: differs from the hash that was kept" in find_differences(
+        thinned, plane.bundle("calm-8.red")
+    )
+
+
+def test_a_bundle_is_sealed_once_its_session_is_over(plane, calm):
+    deadline = 1000
+    while not (calm / MANIFEST).exists() and deadline:  # the worker seals after it has reported
+        deadline -= 1
+        SystemClock().sleep(0.02)
+
+    assert check_bundle(calm) == []
+    assert {name for name in FILES if name not in read_manifest(calm).files} == set()
+    assert (calm / evidence.SCENE_MODEL).stat().st_nlink > 1

@@ -133,6 +133,10 @@ class SessionLoop:
         began_s = now_s()
         step = self._handle.apply(points)
         applied_s = now_s()
+        for each in self._handle.take_interventions():
+            context.note(
+                "intervention", each.code, where=each.where, row=each.row, before=each.before, after=each.after
+            )
         context.situation.advance(step)
         self.ticks += 1
         for observer in self._observers:
@@ -148,7 +152,7 @@ class SessionLoop:
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation
-        details: dict[str, Any] = {"by": refusal.by, "message": str(refusal)}
+        details: dict[str, Any] = {"by": refusal.by, "reaction": refusal.reaction, "message": str(refusal)}
         if violation is not None:
             details |= {"where": violation.where, "found": violation.found, "limit": violation.limit}
         self._context.note("intervention", refusal.code, **details)

@@ -5,11 +5,13 @@ Importing a module registers nothing. Leaves come from this package, from instal
 """
 
 import importlib.util
+import operator
 from importlib.metadata import entry_points
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.trees import Tree
 from phyagentos.runtime.execution.leaf import Leaf
 
 ENTRY_POINT_GROUP = "phyagentos.leaves"
@@ -21,6 +23,7 @@ class LeafRegistry:
 
     def __init__(self) -> None:
         self._classes: dict[str, type[Leaf]] = {}
+        self._sound: dict[tuple[Library, str], tuple[Tree, ...]] = {}
 
     def register(self, name: str, leaf: type[Leaf]) -> None:
         """Add a leaf.
@@ -43,6 +46,16 @@ class LeafRegistry:
                 )
             )
         self._classes[name] = leaf
+        self._sound.clear()
+
+    def is_sound(self, library: Library, name: str, trees: tuple[Tree, ...]) -> bool:
+        """Whether a tree, and all below it, was found to fit these leaves as it stands."""
+        known = self._sound.get((library, name), ())
+        return len(known) == len(trees) > 0 and all(map(operator.is_, known, trees))
+
+    def note_sound(self, library: Library, name: str, trees: tuple[Tree, ...]) -> None:
+        """A tree, and all below it, fits these leaves; forgotten when there are more leaves."""
+        self._sound[library, name] = trees
 
     def names(self) -> list[str]:
         """Every leaf, sorted."""

@@ -28,9 +28,34 @@ def check_tree(name: str, library: Library, registry: LeafRegistry) -> list[Prob
         registry: The leaves that exist.
 
     Returns:
-        Nothing when the tree can be built.
+        Nothing when the tree can be built. What was sound is not checked again before a file changes.
     """
-    return list(_iter_tree_problems(name, library, registry, ()))
+    trees = _find_trees(name, library)
+    if registry.is_sound(library, name, trees):
+        return []
+    problems = list(_iter_tree_problems(name, library, registry, ()))
+    if not problems:
+        registry.note_sound(library, name, trees)
+    return problems
+
+
+def _find_trees(name: str, library: Library) -> tuple[Tree, ...]:
+    """A tree and all below it, each once; empty when one of them cannot be read."""
+    trees: dict[str, Tree] = {}
+    waiting = [name]
+    while waiting:
+        name = waiting.pop()
+        if name in trees:
+            continue
+        try:
+            tree, problems = load_tree(library.get_tree(name))
+        except DefinitionError:
+            return ()
+        if tree is None or problems:
+            return ()
+        trees[name] = tree
+        waiting += [node.type for node in iter_nodes(tree.root) if node.kind is Kind.SUBTREE]
+    return tuple(trees.values())
 
 
 def _iter_tree_problems(

@@ -89,6 +89,32 @@ class LocalPlanner:
         """Nothing to let go of."""
 
 
+class NoPlanner:
+    """The port for a target without a model, which nobody can plan for: every request is refused."""
+
+    def __init__(self) -> None:
+        self._is_asked = False
+
+    def submit(self, request: MotionRequest) -> None:
+        """Remember that something was asked."""
+        self._is_asked = True
+
+    def poll(self) -> MotionAnswer | None:
+        """Refuse it."""
+        is_asked, self._is_asked = self._is_asked, False
+        return _refuse("NO_MODEL", "The target has no model to plan with.") if is_asked else None
+
+    def wait(self, timeout_s: float) -> bool:
+        """There is an answer as soon as there is a request."""
+        return self._is_asked
+
+    def cancel(self) -> None:
+        """It is refused anyway."""
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
 class PlannerProcess:
     """A planner in a process of its own, replaced when it dies or does not listen."""
 

@@ -1,0 +1,72 @@
+"""What the watchdog keeps of each target: its post, and the queue of sessions that wait for it.
+
+Upstream: the watchdog, which alone changes them. Downstream: workers and heartbeats.
+"""
+
+import heapq
+import itertools
+from dataclasses import dataclass
+from enum import StrEnum
+
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.sessions import Session, SessionId
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.runtime.heartbeat import HeartbeatMonitor
+from phyagentos.runtime.workers import Worker
+
+
+class Phase(StrEnum):
+    """What the worker of one target is busy with."""
+
+    STARTING = "starting"
+    IDLE = "idle"
+    CHECKING = "checking"
+    RUNNING = "running"
+    RECONCILING = "reconciling"
+    BROKEN = "broken"
+
+
+@dataclass(slots=True)
+class Post:
+    """One target under supervision.
+
+    Attributes:
+        lost: A session whose runner was lost; observed as soon as the new worker is ready.
+        stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
+    """
+
+    worker: Worker
+    monitor: HeartbeatMonitor
+    phase: Phase = Phase.STARTING
+    session: Session | None = None
+    epoch: int = 0
+    since_s: float = 0.0
+    stop_by_s: float | None = None
+    failed_starts: int = 0
+    lost: tuple[Session, int, str] | None = None
+
+
+class Queue:
+    """Sessions that wait for one target: the larger priority first, then the older; what is past is skipped."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[int, int, SessionId]] = []
+        self._numbers = itertools.count()
+
+    def put(self, session: Session) -> None:
+        """Add a session, or add it again with another priority."""
+        heapq.heappush(self._heap, (-session.priority, next(self._numbers), session.id))
+
+    def __len__(self) -> int:
+        """How many may wait."""
+        return len(self._heap)
+
+    def take(self, ledger: Ledger) -> Session | None:
+        """The next session that is still pending, or None."""
+        while self._heap:
+            priority, _, id = heapq.heappop(self._heap)
+            status = ledger.sessions.get(id)
+            if status is None or status.state != SessionState.PENDING or status.contract.priority != -priority:
+                continue
+            return status.contract
+        return None

@@ -1,0 +1,75 @@
+"""What is kept from record to record is what the records tell."""
+
+import pytest
+
+from phyagentos.agent.agenda import Agenda
+from phyagentos.agent.progress import GoalRun
+
+from .conftest import Play, put, succeed
+from .test_mission import CHAIN, TIDY, slip
+
+
+def read_all(agenda):
+    return agenda._missing, agenda._done, list(agenda._live), list(agenda._unjudged)
+
+
+@pytest.fixture
+def compare(monkeypatch):
+    """After every record, an agenda that followed them all equals one that is made anew from the fold."""
+    compared = []
+
+    def take_in_and_compare(run, record):
+        run.agenda.take_in(record, run.ledger)
+        if run.goal in run.ledger.goals and run.status.nodes:
+            anew = Agenda(run.graph, run.goal, run.ledger)
+            assert read_all(run.agenda)[:2] == read_all(anew)[:2], record
+            assert sorted(read_all(run.agenda)[2]) == sorted(read_all(anew)[2]), record
+            assert sorted(read_all(run.agenda)[3]) == sorted(read_all(anew)[3]), record
+            compared.append(record.ev)
+
+    monkeypatch.setattr(GoalRun, "take_in", take_in_and_compare)
+    return compared
+
+
+def test_it_follows_sessions_replans_and_ends(make_stage, write_graph, compare):
+    report = make_stage({"red": slip}).pursue(write_graph(TIDY))
+    assert report.verdict == "success"
+    assert {"submit", "finish", "replan", "child_of", "node_done"} <= set(compare)
+
+
+def test_it_follows_a_node_that_the_world_undid(make_stage, write_graph, compare):
+    def undo_red(world, session):
+        play = succeed(world, session)
+        return Play(world=put(play.world, "red_cube", (0.4, 0.3, 0.02)), outputs=play.outputs)
+
+    report = make_stage({"green": undo_red}).pursue(write_graph(TIDY))
+    assert report.verdict == "success"
+    assert "invalidated" in compare
+
+
+def test_it_follows_nodes_that_are_blocked_one_behind_the_other(make_stage, write_graph, compare):
+    report = make_stage(refuse={"red": "no"}).pursue(write_graph(CHAIN))
+    assert set(report.nodes.values()) == {"blocked"}
+    assert compare.count("node_blocked") == 4
+
+
+def test_a_long_row_of_nodes_behind_a_blocked_one_is_blocked(make_stage, write_graph, compare):
+    sessions = ["red: {skill: pick_and_place, with: {object: red_cube, destination: red_tray}}"]
+    for index in range(60):
+        before = f"n{index - 1}" if index else "red"
+        sessions.append(
+            f"n{index}: {{after: [{before}], skill: pick_and_place, with: {{object: red_cube, destination: red_tray}}}}"
+        )
+    lines = "\n".join(f"  {line}" for line in sessions)
+    graph = write_graph(f"goal: long\nobjective: A long way.\nscene: table\nsessions:\n{lines}\n")
+    stage = make_stage(refuse={"red": "no"})
+    report = stage.pursue(graph)
+    assert list(report.nodes.values()).count("blocked") == 61
+
+
+def test_a_graph_too_large_for_one_record_takes_several(make_stage, write_graph, monkeypatch):
+    monkeypatch.setattr("phyagentos.agent.progress.NODES_A_RECORD", 1)
+    report = make_stage().pursue(write_graph(TIDY))
+    assert report.verdict == "success"
+    assert list(report.nodes) == ["red", "green"]
+    assert len(report.criteria) == 2

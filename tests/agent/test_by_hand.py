@@ -1,0 +1,96 @@
+"""A session that serves no goal: dropped into the inbox, run as any other, judged by the same verifier."""
+
+import pytest
+
+from phyagentos.agent.by_hand import judge_by_hand
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.edits.desk import Desk
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.views.renderer import Views
+
+from .conftest import Play, put
+
+REQUEST = """kind: submit
+contract:
+  objective: Put the red cube into the red tray.
+  skill: pick_and_place
+  target: panda
+  parameters: {object: red_cube, destination: red_tray}
+  accept: ["inside(red_cube, red_tray)"]
+  scene: {name: table}
+"""
+
+
+class ByHand:
+    def __init__(self, stage) -> None:
+        self.stage, self.workspace = stage, stage.workspace
+        self.agent = Journal(self.workspace.root, side=Side.AGENT, by="judge", clock=SystemClock(), durable=False)
+        self.desk = Desk(self.workspace, SystemClock(), durable=False)
+        self.views = Views(self.workspace, self.agent.folder, SystemClock(), desk=self.desk)
+
+    def drop(self, name):
+        (self.workspace.inbox / "new" / f"{name}.yaml").write_text(REQUEST)
+        self.views.refresh(at_once=True)
+        self.stage.runtime.on_change(None, None)
+
+    def state(self, id):
+        self.views.refresh(at_once=True)
+        return self.views.ledger.sessions[id].state
+
+    def close(self):
+        self.views.close()
+        self.desk.close()
+        self.agent.close()
+
+
+@pytest.fixture
+def open_by_hand(make_stage):
+    opened = []
+
+    def open_one(script=None):
+        opened.append(ByHand(make_stage(script)))
+        return opened[-1]
+
+    yield open_one
+    for each in opened:
+        each.close()
+
+
+def test_it_runs_waits_for_a_judge_and_succeeds_on_evidence(open_by_hand):
+    by_hand = open_by_hand()
+    by_hand.drop("red-1")
+    assert by_hand.state("red-1") == "awaiting_verification"
+
+    ((id, attempt),) = judge_by_hand(by_hand.workspace, by_hand.agent)
+
+    assert (id, attempt.verdict) == ("red-1", "success")
+    assert by_hand.state("red-1") == "succeeded"
+    assert "**Verdict 1:** success" in by_hand.workspace.sessions_document.read_text()
+    assert judge_by_hand(by_hand.workspace, by_hand.agent) == []
+
+
+def test_it_fails_without_a_child_when_its_objective_was_not_met(open_by_hand):
+    by_hand = open_by_hand({"red-1": lambda world, session: Play(world=put(world, "red_cube", (0.5, 0.0, 0.02)))})
+    by_hand.drop("red-1")
+
+    ((_, attempt),) = judge_by_hand(by_hand.workspace, by_hand.agent)
+
+    assert attempt.verdict == "failure"
+    assert "The budget of 0 replans is spent." in attempt.reason
+    assert by_hand.state("red-1") == "failed"
+
+
+def test_a_session_of_a_goal_is_left_to_its_mission(open_by_hand, write_graph):
+    by_hand = open_by_hand()
+    by_hand.drop("red-1")
+    by_hand.agent.commit([Entry("red-1", "verify")])  # its judge was interrupted
+    graph = write_graph(
+        "goal: one\nobjective: o\nscene: table\ntargets: {arm: panda}\nsessions:\n  green:\n"
+        "    skill: pick_and_place\n    target: arm\n    with: {object: green_cube, destination: green_tray}\n"
+        'accept: ["inside(green_cube, green_tray)"]\n'
+    )
+    assert by_hand.stage.pursue(graph).verdict == "success"
+    assert by_hand.state("red-1") == "verifying"
+
+    assert [id for id, _ in judge_by_hand(by_hand.workspace, by_hand.agent)] == ["red-1"]

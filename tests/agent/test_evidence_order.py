@@ -1,0 +1,79 @@
+"""Which snapshot of a goal is the latest: by the order in which sessions ended, not by the world's own time."""
+
+from pathlib import Path
+
+import pytest
+
+from phyagentos.agent.goal_judgement import Evidence
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.evidence import Bundle
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.sessions import Ended, Execution, Scene, Session, SessionStatus
+
+
+class Told(Evidence):
+    """Bundles that are told instead of read: the time of the world before and after each session [s]."""
+
+    def __init__(self, times) -> None:
+        super().__init__(Path())
+        self._times = times
+
+    def _read(self, status, with_course):
+        before_s, after_s = self._times[status.contract.id]
+        return Bundle(
+            folder=Path(), session=status.contract, execution=status.execution, before=see(before_s),
+            after=see(after_s), holds=(), trace=(), events=(),
+        )  # fmt: skip
+
+
+def see(time_s) -> Environment:
+    return Environment(time_s=time_s, scene="s", episode="e", revision=1, sensing="truth", entities={})
+
+
+def make_status(id, state=SessionState.AWAITING_VERIFICATION, updated_at="") -> SessionStatus:
+    session = Session(
+        id=id, goal="g", node=id, objective="o", skill="s", target="t", parameters={}, accept=(),
+        scene=Scene(name="s", seed=0, episode="e"), seed=0,
+    )  # fmt: skip
+    execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
+    return SessionStatus(contract=session, state=state, execution=execution, updated_at=updated_at)
+
+
+BEFORE_THE_LOSS, AFTER_IT = ("a", (0.0, 20.0)), ("b", (0.5, 4.0))  # the second world began anew
+
+
+@pytest.fixture
+def evidence():
+    return Told(dict([BEFORE_THE_LOSS, AFTER_IT]))
+
+
+def test_a_world_that_began_anew_is_later_though_its_clock_shows_less(evidence):
+    for id in ("a", "b"):
+        evidence.read(make_status(id))
+
+    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)
+    assert evidence.now_file.startswith("evidence/b/")
+
+
+@pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
+def test_what_an_earlier_agent_judged_is_ordered_by_its_verdicts(evidence, order):
+    at = {"a": "2026-01-01T10:00:00Z", "b": "2026-01-01T10:00:05Z"}
+    for id in order:
+        evidence.take_in(make_status(id, SessionState.SUCCEEDED, at[id]))
+
+    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)
+
+
+def test_what_an_earlier_agent_judged_is_older_than_what_is_judged_now(evidence):
+    evidence.read(make_status("b"))
+    evidence.take_in(make_status("a", SessionState.SUCCEEDED, "2026-01-01T10:00:00Z"))
+
+    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)
+
+
+def test_a_session_that_is_read_again_is_no_older_for_it(evidence):
+    for id in ("a", "b"):
+        evidence.read(make_status(id))
+    evidence.read(make_status("b", SessionState.REPLANNED, "2026-01-01T10:00:00Z"))
+
+    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)

@@ -1,0 +1,224 @@
+"""An agent that is killed at any point goes on, when it is started again, to the same end."""
+
+import itertools
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import SessionStatus
+from phyagentos.protocol.store.follower import Follower
+from phyagentos.protocol.store.journal import choose_lane
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.store.records import Record
+from phyagentos.protocol.store.watch import Watch
+from phyagentos.protocol.tasks import GoalStatus
+from phyagentos.protocol.workspace import Workspace
+
+HERE = Path(__file__).parent
+BENCH = HERE.parents[1] / "benchmarks" / "library"
+COUNT, CUBE = HERE / "count.yaml", HERE / "goal.yaml"
+LIMIT_S = 120
+
+pytestmark = pytest.mark.journey
+
+
+class Planes:
+    """A watched workspace, in which agents are started and killed. Each goal has a seed of its own."""
+
+    def __init__(self, root: Path, project: Path, graph: Path, faults: Path | None = None) -> None:
+        self.workspace = Workspace.create(root, Library.open(project))
+        self.graph = graph
+        command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
+        command += ["--faults", str(faults)] if faults else []
+        self._log = (self.workspace.logs / "planes.log").open("wb")
+        self._watch = subprocess.Popen(command, stdout=self._log, stderr=self._log)
+        while not list(self.workspace.sessions.iterdir()):
+            if self._watch.poll() is not None:
+                self._log.close()
+                pytest.fail((self.workspace.logs / "planes.log").read_text())
+        self._lane = self.workspace.sessions / choose_lane(self.workspace.sessions)
+
+    def start_agent(self, seed: int) -> subprocess.Popen[bytes]:
+        name = f"{self.graph.stem}-{seed}"
+        command = [sys.executable, "-m", "phyagentos", "agent", str(self.graph), "--seed", str(seed), "--goal", name]
+        return self._start(*command, "--workspace", str(self.workspace.root))
+
+    def run_dying_agent(self, seed: int, n: int, moment: str) -> int:
+        script, root = HERE / "dying_agent.py", self.workspace.root
+        dying = self._start(sys.executable, str(script), str(self.graph), str(root), str(seed), str(n), moment)
+        return dying.wait(LIMIT_S)
+
+    def kill_agent_after(self, seed: int, n_records: int) -> bool:
+        """Kill an agent as soon as the journal has so many more records; False when it came to its end before."""
+        records = Follower(self._lane)
+        records.read_new()
+        agent = self.start_agent(seed)
+        with Watch([self._lane]) as watch:
+            count = 0
+            while count < n_records:
+                if agent.poll() is not None:
+                    return False
+                watch.wait(0.05)
+                count += len(records.read_new())
+        os.kill(agent.pid, signal.SIGKILL)
+        records.close()
+        return agent.wait(LIMIT_S) != 0
+
+    def finish(self, seed: int) -> None:
+        """Start an agent again and let it come to its end."""
+        assert self.start_agent(seed).wait(LIMIT_S) == ExitCode.GOAL_MET, self.read_log()
+
+    def read_story(self, seed: int) -> tuple[object, ...]:
+        return tell(*self.read_goal(seed))
+
+    def read_goal(self, seed: int) -> tuple[GoalStatus, list[SessionStatus], list[Record]]:
+        ledger, follower = Ledger(forgets=False), Follower(self._lane)
+        records = follower.read_new()
+        for record in records:
+            ledger.apply(record)
+        follower.close()
+        (goal,) = [goal for goal in ledger.goals.values() if goal.seed == seed]
+        sessions = [status for status in ledger.sessions.values() if status.contract.goal == goal.id]
+        return goal, sessions, [record for record in records if _get_goal(record) == goal.id]
+
+    def read_log(self) -> str:
+        return (self.workspace.logs / "planes.log").read_text()
+
+    def stop(self) -> None:
+        self._watch.terminate()
+        self._watch.wait(30)
+        self._log.close()
+
+    def _start(self, *command: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(command, stdout=self._log, stderr=self._log)
+
+
+def _get_goal(record: Record) -> str:
+    return re.split(r"[./]", record.id.removeprefix("goal:").removeprefix("node:"))[0]
+
+
+def tell(goal: GoalStatus, sessions: list[SessionStatus], records: list[Record]) -> tuple[object, ...]:
+    """What must not depend on how often the agent died: verdicts, criteria, sessions, replans, and what was recorded.
+
+    The goal's own name is left out.
+    """
+
+    def without_name(criteria: object) -> str:
+        return msgspec.json.encode(criteria).decode().replace(goal.id, "goal")
+
+    counted = Counter((record.id.replace(goal.id, "goal"), record.ev) for record in records)
+    return (
+        (
+            goal.verdict,
+            without_name(goal.criteria),
+            goal.replans,
+            {name: node.state for name, node in goal.nodes.items()},
+        ),
+        [
+            (
+                status.contract.id.removeprefix(goal.id),
+                (status.contract.parent or "").removeprefix(goal.id),
+                status.contract.attempt,
+                status.state,
+                [(attempt.verdict, attempt.cause, without_name(attempt.criteria)) for attempt in status.attempts],
+            )
+            for status in sessions
+        ],
+        sorted(counted.items()),
+    )
+
+
+@pytest.fixture(scope="module")
+def counter(tmp_path_factory):
+    planes = Planes(tmp_path_factory.mktemp("killed") / "w", BENCH, COUNT)
+    planes.finish(1)
+    yield planes
+    planes.stop()
+
+
+def test_an_undisturbed_run_spends_two_replans_and_submits_every_session_once(counter):
+    goal, sessions, records = counter.read_goal(1)
+
+    assert (goal.verdict, goal.replans) == ("success", 2)
+    assert [status.contract.id.removeprefix("count-1.") for status in sessions] == [
+        "high",
+        "high.r1",
+        "high.r2",
+        "left",
+        "right",
+        "last",
+    ]
+    assert max(Counter((record.id, record.ev) for record in records if record.ev == "submit").values()) == 1
+
+
+def test_an_agent_killed_at_any_of_its_writes_comes_to_the_same_end(counter):
+    expected, seeds, points = counter.read_story(1), itertools.count(100), 0
+    for n in itertools.count(1):
+        for moment in ("before", "middle", "after"):
+            seed = next(seeds)
+            code = counter.run_dying_agent(seed, n, moment)
+            if code != -signal.SIGKILL:
+                assert code == 0
+                assert n > 7
+                assert points >= 21
+                return
+            points += 1
+            counter.finish(seed)
+            assert counter.read_story(seed) == expected, f"killed {moment} write {n}"
+
+
+def test_an_agent_killed_after_any_record_of_either_plane_comes_to_the_same_end(counter):
+    expected = counter.read_story(1)
+    count = len(counter.read_goal(1)[2])
+    killed = 0
+    for n_records in range(1, count, 3):
+        killed += counter.kill_agent_after(1000 + n_records, n_records)
+        counter.finish(1000 + n_records)
+        assert counter.read_story(1000 + n_records) == expected, f"killed after {n_records} records"
+
+    assert killed > count // 6
+
+
+def test_an_agent_killed_again_and_again_comes_to_the_same_end(counter):
+    expected = counter.read_story(1)
+    deaths = 0
+    while counter.run_dying_agent(50, 2, "after" if deaths % 2 else "middle") == -signal.SIGKILL:
+        deaths += 1
+        assert deaths < 50
+
+    assert counter.read_story(50) == expected
+    assert deaths > 5
+
+
+@pytest.mark.parametrize("n_records", [4, 6, 9])
+def test_an_agent_killed_while_a_grasp_slips_comes_to_the_same_end(cube_planes, n_records):
+    killed = cube_planes.kill_agent_after(n_records, n_records)
+    cube_planes.finish(n_records)
+    goal, sessions, records = cube_planes.read_goal(n_records)
+
+    assert killed
+    assert (goal.verdict, goal.replans) == ("success", 1)
+    assert [criterion.truth for criterion in goal.criteria] == ["true"]
+    assert [status.state for status in sessions] == ["replanned", "succeeded"]
+    assert max(Counter((record.id, record.ev) for record in records if record.ev == "submit").values()) == 1
+
+
+@pytest.fixture(scope="module")
+def cube_planes(tmp_path_factory):
+    root = tmp_path_factory.mktemp("killed-cube")
+    faults = root / "faults.yaml"
+    faults.write_text(
+        'version: 1\nfaults:\n  - {kind: slip, object: red_cube, when: {session: "*.red", lifted_m: 0.12}}\n'
+    )
+    planes = Planes(root / "w", HERE / "library", CUBE, faults)
+    yield planes
+    planes.stop()
