@@ -28,7 +28,7 @@ def cancel(session: Which, workspace: Space, reason: Reason = "") -> None:
 
 
 def pause(session: Which, workspace: Space, reason: Reason = "") -> None:
-    """Let a running session hold where it is, until `resume`; its time limits go on."""
+    """Let a running session rest at the end of its present motion, until `resume`; its time limits go on."""
     _drop(Signal(kind="pause", session=_find(session, workspace), by="paos pause", reason=reason), workspace)
 
 

@@ -20,7 +20,7 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
         tick: Control periods commanded so far.
         sim_time_s: The world's time.
         leaf: Path of the active leaf.
-        phase: `idle`, `loading`, `executing`, `thinking`, `halting`, `observing`.
+        phase: `idle`, `loading`, `executing`, `thinking`, `paused`, `halting`, `observing`.
     """
 
     target: str

@@ -4,7 +4,7 @@ import msgspec
 
 from phyagentos.errors import Problem
 from phyagentos.protocol.channel import Channel
-from phyagentos.protocol.sessions import Execution, Session
+from phyagentos.protocol.sessions import Ended, Execution, Session
 from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 
 
@@ -41,13 +41,30 @@ class Stop(msgspec.Struct, frozen=True, tag=True):
     reason: str
 
 
+class Pause(msgspec.Struct, frozen=True, tag=True):
+    """Let the running session rest at the end of its present motion until `Resume` or `Stop`."""
+
+    session: str
+
+
+class Resume(msgspec.Struct, frozen=True, tag=True):
+    """Let a paused session go on."""
+
+    session: str
+
+
 class Reconcile(msgspec.Struct, frozen=True, tag=True):
-    """Observe the world for a session whose runner was lost. Answer: `Finished`."""
+    """Observe the world for a session whose runner was lost. Answer: `Finished`.
+
+    Attributes:
+        ended: What was lost.
+    """
 
     session: Session
     epoch: int
     evidence: str
     reason: str
+    ended: Ended = Ended.RUNNER_LOST
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):
@@ -72,13 +89,18 @@ class Checked(msgspec.Struct, frozen=True, tag=True):
 
 
 class Finished(msgspec.Struct, frozen=True, tag=True):
-    """The session left `running`; the target is at rest and observed."""
+    """The session left `running`; the target is at rest and observed, unless it was lost.
+
+    Attributes:
+        is_target_lost: Nobody could look at the world; it must be replaced before anybody can.
+    """
 
     session: str
     execution: Execution
+    is_target_lost: bool = False
 
 
-ToWorker = Check | Run | Stop | Reconcile
+ToWorker = Check | Run | Stop | Pause | Resume | Reconcile
 FromWorker = Ready | Checked | Finished
 
 _ENCODER = msgspec.msgpack.Encoder()

@@ -142,6 +142,11 @@ class TargetSessionHandle:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
         return self._step
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the latest command left the arm at rest, so that nothing has to follow it."""
+        return self._rests
+
     def apply(self, points: SetPoints) -> wire.Step:
         """Guard one control period and carry it out.
 
@@ -231,7 +236,11 @@ class TargetSessionHandle:
             wire.send(self._connection, request)
         except OSError as error:
             raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
-        reply = wire.receive_reply(self._connection, timeout_s)
+        try:
+            reply = wire.receive_reply(self._connection, timeout_s)
+        except ExecutionError:
+            self._connection.close()  # what was asked for must not happen later, nor be taken for another answer
+            raise
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")

@@ -62,6 +62,18 @@ class HeartbeatWriter:
         )
         write_heartbeat(self._folder, self._beat)
 
+    def beat_again(self, phase: str) -> None:
+        """As the last one, in another phase."""
+        beat = self._beat
+        self.beat(
+            phase=phase,
+            session=beat.session,
+            epoch=beat.epoch,
+            tick=beat.tick,
+            sim_time_s=beat.sim_time_s,
+            leaf=beat.leaf,
+        )
+
 
 class HeartbeatMonitor:
     """Tells how long a worker has been silent, by the watchdog's own clock."""

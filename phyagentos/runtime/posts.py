@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Session, SessionId
+from phyagentos.protocol.sessions import Ended, Session, SessionId
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.runtime.heartbeat import HeartbeatMonitor
 from phyagentos.runtime.workers import Worker
@@ -26,12 +26,30 @@ class Phase(StrEnum):
     BROKEN = "broken"
 
 
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """A session whose runner or target was lost while it ran; nobody knows yet what it did.
+
+    Attributes:
+        epoch: Of its claim.
+        reason: One sentence.
+        ended: What was lost.
+    """
+
+    session: Session
+    epoch: int
+    reason: str
+    ended: Ended = Ended.RUNNER_LOST
+
+
 @dataclass(slots=True)
 class Post:
     """One target under supervision.
 
     Attributes:
-        lost: A session whose runner was lost; observed as soon as the new worker is ready.
+        lost: Observed as soon as the new worker is ready.
+        failed_starts: Workers in a row that died before they were ready.
+        lost_targets: Orders in a row during which the target was lost.
         stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
     """
 
@@ -43,7 +61,8 @@ class Post:
     since_s: float = 0.0
     stop_by_s: float | None = None
     failed_starts: int = 0
-    lost: tuple[Session, int, str] | None = None
+    lost_targets: int = 0
+    lost: Lost | None = None
 
 
 class Queue:

@@ -24,9 +24,9 @@ from phyagentos.protocol.store.journal import Entry, Fenced, Journal
 from phyagentos.protocol.store.mailbox import Signal, take_signals
 from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Ready, Reconcile, Run, Stop
+from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Pause, Ready, Reconcile, Resume, Run, Stop
 from phyagentos.runtime.heartbeat import HeartbeatMonitor
-from phyagentos.runtime.posts import Phase, Post, Queue
+from phyagentos.runtime.posts import Lost, Phase, Post, Queue
 from phyagentos.runtime.workers import Worker
 
 POLL_S = 0.5  # limits, heartbeats and the signal folder are looked at this often when nothing happens
@@ -34,6 +34,7 @@ PUBLISH_PERIOD_S = 0.05  # views and edits are attended to this often when much 
 CLAIM_AFTER_S = 0.02  # a check that takes longer shows as a claim; a quicker one is recorded with its outcome
 STARTS = 3  # a worker that dies this often before it is ready is not started again
 TRIES = 5  # at a record that another writer makes out of date
+TARGET_LOST = "TARGET_LOST"
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
 _CHECKABLE = frozenset({SessionState.PENDING, SessionState.CLAIMED, SessionState.PREFLIGHT})
 _HELD = frozenset({SessionState.CLAIMED, SessionState.PREFLIGHT, SessionState.RUNNING, SessionState.HALTING})
@@ -171,7 +172,7 @@ class Watchdog:
             if self._state(session.id) is SessionState.OUTCOME_UNKNOWN:
                 post = self._get_post(session.target)
                 if post is not None:
-                    post.lost = (session, status.epoch, "watchdog lost")
+                    post.lost = Lost(session, status.epoch, "watchdog lost")
 
     def _claim(self) -> None:
         if is_latched(self._workspace.signals.parent):
@@ -237,11 +238,18 @@ class Watchdog:
         post.failed_starts = 0
         self._begin(post, Phase.IDLE)
         if post.lost is not None:
-            session, epoch, reason = post.lost
-            post.session, post.epoch = session, epoch
+            lost = post.lost
+            post.session, post.epoch = lost.session, lost.epoch
             self._begin(post, Phase.RECONCILING)
-            order = Reconcile(session=session, epoch=epoch + 1, evidence=f"evidence/{session.id}", reason=reason)
-            post.worker.send(order)
+            post.worker.send(
+                Reconcile(
+                    session=lost.session,
+                    epoch=lost.epoch + 1,
+                    evidence=f"evidence/{lost.session.id}",
+                    reason=lost.reason,
+                    ended=lost.ended,
+                )
+            )
 
     def _on_checked(self, post: Post, answer: Checked) -> None:
         session = post.session
@@ -249,6 +257,7 @@ class Watchdog:
             return
         status, id, epoch = self._ledger.sessions.get(session.id), session.id, post.epoch
         state = self._state(id)
+        is_target_lost = any(problem.code == TARGET_LOST for problem in answer.problems)
         if status is None:
             self._free(post)
         elif state is SessionState.PENDING and status.epoch != epoch - 1:
@@ -258,6 +267,8 @@ class Watchdog:
             self._free(post)
         elif state not in _CHECKABLE or status.epoch > epoch:
             self._free(post)  # it was cancelled, or somebody else has it
+        elif is_target_lost and post.lost_targets < STARTS:
+            self._put_back(post, session)
         elif answer.plan is None:
             reason = "; ".join(str(problem) for problem in answer.problems)
             refused = _entry(id, "reject", epoch, reason=reason, problems=msgspec.to_builtins(answer.problems))
@@ -268,6 +279,7 @@ class Watchdog:
             facts = {"plan": msgspec.to_builtins(answer.plan), "tools": {"expose": granted}}
             self._record(*self._open_claim(post, session), Entry(id, "start", facts, epoch))
             post.session = self._ledger.sessions[id].contract  # limits may have been amended until the claim
+            post.lost_targets = 0
             self._begin(post, Phase.RUNNING)
             post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}"))
 
@@ -275,6 +287,13 @@ class Watchdog:
         session = post.session
         if session is None:
             return
+        if answer.is_target_lost:
+            post.worker.kill(with_world=True)  # before it is recorded: what it was asked last must not happen later
+            post.lost_targets += 1
+            if post.lost_targets < STARTS:
+                self._lose(post, answer.execution.message, Ended.TARGET_LOST)
+                return
+        post.lost_targets = 0
         execution = msgspec.to_builtins(answer.execution)
         state = self._state(session.id)
         if state is SessionState.CANCELLING:
@@ -285,9 +304,22 @@ class Watchdog:
             self._record(Entry(session.id, "finish", {"execution": execution}, post.epoch), durable=False)
         post.lost = None
         self._free(post)
-        if answer.execution.ended is Ended.TARGET_LOST:
-            post.worker.restart()
-            self._begin(post, Phase.STARTING)
+        if answer.is_target_lost:
+            self._replace(post)
+
+    def _put_back(self, post: Post, session: Session) -> None:
+        """The target was lost while a session was checked: the contract is not to blame, it waits for another."""
+        post.lost_targets += 1
+        post.worker.kill(with_world=True)
+        if self._state(session.id) is not SessionState.PENDING:
+            self._commit(session.id, "release", post.epoch, reason=f"{TARGET_LOST}: while it was checked")
+        self._enqueue(session)
+        post.session = None
+        self._replace(post)
+
+    def _replace(self, post: Post) -> None:
+        post.worker.restart()
+        self._begin(post, Phase.STARTING)
 
     def _free(self, post: Post) -> None:
         post.session = None
@@ -296,25 +328,27 @@ class Watchdog:
     def _reject(self, session: Session, code: str, message: str) -> None:
         self._try_commit(session.id, "reject", reason=f"{code}: {message}")
 
-    def _lose(self, post: Post, reason: str) -> None:
+    def _lose(self, post: Post, reason: str, ended: Ended = Ended.RUNNER_LOST) -> None:
         """The worker is gone or silent: record it, replace it, look at the world before anything else."""
         session = post.session
+        post.worker.kill()  # before it is recorded: whoever is only slow must not go on afterwards
         if session is not None and self._state(session.id) not in FINAL_STATES:
             if self._state(session.id) is not SessionState.OUTCOME_UNKNOWN:
                 self._record(*self._open_claim(post, session), _entry(session.id, "lose", post.epoch, reason=reason))
-            post.lost = (session, post.epoch, reason)
+            post.lost = Lost(session, post.epoch, reason, ended)
         post.session = None
         post.failed_starts += post.phase is Phase.STARTING
         if post.failed_starts >= STARTS:
             self._begin(post, Phase.BROKEN)
             return
-        post.worker.restart()
-        self._begin(post, Phase.STARTING)
+        self._replace(post)
 
     def _enforce_limits(self) -> None:
         now_s = self._clock.now_s()
         for post in self._posts.values():
             session = post.session
+            if post.phase in {Phase.STARTING, Phase.IDLE} and post.worker.has_lost_world():
+                self._lose(post, "the world process ended")
             if session is None or post.phase not in {Phase.CHECKING, Phase.RUNNING}:
                 continue
             if self._state(session.id) is SessionState.PENDING and now_s - post.since_s > CLAIM_AFTER_S:
@@ -341,6 +375,8 @@ class Watchdog:
         for signal in take_signals(self._workspace.signals):
             if signal.kind == "cancel":
                 self._cancel(signal)
+            elif signal.kind in {"pause", "resume"}:
+                self._pass_on(signal)
             elif signal.kind == "estop":  # targets hear it themselves; where none runs, the latch waits for them
                 at = signal.at or self._clock.wall_iso()
                 latch(self._workspace.signals.parent, Latch(by=signal.by, reason=signal.reason, at=at))
@@ -355,6 +391,13 @@ class Watchdog:
                 self._try_commit(session.id, "cancel", reason=reason)
             elif state in _HELD:
                 self._try_commit(session.id, "request_cancel", reason=reason)
+
+    def _pass_on(self, signal: Signal) -> None:
+        """Pause and resume concern what runs; whatever ends a session ends its pause too."""
+        for post in self._posts.values():
+            if post.session is not None and post.phase is Phase.RUNNING and signal.session in {"*", post.session.id}:
+                order = Pause if signal.kind == "pause" else Resume
+                post.worker.send(order(session=post.session.id))
 
     def _dismiss(self) -> None:
         for post in self._posts.values():

@@ -20,14 +20,28 @@ from phyagentos.protocol.sessions import Ended, Execution, Scene
 from phyagentos.protocol.views.environment import render_environment
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.adapter_plan import AdapterPlan
-from phyagentos.runtime.dispatch import Check, Checked, Finished, Ready, Reconcile, Run, Stop, receive_order, send
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.dispatch import (
+    Check,
+    Checked,
+    Finished,
+    Pause,
+    Ready,
+    Reconcile,
+    Resume,
+    Run,
+    Stop,
+    ToWorker,
+    receive_order,
+    send,
+)
+from phyagentos.runtime.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.heartbeat import HeartbeatWriter
 from phyagentos.runtime.perception import Perception
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.runner import SessionRunner
 
 REST_S = 0.05  # nobody asked for so long: time for what nobody waits for
+OBSERVERS = 20  # so many may be lost while they look at what one session left
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
 
@@ -72,6 +86,7 @@ class WorkerLoop:
         self._episode = ""
         self._plan: AdapterPlan | None = None
         self._stop_reason: str | None = None
+        self._is_paused = False
 
     def run(self) -> None:
         """Serve until the watchdog closes the connection."""
@@ -88,12 +103,14 @@ class WorkerLoop:
             if isinstance(order, Check):
                 send(self._control, self._check(order))
             elif isinstance(order, Run):
-                send(self._control, Finished(session=order.session.id, execution=self._execute(order)))
+                done = self._execute(order)
+                is_lost = done.ended is Ended.TARGET_LOST
+                send(self._control, Finished(session=order.session.id, execution=done, is_target_lost=is_lost))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._publish_environment(PUBLISH_PERIOD_S)
             elif isinstance(order, Reconcile):
-                send(self._control, Finished(session=order.session.id, execution=self._reconcile(order)))
+                send(self._control, self._reconcile(order))
                 self._unsealed.append(order.evidence)
 
     def _tidy_up(self) -> None:
@@ -112,7 +129,7 @@ class WorkerLoop:
 
     def _check(self, order: Check) -> Checked:
         session = order.session
-        self._plan, self._stop_reason = None, None
+        self._plan, self._stop_reason, self._is_paused = None, None, False
         is_new = session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
@@ -157,24 +174,42 @@ class WorkerLoop:
             self._sealer.seal(self._workspace.root / evidence)
 
     def _find_stop_reason(self) -> str | None:
-        """Whether the watchdog wants an end; asked in every turn of the runner's loop."""
+        """Whether the watchdog wants an end; asked in every turn of the runner's loop. A pause is waited for here."""
         while self._stop_reason is None and self._control.poll():
-            order = receive_order(self._control)
-            if isinstance(order, Stop):
-                self._stop_reason = order.reason
+            self._obey(receive_order(self._control))
+        while self._is_paused and self._stop_reason is None and self._handle.is_at_rest:
+            self._heartbeat.beat_again("paused")
+            if self._control.poll(REST_S):
+                self._obey(receive_order(self._control))
         return self._stop_reason
 
-    def _reconcile(self, order: Reconcile) -> Execution:
+    def _obey(self, order: ToWorker) -> None:
+        if isinstance(order, Stop):
+            self._stop_reason = order.reason
+        elif isinstance(order, Pause | Resume):
+            self._is_paused = isinstance(order, Pause)
+
+    def _reconcile(self, order: Reconcile) -> Finished:
         """Look at the world a lost runner left behind, and say how it was lost."""
         try:
             self._handle.load(order.session.scene)
-            return self._runner.observe_only(
-                order.session, order.epoch, ended=Ended.RUNNER_LOST, evidence=order.evidence, reason=order.reason
-            )
+            return Finished(session=order.session.id, execution=self._observe(order))
         except ExecutionError as error:
-            return Execution(
-                ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=f"{order.reason}; {error}"
+            message = f"{order.reason}; {error}"
+            lost = Execution(ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=message)
+            return Finished(session=order.session.id, execution=lost, is_target_lost=True)
+
+    def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
+        """Under an epoch that the target has not seen yet: whoever was observing before may have been lost too."""
+        epoch = epoch or order.epoch
+        try:
+            return self._runner.observe_only(
+                order.session, epoch, ended=order.ended, evidence=order.evidence, reason=order.reason
             )
+        except CommandRefused as refused:
+            if refused.code != "STALE_TOKEN" or epoch >= order.epoch + OBSERVERS:
+                raise
+            return self._observe(order, epoch + 1)
 
 
 def _read_state(path: str) -> "np.ndarray[Any, np.dtype[np.float64]] | None":

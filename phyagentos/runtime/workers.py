@@ -1,6 +1,7 @@
 """The processes of one target, as the watchdog holds them: the world, and the warm worker that commands it.
 
-Both are children with a pipe on their standard input: when the watchdog dies, they notice and end. Rejected: daemon
+Both are children with a pipe on their standard input: when the watchdog dies, they notice. The worker ends; the world
+holds its target and waits for the next watchdog (see `world_process`). Rejected: daemon
 threads (a crash of one would take the supervisor with it); multiprocessing.Process (forks locks and open journals).
 """
 
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from phyagentos.runtime.dispatch import FromWorker, ToWorker, receive_answer, send
+from phyagentos.runtime.world_process import WorldProcess
 
 
 def end_with_parent() -> None:
@@ -87,20 +89,22 @@ class Worker:
     Args:
         target: Name of the target.
         world: Command line of the world process (arguments after the interpreter); none when the worker holds it.
+        lock: Held by the world process; one that lives is adopted.
         worker: Command line of the worker process; it is given `--control FD`.
         logs: Folder for the output of both.
     """
 
-    def __init__(self, target: str, *, world: Sequence[str], worker: Sequence[str], logs: Path) -> None:
+    def __init__(self, target: str, *, world: Sequence[str], lock: Path, worker: Sequence[str], logs: Path) -> None:
         self.target = target
+        self._lock = lock
         self._world_command, self._worker_command, self._logs = tuple(world), tuple(worker), logs
         self._world = self._start_world()
         self._worker, self.connection = self._start_worker()
 
-    def _start_world(self) -> ChildProcess | None:
+    def _start_world(self) -> WorldProcess | None:
         if not self._world_command:
             return None
-        return ChildProcess(self._world_command, self._logs / f"world-{self.target}.log")
+        return WorldProcess(self._world_command, self._lock, self._logs / f"world-{self.target}.log")
 
     def _start_worker(self) -> "tuple[ChildProcess, Connection[Any, Any]]":
         ours, theirs = Pipe()
@@ -122,11 +126,26 @@ class Worker:
         except (EOFError, OSError):
             return None
 
+    def has_lost_world(self) -> bool:
+        """Whether the world process has ended."""
+        return self._world is not None and not self._world.is_alive()
+
+    def kill(self, *, with_world: bool = False) -> None:
+        """End the worker at once: nothing comes from it any more, and the target takes back its authority.
+
+        Args:
+            with_world: End the world too; one that does not answer might still carry out what it was asked.
+        """
+        self._worker.kill()
+        if with_world and self._world is not None:
+            self._world.kill()
+
     def restart(self) -> None:
         """Replace a lost or silent worker; the world goes on, unless it is lost too."""
         self._worker.kill()
         self.connection.close()
         if self._world is not None and not self._world.is_alive():
+            self._world.close()
             self._world = self._start_world()
         self._worker, self.connection = self._start_worker()
 
@@ -135,4 +154,4 @@ class Worker:
         self.connection.close()
         self._worker.stop()
         if self._world is not None:
-            self._world.stop()
+            self._world.close()

@@ -4,6 +4,7 @@ Upstream: `world`, which alone writes it. Downstream: whoever must prove silence
 operating system at once, so that a target that is killed leaves all that it accepted.
 """
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from phyagentos.clock import Clock
 
 PROCESS_START = "process_start"  # a target that knows of no earlier authority begins to write
 STATE_WRITE = "state_write"
+UNTOLD = "the receive log cannot be written; what cannot be told must not be done"
 
 
 class Reception(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -50,9 +52,10 @@ class ReceiveLog:
         self._clock = clock
         self._encoder = msgspec.json.Encoder()
         self._arrived_at = ""
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644) if path else -1
+        self._unwritten = b""
+        self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644) if path else -1
         if path is not None:
-            self._end_torn_line(path)
+            self._end_torn_line()
             self.stamp()
             self.note(Reception(time_s=0.0, kind=PROCESS_START))
 
@@ -61,14 +64,17 @@ class ReceiveLog:
         self._arrived_at = self._clock.wall_iso() if self._clock is not None else ""
 
     def note(self, reception: Reception) -> None:
-        """Append one line.
-
-        Raises:
-            OSError: When the disk takes no more.
-        """
+        """Append one line; kept in memory while the disk takes no more."""
         if self._fd >= 0:
             stamped = msgspec.structs.replace(reception, at=self._arrived_at)
-            self._write(self._encoder.encode(stamped) + b"\n")
+            self._unwritten += self._encoder.encode(stamped) + b"\n"
+            self._write()
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether lines could not be written; see `UNTOLD`."""
+        self._write()
+        return bool(self._unwritten)
 
     def close(self) -> None:
         """Let go of the file."""
@@ -76,12 +82,13 @@ class ReceiveLog:
             os.close(self._fd)
             self._fd = -1
 
-    def _end_torn_line(self, path: Path) -> None:
+    def _end_torn_line(self) -> None:
         """A process that found the disk full, or lost its power, may have left half a line."""
-        data = path.read_bytes()
-        if data and not data.endswith(b"\n"):
-            self._write(b"\n")
+        size = os.fstat(self._fd).st_size
+        if size and os.pread(self._fd, 1, size - 1) != b"\n":
+            self._unwritten = b"\n"
 
-    def _write(self, data: bytes) -> None:
-        while data:
-            data = data[os.write(self._fd, data) :]
+    def _write(self) -> None:
+        with contextlib.suppress(OSError):
+            while self._unwritten:
+                self._unwritten = self._unwritten[os.write(self._fd, self._unwritten) :]

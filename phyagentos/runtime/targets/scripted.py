@@ -13,7 +13,7 @@ from phyagentos.protocol.scenes import Body, SceneSpec, read_scene
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.authority import Authority
-from phyagentos.runtime.targets.receive_log import STATE_WRITE, ReceiveLog, Reception
+from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveLog, Reception
 
 SETTLE_MAX_S = 60.0  # as long as a simulated target allows
 END_STOP = 1e9  # it has no end stops; safety.yaml sets the limits
@@ -59,12 +59,16 @@ class ScriptedWorld:
         """Carry out one request, or refuse it."""
         self._log.stamp()
         try:
-            reply = self._carry_out(request)
+            reply = self._refuse_untold(request) or self._carry_out(request)
         except DefinitionError as error:
             reply = wire.Refused(error.problems[0].code, str(error))
         if not isinstance(request, _SILENT):
             self._note(request, reply)
         return reply
+
+    def _refuse_untold(self, request: wire.Request) -> wire.Refused | None:
+        is_new = isinstance(request, wire.Begin | wire.Command)
+        return wire.Refused("LOG_UNWRITABLE", UNTOLD) if is_new and self._log.is_behind else None
 
     def _carry_out(self, request: wire.Request) -> wire.Reply:
         match request:

@@ -4,6 +4,7 @@ Upstream: `handle`, in the worker. A client that goes away loses its authority a
 the world as it was.
 """
 
+import select
 from collections import deque
 from collections.abc import Callable
 from multiprocessing.connection import Connection, Listener
@@ -62,9 +63,18 @@ def answer(
     except ExecutionError as error:
         send(connection, Refused(error.code, str(error)))
         return False
+    if _is_gone(connection):  # whoever asked has no authority any more: what it left in the pipe must not happen
+        raise EOFError
     before(request)
     send(connection, target.handle(request))
     return isinstance(request, Shutdown)
+
+
+def _is_gone(connection: "Connection[Any, Any]") -> bool:
+    """Whether the client has closed its end."""
+    poll = select.poll()
+    poll.register(connection.fileno(), 0)  # an end is always told
+    return bool(poll.poll(0))
 
 
 class Loopback:

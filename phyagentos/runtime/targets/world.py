@@ -21,7 +21,7 @@ from phyagentos.runtime.targets.initial_state import find_bad_state
 from phyagentos.runtime.targets.kinematics import read_kinematics
 from phyagentos.runtime.targets.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.targets.physics import Physics
-from phyagentos.runtime.targets.receive_log import STATE_WRITE, ReceiveLog, Reception
+from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveLog, Reception
 from phyagentos.runtime.targets.rendering import render_png
 from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, build_robot, count_steps
 from phyagentos.runtime.targets.wire import (
@@ -131,7 +131,7 @@ class MujocoWorld:
         """Carry out one request, or refuse it."""
         self._log.stamp()
         try:
-            reply = self._carry_out(request)
+            reply = self._refuse_untold(request) or self._carry_out(request)
         except (ExecutionError, DefinitionError) as error:
             code = error.code if isinstance(error, ExecutionError) else error.problems[0].code
             reply = Refused(code, str(error))
@@ -139,6 +139,10 @@ class MujocoWorld:
             reply = Refused("MALFORMED", f"{type(request).__name__}: {error}")
         self._note(request, reply)
         return reply
+
+    def _refuse_untold(self, request: Request) -> Refused | None:
+        is_new = isinstance(request, Begin | Command)
+        return Refused("LOG_UNWRITABLE", UNTOLD) if is_new and self._log.is_behind else None
 
     def _carry_out(self, request: Request) -> Reply:
         match request:

@@ -1,0 +1,81 @@
+"""One process of a kind: a lock file, held for as long as the process lives, that tells who it is.
+
+Upstream: `paos watch` (one watchdog a workspace) and world processes (one a target). Downstream: whoever must know
+whether such a process lives. The lock is the only truth: the kernel lets go of it when its holder dies, however.
+"""
+
+import contextlib
+import fcntl
+import os
+from pathlib import Path
+
+from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
+
+PATIENCE_S = 2.0  # whoever only asks holds the lock for an instant
+
+
+def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
+    """Be the only process that holds this lock, until this process ends.
+
+    Args:
+        path: The lock file; made when missing.
+        clock: For waiting.
+        code: Of the error.
+        message: What it means that there is another one.
+
+    Returns:
+        The descriptor that holds it.
+
+    Raises:
+        ExecutionError: With `code`, when another process holds it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    deadline_s = clock.now_s() + PATIENCE_S
+    while not _try_lock(fd):
+        if clock.now_s() > deadline_s:
+            holder = os.pread(fd, 16, 0).decode(errors="replace").strip()
+            os.close(fd)
+            raise ExecutionError(code, f"{message} (process {holder}, which holds {path})")
+        clock.sleep(0.02)
+    with contextlib.suppress(OSError):  # a full disk: then nobody can tell who it is, and it is still the only one
+        os.pwrite(fd, f"{os.getpid():>10}\n".encode(), 0)
+    return fd
+
+
+def find_sole(path: Path) -> int | None:
+    """A pidfd of the process that holds this lock, None when there is none."""
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return None
+    try:
+        with contextlib.suppress(ValueError, ProcessLookupError):
+            pidfd = os.pidfd_open(int(os.pread(fd, 16, 0)))
+            if not _try_lock(fd):  # still held after its number was opened, so it is the one that wrote it
+                return pidfd
+            os.close(pidfd)
+        return None
+    finally:
+        os.close(fd)
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process holds this lock."""
+    try:
+        fd = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    try:
+        return not _try_lock(fd)
+    finally:
+        os.close(fd)
+
+
+def _try_lock(fd: int) -> bool:
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
