@@ -155,12 +155,14 @@ NOT_EXECUTED      The session never ran, so it cannot be run again.
 NOT_LATCHED       There is no latched emergency stop to reset.
 NO_JOURNAL        The workspace has no such lane of the journal.
 REASON_MISSING    A reset of the emergency stop without a reason.
+SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 UNKNOWN_CODE      No error code of this name.
 UNKNOWN_FILE      No file of this name.
 UNKNOWN_FOLDER    No folder of this name.
 UNKNOWN_GOAL      The workspace knows no goal of this name.
 UNKNOWN_REQUEST   No request of this kind can be dropped into the inbox.
 UNKNOWN_SCHEMA    No schema of this name.
+WATCHED_ALREADY   Another watchdog supervises the workspace.
 WOULD_OVERWRITE   A file stands where one was to be written.
 YAML_VALUE        A block of a document is not YAML.
 """
@@ -327,6 +329,7 @@ WRONG_SHAPE         An array of a command has another shape or type than one con
 
 _TARGET = """
 EPISODE_CONFLICT        The target already runs an episode with another scene or seed.
+LOG_UNWRITABLE          The target cannot write its receive log, so it accepts no command.
 MALFORMED               A message on the wire could not be read.
 NO_AUTHORITY            A command came without a claim.
 NO_SCENE                The target was asked before an episode began.
@@ -336,6 +339,7 @@ PROTOCOL_BROKEN         The target answered something that was not asked.
 RUNNER_LOST             The worker died.
 RUNTIME_LOST            Nobody runs the sessions that the agent waits for.
 STALE_TOKEN             A command came under a claim that is no longer in force.
+TARGET_BUSY             Another process serves the target.
 TARGET_LIMIT            The target itself refused a command.
 TARGET_LOST             The target no longer answers.
 """

@@ -48,6 +48,9 @@ class RuntimeContract(Authored):
     Attributes:
         version: Of this format.
         world_mode: How simulated time advances.
+        control_period_s: Length of one command [s].
+        physics_step_s: One step of the simulation, and one row of a command [s].
+        command_representation: What a command holds.
         sampling_hz: How often hold conditions and constraints are sampled, in simulated time [Hz].
         operations: Operations of a target that a session may use here, if the target offers them.
         evidence: How long evidence is kept.
