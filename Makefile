@@ -37,14 +37,14 @@ demo: setup  ## tidy a table while a cube slips out of the fingers: verify, repl
 
 test: setup  ## every test, the fast ones first
 	@echo "test: fast"
-	@$(BIN)/pytest -q -m "$(FAST)"
+	@$(BIN)/pytest -q -n 2 -m "$(FAST)"
 	@echo "test: motion and simulation"
 	@$(BIN)/pytest -q -m "(sim or motion) and not journey"
 	@echo "test: journeys"
 	@$(BIN)/pytest -q -m journey
 
 check: static  ## formatting, lint, types, import contracts, fast tests
-	@$(BIN)/pytest -q -m "$(FAST)"
+	@$(BIN)/pytest -q -n 2 -m "$(FAST)"
 
 static: $(STAMP)
 	@echo "check: ruff, mypy, import contracts"

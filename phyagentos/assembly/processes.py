@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -17,14 +18,34 @@ from phyagentos.assembly.places import FAULTS, STRIKES
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.channel import Channel, Link
+from phyagentos.protocol.estop import is_latched
 from phyagentos.protocol.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.workspace import Workspace
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.handle import TargetSessionHandle
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
 
 
-def run_world(root: Path, target: str, socket: str) -> None:
-    """The world process of one target: simulate until the watchdog is gone."""
+def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
+    """The world process of one target: simulate until nobody supervises it.
+
+    Raises:
+        ExecutionError: `TARGET_BUSY` when another one lives.
+    """
+    from phyagentos.runtime.sole_process import become_sole
+    from phyagentos.runtime.workers import end_with_parent
+    from phyagentos.runtime.world_process import end_when_unwatched, get_lock
+
+    workspace, clock = Workspace.open(root), SystemClock()
+    become_sole(get_lock(workspace.root, target), clock, "TARGET_BUSY", f"another world process has {target}")
+    if outlives:
+        end_when_unwatched(workspace.root, clock)
+    else:
+        end_with_parent()
+    Path(socket).unlink(missing_ok=True)  # of a world that was killed: this is the only one
     if not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
     from phyagentos.protocol.faults import read_faults
@@ -37,11 +58,7 @@ def run_world(root: Path, target: str, socket: str) -> None:
     from phyagentos.runtime.targets.stop_listener import StopListener
     from phyagentos.runtime.targets.wire import FaultStruck
     from phyagentos.runtime.targets.world import MujocoWorld
-    from phyagentos.runtime.workers import end_with_parent
 
-    end_with_parent()
-    Path(socket).unlink(missing_ok=True)  # of a world that was killed; its successor starts when it is dead
-    workspace = Workspace.open(root)
     library = workspace.library()
     profile, folder = read_profile(library.get_target(target))
     path, strikes = workspace.root / FAULTS, workspace.root / STRIKES
@@ -52,8 +69,7 @@ def run_world(root: Path, target: str, socket: str) -> None:
             return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
-    log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", SystemClock())
-    clock = SystemClock()
+    log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
     stops = StopListener(workspace.signals.parent, clock)
     mode = read_runtime_contract(workspace.runtime_contract).world_mode
     world = MujocoWorld(profile, folder, library, log, make_faults, stops.is_latched, mode)
@@ -67,7 +83,6 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     """The worker process of one target: serve the watchdog until it is gone."""
     from phyagentos.runtime.blanks import Blanks
     from phyagentos.runtime.execution.registry import build_registry
-    from phyagentos.runtime.handle import TargetSessionHandle
     from phyagentos.runtime.heartbeat import HeartbeatWriter
     from phyagentos.runtime.motion.process import NoPlanner, Planner, PlannerProcess
     from phyagentos.runtime.perception import TruthPerception
@@ -103,7 +118,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         planner, connection = NoPlanner(), Loopback(ScriptedWorld(profile, library, log))
     else:
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
-    handle = TargetSessionHandle(connection, settings.limits)
+    handle = open_handle(connection, settings.limits, workspace)
     perception = TruthPerception(target)
     blanks = Blanks(workspace.cache / f"blanks-{target}", WRITTEN)
     runner = SessionRunner(
@@ -143,6 +158,14 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     blanks.close()
 
 
+def open_handle(connection: Channel, limits: TargetLimits, workspace: Workspace) -> "TargetSessionHandle":
+    """The worker's door to its target; its guard asks before every command whether the emergency stop is latched."""
+    from phyagentos.runtime.handle import TargetSessionHandle
+
+    signals = workspace.signals.parent
+    return TargetSessionHandle(connection, limits, is_stopped=lambda: is_latched(signals))
+
+
 def connect_to_world(socket: str, clock: Clock) -> Link:
     """The connection to a world process that may still be starting.
 
@@ -168,13 +191,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--socket", required=True)
     parser.add_argument("--control", type=int, default=-1)
     parser.add_argument("--no-pictures", action="store_true")
+    parser.add_argument("--outlives", action="store_true")
     given = parser.parse_args(argv)
     try:
         if given.process == "world":
-            run_world(given.workspace, given.target, given.socket)
+            run_world(given.workspace, given.target, given.socket, outlives=given.outlives)
         else:
             run_worker(given.workspace, given.target, given.socket, given.control, pictures=not given.no_pictures)
-    except DefinitionError as error:
+    except (DefinitionError, ExecutionError) as error:
         sys.exit(str(error))
 
 

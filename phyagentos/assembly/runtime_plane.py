@@ -2,13 +2,12 @@
 
 import shutil
 import signal
-import tempfile
 from pathlib import Path
 from types import FrameType
 
 from phyagentos.assembly.garbage import collect_rarely
-from phyagentos.assembly.places import FAULTS, open_project
-from phyagentos.clock import SystemClock
+from phyagentos.assembly.places import FAULTS, make_socket_folder, open_project
+from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.edits.desk import Desk
 from phyagentos.protocol.edits.signal_desk import SignalDesk
 from phyagentos.protocol.lifecycle import Side
@@ -18,8 +17,12 @@ from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.views.renderer import Views
 from phyagentos.protocol.views.runtime_signal import RuntimeSignal
 from phyagentos.protocol.workspace import Workspace
+from phyagentos.runtime.sole_process import become_sole
 from phyagentos.runtime.watchdog import Watchdog
 from phyagentos.runtime.workers import Worker
+from phyagentos.runtime.world_process import WATCHDOG_LOCK, end_worlds, get_lock
+
+_MODULE = ("-m", "phyagentos.assembly.processes")
 
 
 def run_watch(
@@ -29,6 +32,7 @@ def run_watch(
     pictures: bool = True,
     once_idle: bool = False,
     world_mode: WorldMode | None = None,
+    outlived: bool = True,
 ) -> None:
     """The runtime plane: supervise until interrupted.
 
@@ -38,6 +42,10 @@ def run_watch(
         pictures: Whether evidence has pictures.
         world_mode: Declared in the workspace's runtime_contract.yaml; None leaves what stands there.
         once_idle: End when every goal has its verdict.
+        outlived: Whether worlds wait for another watchdog when this one dies.
+
+    Raises:
+        ExecutionError: `WATCHED_ALREADY`.
     """
     workspace, clock = open_project(root), SystemClock()
     if world_mode is not None:
@@ -45,6 +53,15 @@ def run_watch(
     if faults is not None:
         (workspace.root / FAULTS).parent.mkdir(exist_ok=True)
         shutil.copyfile(faults, workspace.root / FAULTS)
+    become_sole(workspace.root / WATCHDOG_LOCK, clock, "WATCHED_ALREADY", "another watchdog supervises this workspace")
+    try:
+        _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)
+    finally:
+        end_worlds(workspace.root)
+
+
+def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:
+    sockets = make_socket_folder(workspace.root)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
     desk = Desk(workspace, clock)
     views = Views(workspace, journal.folder, clock, desk=desk)
@@ -52,27 +69,27 @@ def run_watch(
     signals = RuntimeSignal(workspace, clock, desk=signal_desk)
     known = read_target_registry(workspace.target_registry)
 
-    with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
+    def hire(target: str) -> Worker | None:
+        if target not in known:
+            return None
+        return hire_worker(workspace, target, sockets, pictures=pictures, outlives=outlived)
 
-        def hire(target: str) -> Worker | None:
-            return hire_worker(workspace, target, Path(sockets), pictures=pictures) if target in known else None
-
-        def publish() -> None:
-            views.refresh()
-            signals.refresh()
-            goals = views.ledger.goals.values()
-            if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
-                watchdog.stop()
-
-        watchdog = Watchdog(workspace=workspace, journal=journal, hire=hire, clock=clock, publish=publish)
-
-        def on_signal(_number: int, _frame: FrameType | None) -> None:
+    def publish() -> None:
+        views.refresh()
+        signals.refresh()
+        goals = views.ledger.goals.values()
+        if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
             watchdog.stop()
 
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, on_signal)
-        collect_rarely()
-        watchdog.run()
+    watchdog = Watchdog(workspace=workspace, journal=journal, hire=hire, clock=clock, publish=publish)
+
+    def on_signal(_number: int, _frame: FrameType | None) -> None:
+        watchdog.stop()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, on_signal)
+    collect_rarely()
+    watchdog.run()
     views.close()
     desk.close()
     signals.close()
@@ -80,13 +97,22 @@ def run_watch(
     journal.close()
 
 
-def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: bool) -> Worker:
-    """Start the world and the worker of one target; a debug target lives in its worker and begins anew with it."""
+def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: bool, outlives: bool = False) -> Worker:
+    """Start the world and the worker of one target; a debug target lives in its worker and begins anew with it.
+
+    Args:
+        workspace: With the documents that count.
+        target: Its name.
+        sockets: Folder for the socket of the world.
+        pictures: Whether evidence has pictures.
+        outlives: Whether the world waits for another watchdog when this process dies.
+    """
     is_debug = read_target_registry(workspace.target_registry)[target].kind == "debug"
     place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(sockets / f"{target}.world")]
     return Worker(
         target,
-        world=[] if is_debug else ["-m", "phyagentos.assembly.processes", "world", *place],
-        worker=["-m", "phyagentos.assembly.processes", "worker", *place, *([] if pictures else ["--no-pictures"])],
+        world=[] if is_debug else [*_MODULE, "world", *place, *(["--outlives"] if outlives else [])],
+        lock=get_lock(workspace.root, target),
+        worker=[*_MODULE, "worker", *place, *([] if pictures else ["--no-pictures"])],
         logs=workspace.logs,
     )

@@ -109,6 +109,7 @@ def watch(
         pictures=not no_pictures,
         once_idle=once_idle,
         world_mode=world_mode,
+        outlived=not with_parent,  # with a parent there is nobody who would start another one
     )
 
 

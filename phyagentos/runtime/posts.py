@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Session, SessionId
+from phyagentos.protocol.sessions import Ended, Execution, Session, SessionId
 from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.runtime.dispatch import Reconcile
 from phyagentos.runtime.heartbeat import HeartbeatMonitor
 from phyagentos.runtime.workers import Worker
 
@@ -23,6 +24,7 @@ class Phase(StrEnum):
     CHECKING = "checking"
     RUNNING = "running"
     RECONCILING = "reconciling"
+    RESTING = "resting"
     BROKEN = "broken"
 
 
@@ -40,6 +42,22 @@ class Lost:
     epoch: int
     reason: str
     ended: Ended = Ended.RUNNER_LOST
+
+    def make_order(self) -> Reconcile:
+        """To look at the world that it left, under an epoch that no command of it came with."""
+        return Reconcile(
+            session=self.session,
+            epoch=self.epoch + 1,
+            evidence=f"evidence/{self.session.id}",
+            reason=self.reason,
+            ended=self.ended,
+        )
+
+    def make_unobserved(self) -> Execution:
+        """What is to be said of it when no worker starts that could look."""
+        message = f"{self.reason}; and no worker starts that could look at the world"
+        evidence = f"evidence/{self.session.id}"
+        return Execution(ended=Ended.TARGET_LOST, evidence=evidence, code="TARGET_UNAVAILABLE", message=message)
 
 
 @dataclass(slots=True)

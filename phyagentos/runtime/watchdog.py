@@ -24,7 +24,8 @@ from phyagentos.protocol.store.journal import Entry, Fenced, Journal
 from phyagentos.protocol.store.mailbox import Signal, take_signals
 from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Pause, Ready, Reconcile, Resume, Run, Stop
+from phyagentos.runtime.cancellation import iter_cancellable
+from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Pause, Ready, Resume, Run, Stop
 from phyagentos.runtime.heartbeat import HeartbeatMonitor
 from phyagentos.runtime.posts import Lost, Phase, Post, Queue
 from phyagentos.runtime.workers import Worker
@@ -33,6 +34,7 @@ POLL_S = 0.5  # limits, heartbeats and the signal folder are looked at this ofte
 PUBLISH_PERIOD_S = 0.05  # views and edits are attended to this often when much happens
 CLAIM_AFTER_S = 0.02  # a check that takes longer shows as a claim; a quicker one is recorded with its outcome
 STARTS = 3  # a worker that dies this often before it is ready is not started again
+REST_S = 2.0  # after the first such death, twice that after the next: a full disk may have room again by then
 TRIES = 5  # at a record that another writer makes out of date
 TARGET_LOST = "TARGET_LOST"
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
@@ -117,9 +119,8 @@ class Watchdog:
 
     def _watch_workers(self) -> None:
         """Wait for the workers that are there now."""
-        alive = {
-            post.worker.connection.fileno(): post for post in self._posts.values() if post.phase is not Phase.BROKEN
-        }
+        there = [post for post in self._posts.values() if post.phase not in {Phase.RESTING, Phase.BROKEN}]
+        alive = {post.worker.connection.fileno(): post for post in there}
         for fd in self._polled.keys() - alive.keys():
             self._poll.unregister(fd)
         for fd in alive.keys() - self._polled.keys():
@@ -241,15 +242,7 @@ class Watchdog:
             lost = post.lost
             post.session, post.epoch = lost.session, lost.epoch
             self._begin(post, Phase.RECONCILING)
-            post.worker.send(
-                Reconcile(
-                    session=lost.session,
-                    epoch=lost.epoch + 1,
-                    evidence=f"evidence/{lost.session.id}",
-                    reason=lost.reason,
-                    ended=lost.ended,
-                )
-            )
+            post.worker.send(lost.make_order())
 
     def _on_checked(self, post: Post, answer: Checked) -> None:
         session = post.session
@@ -338,10 +331,16 @@ class Watchdog:
             post.lost = Lost(session, post.epoch, reason, ended)
         post.session = None
         post.failed_starts += post.phase is Phase.STARTING
-        if post.failed_starts >= STARTS:
-            self._begin(post, Phase.BROKEN)
+        if not post.failed_starts:
+            self._replace(post)
             return
-        self._replace(post)
+        self._begin(post, Phase.RESTING if post.failed_starts < STARTS else Phase.BROKEN)
+        if (
+            post.lost is not None and post.phase is Phase.BROKEN
+        ):  # nobody will look at the world: that is an end too, and says so
+            unseen = msgspec.to_builtins(post.lost.make_unobserved())
+            self._commit(post.lost.session.id, "reconcile", post.lost.epoch, execution=unseen)
+            post.lost = None
 
     def _enforce_limits(self) -> None:
         now_s = self._clock.now_s()
@@ -349,6 +348,8 @@ class Watchdog:
             session = post.session
             if post.phase in {Phase.STARTING, Phase.IDLE} and post.worker.has_lost_world():
                 self._lose(post, "the world process ended")
+            if post.phase is Phase.RESTING and now_s - post.since_s > REST_S * post.failed_starts:
+                self._replace(post)
             if session is None or post.phase not in {Phase.CHECKING, Phase.RUNNING}:
                 continue
             if self._state(session.id) is SessionState.PENDING and now_s - post.since_s > CLAIM_AFTER_S:
@@ -374,23 +375,14 @@ class Watchdog:
         self._signals_at_s = now_s + POLL_S
         for signal in take_signals(self._workspace.signals):
             if signal.kind == "cancel":
-                self._cancel(signal)
+                reason = signal.reason or f"asked for by {signal.by}"
+                for id, trigger in iter_cancellable(self._ledger, signal.session):
+                    self._try_commit(id, trigger, reason=reason)
             elif signal.kind in {"pause", "resume"}:
                 self._pass_on(signal)
             elif signal.kind == "estop":  # targets hear it themselves; where none runs, the latch waits for them
                 at = signal.at or self._clock.wall_iso()
                 latch(self._workspace.signals.parent, Latch(by=signal.by, reason=signal.reason, at=at))
-
-    def _cancel(self, signal: Signal) -> None:
-        for status in list(self._ledger.live_sessions()):
-            session, state = status.contract, SessionState(status.state)
-            if signal.session not in {"*", session.id}:
-                continue
-            reason = signal.reason or f"asked for by {signal.by}"
-            if state in {SessionState.PENDING, SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING}:
-                self._try_commit(session.id, "cancel", reason=reason)
-            elif state in _HELD:
-                self._try_commit(session.id, "request_cancel", reason=reason)
 
     def _pass_on(self, signal: Signal) -> None:
         """Pause and resume concern what runs; whatever ends a session ends its pause too."""

@@ -62,12 +62,11 @@ class ChildProcess:
         return self._process.poll() is None
 
     def stop(self, grace_s: float = 2.0) -> None:
-        """Close its input, so that it ends by itself; kill it when it does not."""
+        """Close its input, so that it ends by itself; kill it when it does not, and what it leaves in any case."""
         self._close_input()
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(grace_s)
-        except subprocess.TimeoutExpired:
-            self.kill()
+        self.kill()
         self._log.close()
 
     def kill(self) -> None:

@@ -69,7 +69,12 @@ def run(open_journal, submit):
             Entry("tidy-7.red", "replan", {"attempt": ATTEMPT}),
             Entry("node:tidy-7/red", "child_of", child),
             Entry("node:tidy-7/red", "budget_spent"),
-            submit("tidy-7.red.r1", parent="tidy-7.red", attempt=1, strategy={"avoid_grasps": [3]}),
+            submit(
+                "tidy-7.red.r1",
+                parent="tidy-7.red",
+                attempt=1,
+                strategy={"avoid_grasps": ["yaw+000", "yaw+090"], "speed": 0.5},
+            ),
         ]
     )
     return agent
@@ -97,7 +102,7 @@ def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger)
         "| `inside(red_cube, red_tray)` | accept | **no** | it lies 0.31 m beside the tray | distance_m = 0.3123 |",
     ):
         assert fact in section
-    assert "**Revises:** `tidy-7.red`; differently: avoid_grasps [3]" in text
+    assert "**Revises:** `tidy-7.red`; differently: avoid grasps yaw+000 and yaw+090, speed 0.5" in text
     assert text.startswith("---\nphy: sessions/1\nview: 12\n---\n")
     assert text.count("stateDiagram-v2") == 1
     assert text.endswith("<!-- end of view -->\n")

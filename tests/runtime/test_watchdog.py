@@ -29,6 +29,7 @@ class ScriptedWorker:
     def __init__(self, *, starts=True, on_check=None, on_run=None) -> None:
         self.orders: list[object] = []
         self.restarts = 0
+        self.kills: list[bool] = []
         self._starts = starts
         self._on_check = on_check or (lambda order: Checked(session=order.session.id, plan=PLAN, tools=TOOLS))
         self._on_run = on_run or finish(Ended.COMPLETED)
@@ -60,6 +61,12 @@ class ScriptedWorker:
             return receive_answer(self.connection)
         except (EOFError, OSError):
             return None
+
+    def has_lost_world(self) -> bool:
+        return False
+
+    def kill(self, *, with_world: bool = False) -> None:
+        self.kills.append(with_world)
 
     def restart(self) -> None:
         self.restarts += 1

@@ -181,7 +181,12 @@ def _tell(status: SessionStatus) -> str:
 
 
 def _tell_strategy(strategy: Mapping[str, object]) -> str:
-    return "; differently: " + ", ".join(f"{name} {value}" for name, value in strategy.items()) if strategy else ""
+    told = [f"{name.replace('_', ' ')} {_tell_value(value)}" for name, value in strategy.items()]
+    return f"; differently: {', '.join(told)}" if told else ""
+
+
+def _tell_value(value: object) -> str:
+    return " and ".join(str(each) for each in value) if isinstance(value, list | tuple) else str(value)
 
 
 def _render_attempt(number: int, attempt: Attempt, folder: str) -> str:

@@ -253,7 +253,7 @@ class MujocoWorld:
     def _halt(self, category: int) -> Step:
         """Come to rest; after a stop of category 1 the session commands no more."""
         self._get_drive().halt()
-        if category == 1:
+        if category == 1 and not self._authority.stopped:
             self._authority.stop("DRIVES_OFF")
         return self._report(self._get_physics())
 

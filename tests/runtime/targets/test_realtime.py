@@ -115,6 +115,16 @@ def test_an_emergency_stop_in_mid_motion_needs_no_client_and_no_command_follows_
     assert kinds.index("EStop") >= half
 
 
+def test_a_halt_of_category_one_does_not_replace_an_emergency_stop(served, tmp_path):
+    latch(served.signals, Latch(by="a button"))
+    while "EStop" not in read_kinds(tmp_path):
+        CLOCK.sleep(0.005)
+    assert isinstance(served.ask(wire.Halt(session="s", epoch=1, category=1)), wire.Step)
+
+    assert served.stream(served.rows[:1]).code == "ESTOPPED"
+    assert read_kinds(tmp_path).count("EStop") == 1
+
+
 def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_at_rest(served):
     served.stream(served.rows[: len(served.rows) // 2])
     served.connection.close()
