@@ -7,12 +7,14 @@ from types import FrameType
 
 from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import FAULTS, make_socket_folder, open_project
+from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
 from phyagentos.clock import Clock, SystemClock
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.edits.desk import Desk
 from phyagentos.protocol.edits.signal_desk import SignalDesk
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.registries import read_target_registry
-from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode
+from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode, read_runtime_contract
 from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.views.renderer import Views
 from phyagentos.protocol.views.runtime_signal import RuntimeSignal
@@ -89,12 +91,22 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, on_signal)
     collect_rarely()
+    if not _may_keep_real_time(workspace):
+        ask_for_prompt_wakeups()
     watchdog.run()
     views.close()
     desk.close()
     signals.close()
     signal_desk.close()
     journal.close()
+
+
+def _may_keep_real_time(workspace: Workspace) -> bool:
+    """Whether a world of this workspace keeps real time; also when that cannot be read."""
+    try:
+        return read_runtime_contract(workspace.runtime_contract).world_mode is WorldMode.REALTIME
+    except DefinitionError:
+        return True
 
 
 def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: bool, outlives: bool = False) -> Worker:

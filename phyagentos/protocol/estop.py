@@ -50,7 +50,10 @@ def read_latch(signals: Path) -> Latch | None:
 
 
 def latch(signals: Path, wanted: Latch) -> None:
-    """Latch the stop, durably; the first one stays.
+    """Latch the stop; the first one stays. Targets see it at once, and it is durable when this returns.
+
+    A disk may take a second to write; nothing that moves waits for it. A latch that a lost supply leaves empty holds
+    all the same (see `read_latch`).
 
     Args:
         signals: The folder `signals/` of a workspace.
@@ -58,13 +61,16 @@ def latch(signals: Path, wanted: Latch) -> None:
     """
     signals.mkdir(parents=True, exist_ok=True)
     temporary = signals / f".{LATCH}.{os.getpid()}.tmp"
-    _write(temporary, wanted)
-    try:
-        (signals / LATCH).hardlink_to(temporary)
-    except FileExistsError:
-        pass
-    finally:
-        temporary.unlink()
+    with temporary.open("wb") as file:
+        file.write(_encode(wanted))
+        file.flush()
+        try:
+            (signals / LATCH).hardlink_to(temporary)
+        except FileExistsError:
+            pass
+        finally:
+            temporary.unlink()
+        os.fsync(file.fileno())
     _sync_folder(signals)
 
 
@@ -99,9 +105,13 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
     return kept
 
 
+def _encode(content: Latch) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(content)) + b"\n"
+
+
 def _write(path: Path, content: Latch) -> None:
     with path.open("wb") as file:
-        file.write(msgspec.json.format(msgspec.json.encode(content)) + b"\n")
+        file.write(_encode(content))
         file.flush()
         os.fsync(file.fileno())
 

@@ -4,8 +4,10 @@ Search order: the folder of the user's own project, then libraries that installe
 group `phyagentos.libraries` (a function that returns a folder), then what ships with this package. The first hit wins.
 """
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -42,19 +44,19 @@ class Library:
 
     def get_tree(self, name: str) -> Path:
         """Path of `trees/<name>.yaml`; raises DefinitionError with the nearest name."""
-        return self._get("tree", name, Path("trees") / f"{name}.yaml", self.names_of_trees)
+        return self._get("tree", name, f"trees/{name}.yaml", self.names_of_trees)
 
     def get_skill(self, name: str) -> Path:
         """Path of `skills/<name>/SKILL.md`."""
-        return self._get("skill", name, Path("skills") / name / "SKILL.md", self.names_of_skills)
+        return self._get("skill", name, f"skills/{name}/SKILL.md", self.names_of_skills)
 
     def get_scene(self, name: str) -> Path:
         """Path of `scenes/<name>.yaml`."""
-        return self._get("scene", name, Path("scenes") / f"{name}.yaml", self.names_of_scenes)
+        return self._get("scene", name, f"scenes/{name}.yaml", self.names_of_scenes)
 
     def get_target(self, name: str) -> Path:
         """Path of `robots/<name>/target.yaml`."""
-        return self._get("target", name, Path("robots") / name / "target.yaml", self.names_of_targets)
+        return self._get("target", name, f"robots/{name}/target.yaml", self.names_of_targets)
 
     def get_pristine(self, name: str) -> Path:
         """Path of `protocol/<name>`."""
@@ -62,7 +64,7 @@ class Library:
         def names() -> list[str]:
             return sorted({path.name for _, path in self._iter("protocol", "*.*")})
 
-        return self._get("protocol document", name, Path("protocol") / name, names)
+        return self._get("protocol document", name, f"protocol/{name}", names)
 
     def names_of_trees(self) -> list[str]:
         """Every tree, sorted."""
@@ -99,10 +101,10 @@ class Library:
             for path in sorted((root / folder).glob(pattern)):
                 yield root, path
 
-    def _get(self, what: str, name: str, relative: Path, list_names: Callable[[], list[str]]) -> Path:
-        for root in self.roots:
-            if (root / relative).is_file():
-                return root / relative
+    def _get(self, what: str, name: str, relative: str, list_names: Callable[[], list[str]]) -> Path:
+        for path in _list_places(self.roots, relative):
+            if os.path.isfile(path):  # noqa: PTH113 - for every session, several times
+                return path
         known = list_names()
         raise DefinitionError(
             Problem(
@@ -113,3 +115,9 @@ class Library:
                 hint=format_hint(name, known),
             )
         )
+
+
+@lru_cache(maxsize=1024)
+def _list_places(roots: tuple[Path, ...], relative: str) -> tuple[Path, ...]:
+    """Where a file of the library may be, in the order of search."""
+    return tuple(root / relative for root in roots)

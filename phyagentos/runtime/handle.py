@@ -81,7 +81,8 @@ class TargetSessionHandle:
         self._limits = limits
         self._description: wire.Description | None = None
         self._loaded: tuple[Scene, wire.Loaded] | None = None  # this connection's world; nobody else loads scenes
-        self._guard: SafetyGuard | None = None
+        self._guard: SafetyGuard | None = None  # of the session that has authority
+        self._made: tuple[wire.Description, SafetyGuard] | None = None  # for the target as it described itself
         self._session = ""
         self._epoch = 0
         self._sequence = 0
@@ -123,9 +124,11 @@ class TargetSessionHandle:
         self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
         observation = self.observe()
-        self._guard = SafetyGuard(
-            self._limits, self.describe(), is_stopped=self._is_stopped, find_contact=self._find_contact
-        )
+        description = self.describe()
+        if self._made is None or self._made[0] is not description:
+            guard = SafetyGuard(self._limits, description, is_stopped=self._is_stopped, find_contact=self._find_contact)
+            self._made = (description, guard)
+        self._guard = self._made[1]
         self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))
         self._step = wire.Step(
             time_s=observation.time_s,

@@ -41,6 +41,8 @@ WRITTEN = (
 )  # fmt: skip
 """Files that every session writes for itself."""
 
+_NONE = encode_json([])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contract:
@@ -61,19 +63,19 @@ class Stationery:
     """Files that are the same in many bundles: written once, then linked, since a new file costs fifty times a link."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[str, bytes], Path] = {}
+        self._known: dict[tuple[str, bytes], str] = {}
 
-    def write(self, path: Path, data: bytes) -> None:
-        """Let `path` hold `data`."""
-        key = (path.name, data)
-        known = self._known.get(key)
+    def write(self, folder: str, name: str, data: bytes) -> None:
+        """Let the file of this name hold `data`."""
+        path = f"{folder}/{name}"
+        known = self._known.get((name, data))
         if known is not None:
             with contextlib.suppress(OSError):  # it was cleaned away, or has too many links
                 os.link(known, path)
                 return
-        path.write_bytes(data)
-        path.chmod(0o444)  # a change in place would change every bundle
-        self._known[key] = path
+        Path(path).write_bytes(data)
+        os.chmod(path, 0o444)  # noqa: PTH101 - a change in place would change every bundle
+        self._known[name, data] = path
 
 
 class Recorder:
@@ -86,7 +88,7 @@ class Recorder:
     """
 
     def __init__(self, folder: Path, stationery: Stationery | None = None, blanks: Blanks | None = None) -> None:
-        self.folder = folder
+        self.folder, self._path = folder, str(folder)
         self._stationery = stationery or Stationery()
         self._rows: list[tuple[float, ...]] = []
         self._blank: set[str] = set()  # files that were made ahead and hold nothing yet
@@ -107,7 +109,7 @@ class Recorder:
             "settings_sha256": {path.name: _read_hash(path) for path in contract.settings},
         }
         self._write(evidence.CONTRACT, render_yaml(document).encode())
-        self._stationery.write(self.folder / evidence.FINGERPRINT, encode_json(read_fingerprint()))
+        self._stationery.write(self._path, evidence.FINGERPRINT, _encode_fingerprint())
 
     def link_model(self, source: Path) -> bool:
         """Share the scene model of an earlier session of the same episode; False when it cannot be shared."""
@@ -178,7 +180,7 @@ class Recorder:
             if values:
                 self._write(name, encode_json(list(values)))
             else:
-                self._stationery.write(self.folder / name, encode_json([]))
+                self._stationery.write(self._path, name, _NONE)
 
     def write_execution(self, execution: Execution) -> None:
         """How it ended; the last file of a bundle."""
@@ -188,7 +190,7 @@ class Recorder:
 
     def _write(self, name: str, data: bytes) -> None:
         """Let a file of the bundle hold `data`; in plain calls, since every session writes ten."""
-        fd = os.open(f"{self.folder}/{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        fd = os.open(f"{self._path}/{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
         try:
             rest = memoryview(data)
             while rest:
@@ -234,6 +236,11 @@ def read_fingerprint() -> dict[str, Any]:
         "cpu": _read_cpu_model(),
         "packages": versions,
     }
+
+
+@cache
+def _encode_fingerprint() -> bytes:
+    return encode_json(read_fingerprint())
 
 
 def _read_cpu_model() -> str:

@@ -181,13 +181,10 @@ class Watchdog:
         for target, queue in self._queues.items():
             post = self._get_post(target) if queue else None
             if post is None or post.phase is Phase.BROKEN:
+                why = f"TARGET_UNAVAILABLE: its worker does not start; see logs/*-{target}.log"
+                why = why if post else f"TARGET_UNKNOWN: no target {target!r} in TARGETS.md"
                 while session := queue.take(self._ledger):
-                    if post is None:
-                        self._reject(session, "TARGET_UNKNOWN", f"no target {target!r} in TARGETS.md")
-                    else:
-                        self._reject(
-                            session, "TARGET_UNAVAILABLE", f"its worker does not start; see logs/*-{target}.log"
-                        )
+                    self._try_commit(session.id, "reject", reason=why)
             elif post.phase is Phase.IDLE and post.lost is None and (session := queue.take(self._ledger)):
                 self._check(post, session)
 
@@ -318,9 +315,6 @@ class Watchdog:
         post.session = None
         self._begin(post, Phase.IDLE)
 
-    def _reject(self, session: Session, code: str, message: str) -> None:
-        self._try_commit(session.id, "reject", reason=f"{code}: {message}")
-
     def _lose(self, post: Post, reason: str, ended: Ended = Ended.RUNNER_LOST) -> None:
         """The worker is gone or silent: record it, replace it, look at the world before anything else."""
         session = post.session
@@ -335,9 +329,7 @@ class Watchdog:
             self._replace(post)
             return
         self._begin(post, Phase.RESTING if post.failed_starts < STARTS else Phase.BROKEN)
-        if (
-            post.lost is not None and post.phase is Phase.BROKEN
-        ):  # nobody will look at the world: that is an end too, and says so
+        if post.lost is not None and post.phase is Phase.BROKEN:  # nobody will look at the world: an end too
             unseen = msgspec.to_builtins(post.lost.make_unobserved())
             self._commit(post.lost.session.id, "reconcile", post.lost.epoch, execution=unseen)
             post.lost = None

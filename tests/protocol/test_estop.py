@@ -1,6 +1,7 @@
 """The latch of the emergency stop: durable, first one stays, reset only with a reason."""
 
 import json
+import os
 
 import pytest
 
@@ -16,6 +17,14 @@ def test_the_first_latch_stays(tmp_path):
     assert is_latched(tmp_path)
     assert read_latch(tmp_path).by == "anna"
     assert [path.name for path in tmp_path.iterdir()] == [LATCH]
+
+
+def test_targets_see_the_latch_before_anything_waits_for_the_disk(tmp_path, monkeypatch):
+    seen, sync = [], os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (seen.append(read_latch(tmp_path)), sync(fd)))
+    latch(tmp_path, Latch(by="anna", reason="smoke"))
+
+    assert [each and each.by for each in seen] == ["anna", "anna"]  # the file, then its folder
 
 
 def test_a_reset_keeps_who_stopped_and_why_it_is_safe_again(tmp_path):

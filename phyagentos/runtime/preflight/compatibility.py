@@ -67,6 +67,7 @@ class Preflight:
     ask_policy: AskPolicy | None = None
     _chains: dict[str, BridgeChain | tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
     _known: dict[str, tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
+    _met: list[tuple[Description, tuple[Problem, ...]]] = field(default_factory=list, init=False, repr=False)
 
     def find_contract_problems(self, session: Session) -> list[Problem]:
         """What is wrong on paper, without asking the target."""
@@ -86,13 +87,15 @@ class Preflight:
         return locate(session, problems)
 
     def find_target_problems(self, session: Session, live: Description) -> list[Problem]:
-        """Where the live target differs from the documents."""
+        """Where the live target differs from the documents; looked for again when it has described itself anew."""
         settings = self.settings
-        problems = [
-            *iter_handshake_problems(self.profile, settings.contract, live),
-            *iter_live_safety_problems(settings.limits, self.profile, live),
-        ]
-        return locate(session, problems)
+        if not self._met or self._met[0][0] is not live:
+            problems = (
+                *iter_handshake_problems(self.profile, settings.contract, live),
+                *iter_live_safety_problems(settings.limits, self.profile, live),
+            )
+            self._met[:] = [(live, problems)]
+        return locate(session, self._met[0][1])
 
     def find_scene_problems(self, session: Session, live: Description) -> list[Problem]:
         """What a skill needs of the scene that is loaded: frames and cameras."""

@@ -75,10 +75,13 @@ def serve_realtime(target: Coasting, socket: str, clock: Clock, should_end: Call
     pace = Pace(target, clock)
 
     def keep_pace(request: Request) -> None:
-        """A client that is far ahead waits."""
-        ahead_s = -pace.compute_lag_s() - AHEAD_PERIODS * target.control_period_s
-        if isinstance(request, MOVING) and ahead_s > 0.0:
-            clock.sleep(ahead_s)
+        """A client that is far ahead waits; a command that comes to be stopped is refused without waiting on."""
+        period_s = target.control_period_s
+        while isinstance(request, MOVING):
+            ahead_s = -pace.compute_lag_s() - AHEAD_PERIODS * period_s
+            if ahead_s <= 0.0 or (target.look_for_stops() and isinstance(request, Command)):
+                return
+            clock.sleep(min(ahead_s, period_s))
 
     with Listener(socket, "AF_UNIX") as listener:
         door = listener._listener._socket  # type: ignore[attr-defined]  # the only way to wait for a client and a period

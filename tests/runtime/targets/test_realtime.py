@@ -131,3 +131,15 @@ def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_at_rest(served):
     served.connection = Client(served.socket, "AF_UNIX")
     served.wait_for_rest()
     assert served.ask(wire.Begin(session="t", epoch=1)) == wire.Ack()
+
+
+def test_a_stop_is_heard_while_a_client_waits_for_its_turn(served, tmp_path):
+    assert isinstance(served.ask(wire.Settle(session="s", epoch=1, duration_s=20.0)), wire.Step)
+    began_s = CLOCK.now_s()
+    wire.send(served.connection, served.rig.make_command(*served.rows[0][:1], qd=served.rows[0][1]))
+    latch(served.signals, Latch(by="a button"))
+    late = wire.receive_reply(served.connection, 60.0)
+
+    assert late.code == "ESTOPPED"
+    assert CLOCK.now_s() - began_s < 10.0  # its turn would come after twenty
+    assert read_kinds(tmp_path).count("EStop") == 1

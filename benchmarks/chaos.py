@@ -1,0 +1,292 @@
+"""Processes are attacked at random times while a goal of three sessions is pursued: does anything move that must not?
+
+    python benchmarks/chaos.py --runs 200
+
+Agent, watchdog, worker, planner and world are each killed (`kill -9`), stopped for longer than the lease (SIGSTOP, then
+SIGCONT), or find the disk full: every write of that one process fails (RLIMIT_FSIZE is set to 0 from outside: EFBIG
+where a full disk gives ENOSPC, on the same paths); and, where a small tmpfs can be mounted, the workspace's own file
+system is filled up, so that all of them get ENOSPC at once. What dies of agent and watchdog is started again, as a
+service manager would; the disk has room again after some seconds. Then the goal must come to its end, and journal and
+receive log are judged. What is promised: no session is carried out twice, no command is accepted after its session has
+left `running`, none stays open, every goal ends in success or in a failure with a coded cause, a success is
+one in the simulator's last state, no process is left over.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import shutil
+import signal
+import sys
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from chaos_planes import Planes, allow_writes, fill, refuse_writes, small_disk
+from judge import is_in_tray
+from rich.console import Console
+from rich.table import Table
+
+from phyagentos.bench.report import Ask, format_outcome
+from phyagentos.clock import Clock, SystemClock
+from phyagentos.codes import CODES
+from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions import SessionStatus
+from phyagentos.protocol.tasks import GoalStatus
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))  # the monitor lies with the tests
+
+from tests.monitors.silence import count_commands, find_violations  # noqa: E402 - see above
+
+GRAPH = ROOT / "goal_graphs" / "tidy_table.yaml"
+VICTIMS = ("agent", "watchdog", "worker", "planner", "world")
+KILL, STOP, FULL = "kill -9", "SIGSTOP", "full disk"
+CELLS = (
+    *((victim, KILL) for victim in ("watchdog", "world", "worker", "agent", "planner")),
+    ("everybody", FULL),
+    *((victim, STOP) for victim in VICTIMS),
+    *((victim, FULL) for victim in VICTIMS),
+)
+CUBES = (("red_cube", "red_tray"), ("green_cube", "green_tray"), ("blue_cube", "blue_tray"))
+STOP_S = 13.0  # the lease is a silence of 10 s
+FULL_S = 4.0
+SPREAD_S = 8.0  # about what the goal takes, from its submission on
+START_S = 30.0  # a plane is ready long before, also on a machine that is busy
+LIMIT_S = 240.0  # nothing that recovers takes this long
+DISK_MB = 48
+ASKED = {
+    name: Ask(0, at_least=False)
+    for name in ("double_executions", "violations", "left_open", "false_success", "unattributed", "left_over")
+}
+_CODE = re.compile(r"\b[A-Z]+(?:_[A-Z]+)+\b")
+
+
+@dataclass(slots=True)
+class Case:
+    """One run: what was done to whom, and what came of it."""
+
+    number: int
+    victim: str
+    attack: str
+    delay_s: float
+    verdict: str = ""
+    causes: list[str] = field(default_factory=list)
+    problems: Counter[str] = field(default_factory=Counter)
+    notes: list[str] = field(default_factory=list)
+    wall_s: float = 0.0
+    commands: int = 0
+
+    def blame(self, what: str, note: str) -> None:
+        """Count one broken promise."""
+        self.problems[what] += 1
+        self.notes.append(f"{what}: {note}")
+
+
+def run_case(case: Case, folder: Path, keep: Path | None, clock: Clock) -> None:
+    """One workspace, one goal, one attack."""
+    folder.mkdir()
+    began_s = clock.now_s()
+    with contextlib.ExitStack() as stack:
+        has_disk = case.victim == "everybody" and stack.enter_context(small_disk(folder, DISK_MB))
+        root = folder / "w"
+        planes = Planes(root, GRAPH, case.number, clock)
+        try:
+            wait_for_submission(planes, clock)
+            attack(case, planes, clock, has_disk=has_disk)
+            while not planes.tend() and clock.now_s() - began_s < LIMIT_S:
+                clock.sleep(0.1)
+            settle(planes, clock)
+        finally:
+            left = planes.stop()
+        case.wall_s = clock.now_s() - began_s
+        for name in left:
+            case.blame("left_over", f"{name} was still there")
+        goal, sessions = planes.read_goal()
+        judge(case, goal, sessions)
+        judge_world(case, root, sessions)
+        judge_log(case, root)
+        if keep is not None and (case.problems or case.verdict != "success"):
+            shutil.copytree(folder, keep / f"{case.number}", dirs_exist_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def wait_for_submission(planes: Planes, clock: Clock) -> None:
+    """Until the goal stands in the journal."""
+    deadline_s = clock.now_s() + LIMIT_S
+    while planes.read_goal()[0] is None and clock.now_s() < deadline_s:
+        clock.sleep(0.05)
+
+
+def settle(planes: Planes, clock: Clock) -> None:
+    """After the verdict: sessions that are still open have a moment to end, and who was started last to get ready."""
+    deadline_s = clock.now_s() + START_S
+    while clock.now_s() < deadline_s:
+        planes.tend()
+        is_open = any(status.state not in FINAL_STATES for status in planes.read_goal()[1])
+        if not is_open and planes.is_watched():
+            return
+        clock.sleep(0.1)
+
+
+def attack(case: Case, planes: Planes, clock: Clock, *, has_disk: bool) -> None:
+    """Wait for the moment, then strike; the planes are tended meanwhile."""
+    wait(planes, case.delay_s, clock)
+    if case.victim == "everybody":
+        if has_disk:
+            ballast = fill(planes.root.parent)
+            wait(planes, FULL_S, clock)
+            ballast.unlink()
+        else:
+            case.attack = f"{FULL}: not possible here"
+        return
+    pid = planes.find(case.victim)
+    deadline_s = clock.now_s() + START_S
+    while pid is None and clock.now_s() < deadline_s and not planes.tend():
+        clock.sleep(0.02)
+        pid = planes.find(case.victim)
+    if pid is None:
+        return
+    with contextlib.suppress(ProcessLookupError):
+        if case.attack == KILL:
+            os.kill(pid, signal.SIGKILL)
+        elif case.attack == STOP:
+            os.kill(pid, signal.SIGSTOP)
+            wait(planes, STOP_S, clock)
+            os.kill(pid, signal.SIGCONT)
+        else:
+            refuse_writes(pid)
+            wait(planes, FULL_S, clock)
+            allow_writes(planes.root)
+
+
+def wait(planes: Planes, duration_s: float, clock: Clock) -> None:
+    """Let time pass; whoever ends meanwhile is started again."""
+    end_s = clock.now_s() + duration_s
+    while (left_s := end_s - clock.now_s()) > 0.0:
+        clock.sleep(min(0.1, left_s))
+        planes.tend()
+
+
+def judge(case: Case, goal: GoalStatus | None, sessions: Sequence[SessionStatus]) -> None:
+    """What the journal says in the end."""
+    for status in sessions:
+        if status.state not in FINAL_STATES:
+            case.blame("left_open", f"{status.contract.id} is {status.state}")
+        case.causes += find_causes(status)
+    case.verdict = goal.verdict if goal is not None and goal.verdict else "none"
+    known = [code for code in case.causes if code in CODES]
+    if case.verdict != "success" and not (case.verdict == "failure" and known):
+        case.blame("unattributed", f"{case.verdict}: {goal.reason if goal else 'no goal'}; causes {case.causes}")
+
+
+def judge_world(case: Case, root: Path, sessions: Sequence[SessionStatus]) -> None:
+    """A success must be one: in the last recorded state of the simulator, seen by an eye of its own."""
+    folders = [root / status.execution.evidence for status in sessions if status.execution is not None]
+    seen = sorted((folder / "terminal.npz" for folder in folders if (folder / "terminal.npz").exists()), key=_get_age)
+    if case.verdict == "success":
+        missed = [cube for cube, tray in CUBES if not seen or not is_in_tray(seen[-1].parent, cube, tray)]
+        if missed:
+            case.blame("false_success", f"{', '.join(missed)} not in its tray")
+
+
+def _get_age(path: Path) -> int:
+    return path.stat().st_mtime_ns
+
+
+def find_causes(status: SessionStatus) -> list[str]:
+    """Coded causes of a session that did not succeed."""
+    if status.state == SessionState.SUCCEEDED:
+        return []
+    coded = [attempt.cause for attempt in status.attempts if attempt.cause]
+    return coded or _CODE.findall(status.reason)
+
+
+def judge_log(case: Case, root: Path) -> None:
+    """What the targets accepted."""
+    case.commands = count_commands(root)
+    for violation in find_violations(root):
+        case.blame("violations", str(violation))
+    for session, claims in read_executions(root).items():
+        if len(claims) > 1:
+            case.blame("double_executions", f"{session}: commands under {sorted(claims)}")
+
+
+def read_executions(root: Path) -> dict[str, set[tuple[int, int]]]:
+    """Session -> when it was carried out: process of the target and epoch of each Begin that commands followed."""
+    found: dict[str, set[tuple[int, int]]] = defaultdict(set)
+    for log in sorted((root / "logs").glob("receive-*.jsonl")):
+        begins = 0
+        for text in log.read_bytes().split(b"\n"):
+            with contextlib.suppress(ValueError):
+                line = json.loads(text)
+                begins += line["kind"] == "Begin" and line.get("accepted", True)
+                if line["kind"] == "Command" and line.get("accepted", True):
+                    found[line["session"]].add((begins, line["epoch"]))
+    return found
+
+
+def show(cases: Sequence[Case], console: Console) -> None:
+    """The table, by victim and attack."""
+    table = Table(title=f"{len(cases)} attacks on a goal of three sessions")
+    for column in ("victim", "attack", "runs", "goal met", "failed, attributed", "broken promises", "seconds, median"):
+        table.add_column(column)
+    for victim, kind in sorted({(case.victim, case.attack) for case in cases}):
+        group = [case for case in cases if (case.victim, case.attack) == (victim, kind)]
+        met = sum(case.verdict == "success" for case in group)
+        attributed = sum(case.verdict == "failure" and not case.problems["unattributed"] for case in group)
+        broken = sum((case.problems for case in group), Counter())
+        text = ", ".join(f"{count} {name}" for name, count in sorted(broken.items())) or "0"
+        median_s = float(np.median([case.wall_s for case in group]))
+        table.add_row(victim, kind, str(len(group)), str(met), str(attributed), text, f"{median_s:.1f}")
+    console.print(table)
+
+
+def main() -> int:
+    """Attack, show, and exit with whether every promise was kept."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0, help="draws the moments; which is also in each goal's id")
+    parser.add_argument("--at-once", type=int, default=2, help="runs side by side")
+    parser.add_argument("--only", help="victim or attack; others are left out")
+    parser.add_argument("--keep", type=Path, help="where workspaces of goals that were not met are copied to")
+    given = parser.parse_args()
+    console, clock = Console(stderr=True), SystemClock()
+    cells = [cell for cell in CELLS if given.only is None or given.only in cell]
+    delays = np.random.default_rng(given.seed).uniform(0.0, SPREAD_S, given.runs)
+    cases = [
+        Case(1000 * given.seed + index, *cells[index % len(cells)], delay_s=float(delay))
+        for index, delay in enumerate(delays)
+    ]
+    with tempfile.TemporaryDirectory(prefix="chaos-") as scratch:
+
+        def run(case: Case) -> None:
+            run_case(case, Path(scratch) / str(case.number), given.keep, clock)
+            text = f"{case.number}: {case.attack} on {case.victim} after {case.delay_s:.1f} s: {case.verdict}"
+            console.print(text, f"{case.wall_s:.0f} s", *case.causes, *case.notes, sep="  ", markup=False)
+
+        with ThreadPoolExecutor(given.at_once) as pool:
+            list(pool.map(run, cases))
+    show(cases, Console())
+    figures = {name: float(sum(case.problems[name] for case in cases)) for name in ASKED}
+    figures |= {
+        "runs": float(len(cases)),
+        "goals_met": float(sum(case.verdict == "success" for case in cases)),
+        "failures_attributed": float(
+            sum(case.verdict == "failure" and not case.problems["unattributed"] for case in cases)
+        ),
+        "commands": float(sum(case.commands for case in cases)),
+    }
+    line, holds = format_outcome(figures, ASKED)
+    print(line)
+    return 0 if holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,180 @@
+"""Legitimate commands: `tidy_table` run in one process, with every command kept as it went over the wire."""
+
+import tempfile
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.environment import Entity
+from phyagentos.protocol.faults import FaultFile
+from phyagentos.protocol.library import Library, find_shipped_root
+from phyagentos.protocol.safety import TargetLimits, read_safety
+from phyagentos.protocol.sessions import Ended, GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.execution.registry import build_registry
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.motion.planner import MotionPlanner
+from phyagentos.runtime.motion.process import LocalPlanner
+from phyagentos.runtime.perception import TruthPerception
+from phyagentos.runtime.runner import SessionRunner
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.robot import read_profile
+from phyagentos.runtime.targets.world import MujocoWorld
+
+CUBES = ("red", "green", "blue")
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One session as the target saw it.
+
+    Attributes:
+        commands: In order, each with the step that stood before it.
+        q_rad: Where the arm rested when the session began.
+        entities: The world as it was then.
+        ended: How the execution ended.
+    """
+
+    description: wire.Description
+    commands: tuple[tuple[wire.Command, wire.Step], ...]
+    q_rad: tuple[float, ...]
+    entities: tuple[Entity, ...]
+    ended: Ended
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """What the recordings were made with."""
+
+    profile: TargetProfile
+    folder: Path
+    limits: TargetLimits
+    library: Library
+
+
+class TappedConnection:
+    """Both ends of the wire in one process; keeps what passes."""
+
+    def __init__(self, target: MujocoWorld) -> None:
+        self._target = target
+        self._replies: deque[bytes] = deque()
+        self.commands: list[wire.Command] = []
+        self.steps: list[wire.Step] = []
+        self.observation: wire.Observation | None = None
+
+    def send_bytes(self, message: bytes) -> None:
+        """Carry a request out at once."""
+        request = wire._REQUESTS.decode(message)
+        reply = self._target.handle(request)
+        if isinstance(request, wire.Command):
+            self.commands.append(request)
+            self.steps.append(reply)
+        elif isinstance(request, wire.Begin):
+            self.commands, self.steps, self.observation = [], [], None
+        elif isinstance(reply, wire.Observation) and self.observation is None:
+            self.observation = reply
+        self._replies.append(wire._ENCODER.encode(reply))
+
+    def recv_bytes(self) -> bytes:
+        """The reply."""
+        return self._replies.popleft()
+
+    def poll(self, _timeout: float | None = None) -> bool:
+        """Whether there is one."""
+        return bool(self._replies)
+
+
+def open_robot(target: str = "panda") -> Robot:
+    """The shipped robot with the shipped limits."""
+    library = Library.open()
+    profile, folder = read_profile(library.get_target(target))
+    limits = read_safety(find_shipped_root() / "protocol" / "safety.yaml").targets[target]
+    return Robot(profile, folder, limits, library)
+
+
+def record_tidy_table(robot: Robot, seeds: Sequence[int], faults: FaultFile | None = None) -> list[Recording]:
+    """Three sessions a seed: each cube into its tray.
+
+    Args:
+        robot: Who does it.
+        seeds: Of the scenes.
+        faults: What strikes; nothing when None.
+    """
+    planner = LocalPlanner(MotionPlanner(robot.profile, robot.folder))
+    recordings = []
+    for seed in seeds:
+        recordings += _record_seed(robot, planner, seed, faults or FaultFile(version=1))
+    return recordings
+
+
+def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFile) -> list[Recording]:
+    world = MujocoWorld(
+        robot.profile,
+        robot.folder,
+        robot.library,
+        ReceiveLog(None),
+        faults=lambda episode, number: FaultInjector(draw_schedule(faults, episode, number)),
+    )
+    tap = TappedConnection(world)
+    handle = TargetSessionHandle(tap, robot.limits)
+    recordings = []
+    with tempfile.TemporaryDirectory() as folder:
+        runner = SessionRunner(
+            handle=handle,
+            planner=planner,
+            perception=TruthPerception(robot.profile.target),
+            registry=build_registry(robot.library),
+            library=robot.library,
+            profile=robot.profile,
+            limits=robot.limits,
+            workspace=Path(folder),
+            clock=SystemClock(),
+        )
+        for number, color in enumerate(CUBES):
+            session = _make_session(seed, number, color)
+            handle.load(session.scene)
+            execution = runner.run(
+                session,
+                1,
+                {"tree": session.skill},
+                evidence=f"evidence/{session.id}",
+                cancel=lambda: None,
+                beat=lambda **_beat: None,
+            )
+            recordings.append(_keep(tap, handle, execution.ended))
+    world.close()
+    return recordings
+
+
+def _make_session(seed: int, number: int, color: str) -> Session:
+    return Session(
+        id=SessionId(f"tidy-{seed}.{color}"),
+        goal=GoalId(f"tidy-{seed}"),
+        node=color,
+        objective=f"Put the {color} cube into the {color} tray.",
+        skill="pick_and_place",
+        target="panda",
+        parameters={"object": f"{color}_cube", "destination": f"{color}_tray"},
+        accept=(),
+        scene=Scene(name="tabletop/cubes_and_trays", seed=seed, episode=f"tidy-{seed}"),
+        seed=10 * seed + number,
+        limits=Limits(),
+    )
+
+
+def _keep(tap: TappedConnection, handle: TargetSessionHandle, ended: Ended) -> Recording:
+    seen = tap.observation
+    assert seen is not None
+    first = wire.Step(time_s=seen.time_s, target=seen.target, tracking_error_rad=0.0)
+    before = (first, *tap.steps[:-1])
+    return Recording(
+        description=handle.describe(),
+        commands=tuple(zip(tap.commands, before, strict=True)),
+        q_rad=seen.target.q_rad,
+        entities=seen.entities,
+        ended=ended,
+    )

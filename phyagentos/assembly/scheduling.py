@@ -1,0 +1,23 @@
+"""How soon the supervisor runs once it is woken. Upstream: `paos watch`. Downstream: the operating system.
+
+A woken process may wait for the next tick of the scheduler, 4 ms, each time that a record, an answer or the disk wakes
+it, and longer on a busy machine; one with a real-time priority does not wait. The supervisor asks for the lowest one.
+It is the only process that does, since it sleeps nearly all the time: a worker runs skills that others wrote, a planner
+computes for seconds, and an agent is in no hurry. Its children begin with ordinary scheduling. It does not ask where
+there is one processor only, or where a world keeps real time, since it would then stand in front of that world.
+"""
+
+import os
+
+PRIORITY = 1  # of 1..99: in front of ordinary processes, behind everything else that asks
+
+
+def ask_for_prompt_wakeups() -> bool:
+    """Let this thread run as soon as it is woken, in front of ordinary processes; whether that was granted."""
+    if not hasattr(os, "sched_setscheduler") or len(os.sched_getaffinity(0)) < 2:
+        return False
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
+    except OSError:  # a right that an ordinary user rarely has; `paos doctor` tells
+        return False
+    return True

@@ -1,0 +1,109 @@
+"""Processes that are killed, stopped, or find the disk full: the goal still ends, and nothing happens twice."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.heartbeats import find_heartbeat
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS))
+
+from chaos_planes import Planes, find_processes  # noqa: E402 - lies with the benchmark
+
+GRAPH = Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml"
+LIMIT_S = 200.0
+
+pytestmark = pytest.mark.journey
+
+
+@pytest.fixture
+def planes(tmp_path):
+    planes = Planes(tmp_path / "w", GRAPH, 1, SystemClock())
+    yield planes
+    assert planes.stop() == []
+
+
+def wait_until(planes, is_so) -> None:
+    clock = SystemClock()
+    deadline_s = clock.now_s() + LIMIT_S
+    while not is_so():
+        assert clock.now_s() < deadline_s
+        planes.tend()
+        clock.sleep(0.02)
+
+
+def is_moving(planes) -> bool:
+    beat = find_heartbeat(planes.root / "heartbeats", "panda")
+    return beat is not None and beat.phase == "executing" and beat.tick > 30
+
+
+def kill(planes, name: str) -> None:
+    wait_until(planes, lambda: is_moving(planes))
+    os.kill(planes.find(name), signal.SIGKILL)
+
+
+def count_worlds(planes) -> int:
+    lines = (planes.root / "logs" / "receive-panda.jsonl").read_text().splitlines()
+    return sum(json.loads(line)["kind"] == "process_start" for line in lines)
+
+
+def test_every_promise_is_kept_under_six_attacks():
+    done = subprocess.run(
+        [sys.executable, str(BENCHMARKS / "chaos.py"), "--runs", "6"],
+        capture_output=True, text=True, timeout=550, check=False,
+    )  # fmt: skip
+
+    assert done.returncode == 0, done.stdout + done.stderr
+    outcome = json.loads(done.stdout.splitlines()[-1])
+    assert outcome["holds"] is True
+    assert outcome["figures"]["goals_met"] + outcome["figures"]["failures_attributed"] == 6
+    assert outcome["figures"]["commands"] > 1000
+
+
+def test_a_world_outlives_its_watchdog_and_what_was_achieved_is_kept(planes):
+    kill(planes, "watchdog")
+    wait_until(planes, planes.tend)
+
+    goal, sessions = planes.read_goal()
+    assert goal.verdict == "success"
+    assert planes.restarts["watchdog"] == 1
+    assert count_worlds(planes) == 1
+    assert "runner_lost" in {status.execution.ended for status in sessions}
+    assert goal.replans <= 1
+
+
+def test_a_killed_world_is_replaced_and_its_session_attributed(planes):
+    kill(planes, "world")
+    wait_until(planes, planes.tend)
+
+    goal, sessions = planes.read_goal()
+    assert goal.verdict == "success"
+    assert count_worlds(planes) == 2
+    assert "target_lost" in {status.execution.ended for status in sessions}
+
+
+def test_a_second_watchdog_of_a_workspace_is_refused(planes):
+    wait_until(planes, planes.is_watched)
+    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(planes.root)]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+
+    assert second.returncode not in {0, None}
+    assert "WATCHED_ALREADY" in second.stderr
+    assert "Traceback" not in second.stderr
+    assert planes.is_watched()
+
+
+def test_a_world_that_nobody_supervises_is_ended_by_the_next_watchdog(planes):
+    kill(planes, "watchdog")
+    orphans = [pid for pid, name in find_processes(planes.root).items() if name == "world"]
+
+    assert len(orphans) == 1
+    wait_until(planes, lambda: planes.restarts["watchdog"] == 1 and planes.is_watched())
+    assert planes.stop() == []

@@ -1,0 +1,62 @@
+"""The worker's guard looks at the latch itself: it refuses although the target hears of no stop."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.recorded import open_robot
+from phyagentos.assembly.processes import open_handle
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.estop import Latch, latch, reset
+from phyagentos.protocol.sessions import Scene
+from phyagentos.protocol.workspace import Workspace
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.handle import CommandRefused
+from phyagentos.runtime.targets.server import Loopback
+
+pytestmark = pytest.mark.sim
+
+
+@pytest.fixture
+def workspace(tmp_path, library):
+    return Workspace.create(tmp_path / "workspace", library)
+
+
+@pytest.fixture
+def handle(make_rig, workspace, tmp_path):
+    rig = make_rig(log=tmp_path / "receive.jsonl")  # a target that listens to nobody
+    handle = open_handle(Loopback(rig.world), open_robot().limits, workspace)
+    handle.load(Scene(name="tabletop/cubes_and_trays", seed=1, episode="e"))
+    return handle
+
+
+def stand_still(q_rad):
+    return SetPoints(np.tile(q_rad, (10, 1)), np.zeros((10, 7)), np.full(10, 0.08))
+
+
+def test_a_latched_stop_is_refused_by_the_guard_of_a_worker_whose_target_would_obey(handle, workspace, tmp_path):
+    signals = workspace.signals.parent
+    still = stand_still(handle.begin("s", 1).target.q_rad)
+    handle.apply(still)
+    latch(signals, Latch(by="a button"))
+    with pytest.raises(CommandRefused) as refused:
+        handle.apply(still)
+    lines = [json.loads(line) for line in (tmp_path / "receive.jsonl").read_text().splitlines()]
+
+    assert (refused.value.by, refused.value.code, refused.value.reaction) == ("guard", "ESTOPPED", "stop_category_1")
+    assert [line["kind"] for line in lines].count("Command") == 1  # the second one never reached the target
+    assert lines[-1]["kind"] == "Halt"
+
+
+def test_a_session_after_the_reset_is_let_through_again(handle, workspace):
+    signals = workspace.signals.parent
+    latch(signals, Latch(by="a button"))
+    still = stand_still(handle.begin("s", 1).target.q_rad)
+    with pytest.raises(CommandRefused, match="guard"):
+        handle.apply(still)
+    handle.end()
+    reset(signals, "the button was pressed by mistake", SystemClock())
+    still = stand_still(handle.begin("t", 1).target.q_rad)
+
+    assert handle.apply(still).time_s > 0.0

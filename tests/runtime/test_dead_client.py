@@ -1,0 +1,71 @@
+"""What a client that has died left in the pipe is not carried out."""
+
+import threading
+from multiprocessing.connection import Client
+
+import numpy as np
+import pytest
+
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.server import serve
+
+PATIENCE_S = 10.0
+
+
+class BusyTarget:
+    """Answers its first request when it is told to; remembers what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        self.busy, self.may_go_on, self.withdrawn = threading.Event(), threading.Event(), threading.Event()
+
+    def handle(self, request):
+        self.asked.append(type(request).__name__)
+        self.busy.set()
+        self.may_go_on.wait(PATIENCE_S)
+        return wire.Ack()
+
+    def withdraw(self) -> None:
+        self.withdrawn.set()
+
+    def close(self) -> None: ...
+
+
+@pytest.fixture
+def target(tmp_path):
+    target = BusyTarget()
+    socket = str(tmp_path / "s")
+    thread = threading.Thread(target=serve, args=(target, socket), daemon=True)
+    thread.start()
+    while not (tmp_path / "s").exists():
+        assert thread.is_alive()
+    yield target, socket
+    with Client(socket, "AF_UNIX") as last:
+        wire.send(last, wire.Shutdown())
+        thread.join(PATIENCE_S)
+
+
+def make_command() -> wire.Command:
+    q = np.zeros((1, 1))
+    return wire.Command(
+        session="s", epoch=1, sequence=1, expires_at_s=1.0, q_rad=q, qd_rad_s=q, gripper_width_m=np.zeros(1)
+    )
+
+
+@pytest.mark.parametrize("lives", [True, False])
+def test_a_command_in_the_pipe_is_carried_out_only_while_its_sender_lives(target, lives):
+    world, socket = target
+    client = Client(socket, "AF_UNIX")
+    wire.send(client, wire.Begin(session="s", epoch=1))
+    assert world.busy.wait(PATIENCE_S)
+    wire.send(client, make_command())
+    if not lives:
+        client.close()
+    world.may_go_on.set()
+    if lives:
+        for _ in range(2):
+            wire.receive_reply(client, PATIENCE_S)
+        client.close()
+    assert world.withdrawn.wait(PATIENCE_S)
+
+    assert world.asked == (["Begin", "Command"] if lives else ["Begin"])

@@ -1,0 +1,147 @@
+"""A target that is lost is not its session's fault; and whoever is replaced is ended before that is recorded."""
+
+import pytest
+
+from phyagentos.errors import Problem
+from phyagentos.protocol.sessions import Ended, Execution
+from phyagentos.protocol.store.follower import Follower
+from phyagentos.runtime import watchdog
+from phyagentos.runtime.dispatch import Check, Checked, Finished, Reconcile, Run
+
+from .test_watchdog import PLAN, TOOLS, ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
+
+LOST = Problem(code="TARGET_LOST", address="g.a: target panda", found="no reply within 10 s")
+
+
+def lose_checks(count: int):
+    """Answers of a target that is lost in the first so many checks."""
+    left = [count]
+
+    def answer(order: Check) -> Checked:
+        left[0] -= 1
+        if left[0] >= 0:
+            return Checked(session=order.session.id, plan=None, tools=None, problems=(LOST,))
+        return Checked(session=order.session.id, plan=PLAN, tools=TOOLS)
+
+    return answer
+
+
+def lose_target(order: Run | Reconcile) -> Finished:
+    execution = Execution(ended=Ended.TARGET_LOST, evidence="evidence/x", code="TARGET_LOST", message="it was lost")
+    return Finished(session=order.session.id, execution=execution, is_target_lost=True)
+
+
+def test_a_session_whose_target_is_lost_while_it_is_checked_waits_for_the_next(stand):  # noqa: F811
+    stand.watch(worker := ScriptedWorker(on_check=lose_checks(2)))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert [type(order) for order in worker.orders] == [Check, Check, Check, Run]
+    assert worker.kills == [True, True]
+    assert worker.restarts == 2
+    assert "reject" not in stand.events("g.a")
+
+
+def test_a_target_that_is_lost_at_every_check_rejects_its_session_with_the_code(stand):  # noqa: F811
+    stand.watch(worker := ScriptedWorker(on_check=lose_checks(99)))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "rejected")
+
+    assert "TARGET_LOST" in stand.ledger.sessions["g.a"].reason
+    assert 1 < len(worker.orders) < 10
+
+
+def test_a_target_lost_in_a_run_is_replaced_and_the_world_observed(stand):  # noqa: F811
+    stand.watch(worker := ScriptedWorker(on_run=lose_target))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert [type(order) for order in worker.orders] == [Check, Run, Reconcile]
+    assert worker.orders[-1].ended is Ended.TARGET_LOST
+    assert worker.kills[0] is True
+
+
+class Witness(ScriptedWorker):
+    """Notes what the journal says of a session when it is killed."""
+
+    def __init__(self, folder, **answers) -> None:
+        super().__init__(**answers)
+        self._folder = folder
+        self.seen: list[str] = []
+
+    def kill(self, *, with_world: bool = False) -> None:
+        super().kill(with_world=with_world)
+        follower = Follower(next(self._folder.iterdir()))
+        self.seen.append([record.ev for record in follower.read_new() if record.id == "g.a"][-1])
+        follower.close()
+
+
+@pytest.mark.parametrize("on_run", [lambda _: None, lambda _: "die", lose_target], ids=["silent", "dead", "lost"])
+def test_whoever_is_replaced_is_ended_before_its_loss_is_recorded(stand, on_run):  # noqa: F811
+    stand.watch(worker := Witness(stand.workspace.sessions, on_run=on_run))
+    stand.submit(make_session(heartbeat_s=0.3))
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert worker.seen[0] == "start"
+    assert "lose" in stand.events("g.a")
+
+
+class LosesWorld(ScriptedWorker):
+    """Its world ends once it is ready."""
+
+    def has_lost_world(self) -> bool:
+        return self.restarts == 0
+
+
+def test_a_world_that_ends_while_nobody_needs_it_is_replaced(stand):  # noqa: F811
+    stand.watch(worker := LosesWorld())
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert worker.restarts == 1
+
+
+class NeverAgain(ScriptedWorker):
+    """Starts once."""
+
+    def restart(self) -> None:
+        self._starts = False
+        super().restart()
+
+
+def test_a_session_that_nobody_can_look_after_ends_with_the_code_of_that(stand, monkeypatch):  # noqa: F811
+    monkeypatch.setattr(watchdog, "REST_S", 0.05)
+    stand.watch(worker := NeverAgain(on_run=lambda _: "die"))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    execution = stand.ledger.sessions["g.a"].execution
+    assert (execution.ended, execution.code) == (Ended.TARGET_LOST, "TARGET_UNAVAILABLE")
+    assert worker.restarts == 3
+    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+
+
+class StartsLate(ScriptedWorker):
+    """Two of its starts fail."""
+
+    def restart(self) -> None:
+        self._starts = self.restarts != 0
+        super().restart()
+
+
+def test_a_worker_whose_start_fails_has_a_rest_before_the_next(stand, monkeypatch):  # noqa: F811
+    monkeypatch.setattr(watchdog, "REST_S", 0.05)
+    stand.watch(worker := StartsLate(starts=False))
+    stand.submit(make_session())
+
+    stand.wait_for("g.a", "awaiting_verification")
+
+    assert worker.restarts == 2
+    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]

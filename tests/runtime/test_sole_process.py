@@ -1,0 +1,77 @@
+"""One process holds a lock; whoever asks finds it, and finds nobody once it is dead."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.errors import ExecutionError
+from phyagentos.runtime.sole_process import become_sole, find_sole, is_held
+
+HOLD = """
+import sys
+from pathlib import Path
+from phyagentos.clock import SystemClock
+from phyagentos.runtime.sole_process import become_sole
+become_sole(Path(sys.argv[1]), SystemClock(), "BUSY", "there is one")
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def holder(tmp_path):
+    lock = tmp_path / "folder" / "lock"
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(lock)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    with process:
+        assert process.stdout.readline() == "held\n"
+        yield lock, process
+        process.kill()
+
+
+def test_a_second_process_is_refused_and_told_who_is_there(holder):
+    lock, process = holder
+
+    with pytest.raises(ExecutionError, match=rf"there is one \(process {process.pid}") as refused:
+        become_sole(lock, ManualClock(), "BUSY", "there is one")
+
+    assert refused.value.code == "BUSY"
+
+
+def test_the_holder_is_found_and_gone_when_it_was_killed(holder):
+    lock, process = holder
+    pidfd = find_sole(lock)
+
+    assert is_held(lock)
+    signal.pidfd_send_signal(pidfd, signal.SIGKILL)
+    assert select.select([pidfd], [], [], 10.0)[0]
+    os.close(pidfd)
+
+    assert process.wait() == -signal.SIGKILL
+    assert find_sole(lock) is None
+    assert not is_held(lock)
+    os.close(become_sole(lock, SystemClock(), "BUSY", "there is one"))
+
+
+def test_a_stopped_holder_is_still_there(holder):
+    lock, process = holder
+    process.send_signal(signal.SIGSTOP)
+
+    assert is_held(lock)
+
+
+def test_where_nobody_ever_was_nobody_is_found(tmp_path):
+    assert find_sole(tmp_path / "lock") is None
+    assert not is_held(tmp_path / "lock")
+
+
+def test_a_lock_file_that_tells_a_foreign_number_is_believed_only_while_it_is_held(tmp_path):
+    (tmp_path / "lock").write_text(f"{os.getpid()}\n")
+
+    assert find_sole(tmp_path / "lock") is None

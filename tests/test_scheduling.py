@@ -1,0 +1,42 @@
+"""The supervisor's scheduling."""
+
+import json
+import os
+import subprocess
+import sys
+
+from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
+
+ASK = """
+import json, os, subprocess, sys
+from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
+granted = ask_for_prompt_wakeups()
+child = subprocess.run([sys.executable, "-c", "import os; print(os.sched_getscheduler(0))"], capture_output=True)
+own = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+print(json.dumps([granted, own == os.SCHED_FIFO, int(child.stdout) == os.SCHED_OTHER]))
+"""
+
+
+def test_what_was_granted_is_in_force_and_no_child_inherits_it():
+    done = subprocess.run([sys.executable, "-c", ASK], capture_output=True, text=True, check=True)
+    granted, is_prompt, is_child_ordinary = json.loads(done.stdout)
+
+    assert granted == is_prompt
+    assert is_child_ordinary
+
+
+def test_a_refusal_leaves_everything_as_it_was(monkeypatch):
+    def refuse(*_given):
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+
+    assert not ask_for_prompt_wakeups()
+
+
+def test_nobody_is_put_in_front_of_the_others_on_a_single_processor(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: {0})
+    before = os.sched_getscheduler(0)
+
+    assert not ask_for_prompt_wakeups()
+    assert os.sched_getscheduler(0) == before
