@@ -82,7 +82,8 @@ class Attacker:
         self.velocity = np.array(profile.arm.velocity_rad_s)
         self.acceleration = np.array(profile.arm.acceleration_rad_s2)
         self.socket, self.record = str(folder / "world.sock"), folder / "record.npy"
-        self.process = subprocess.Popen([sys.executable, str(EYE), self.socket, str(self.record), *options])
+        command = [sys.executable, str(EYE), self.socket, str(self.record), *options]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE)  # the pipe ends it with this process
         self.count, self.sequence, self.session = 0, 0, ""
         self.connect()
         self.load()

@@ -24,6 +24,7 @@ from phyagentos.runtime.targets.robot import name_actuator, read_profile
 from phyagentos.runtime.targets.server import serve
 from phyagentos.runtime.targets.stop_listener import StopListener
 from phyagentos.runtime.targets.world import MujocoWorld
+from phyagentos.runtime.workers import end_with_parent
 
 WIDTH = 26
 BLOCK = 1 << 15  # rows
@@ -83,6 +84,7 @@ def main() -> None:
     parser.add_argument("--signals", type=Path)
     parser.add_argument("--log", type=Path)
     given = parser.parse_args()
+    end_with_parent()
     library, clock = Library.open(), SystemClock()
     profile, folder = read_profile(library.get_target("panda"))
     eye = Eye(profile)
