@@ -164,6 +164,7 @@ class Attacker:
         assert self.process.poll() is None, "the world process has died"
         self.ask(wire.Shutdown())
         assert self.process.wait(60) == 0
+        self._close_input()
         return Seen.read(self.record)
 
     def kill(self) -> None:
@@ -171,6 +172,11 @@ class Attacker:
         self.link.close()
         self.process.kill()
         self.process.wait()
+        self._close_input()
+
+    def _close_input(self) -> None:
+        if self.process.stdin is not None:
+            self.process.stdin.close()
 
 
 def choose(kind: str, rng: np.random.Generator, index: int, velocity: Array, wanted: Array) -> Array:

@@ -27,9 +27,15 @@ class Served:
         rig.world._is_estopped = self.stops.is_latched
         self.thread = threading.Thread(target=serve_realtime, args=(rig.world, str(socket), CLOCK), daemon=True)
         self.thread.start()
-        while not socket.exists():
-            CLOCK.sleep(0.005)
-        self.connection = Client(str(socket), "AF_UNIX")
+        self.connection = self.connect()
+
+    def connect(self):
+        for _ in range(2000):
+            try:
+                return Client(self.socket, "AF_UNIX")
+            except (FileNotFoundError, ConnectionRefusedError):  # it does not listen yet
+                CLOCK.sleep(0.005)
+        raise AssertionError("nobody listens")
 
     def ask(self, request):
         wire.send(self.connection, request)
@@ -128,7 +134,7 @@ def test_a_halt_of_category_one_does_not_replace_an_emergency_stop(served, tmp_p
 def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_at_rest(served):
     served.stream(served.rows[: len(served.rows) // 2])
     served.connection.close()
-    served.connection = Client(served.socket, "AF_UNIX")
+    served.connection = served.connect()
     served.wait_for_rest()
     assert served.ask(wire.Begin(session="t", epoch=1)) == wire.Ack()
 
