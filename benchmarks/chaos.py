@@ -61,6 +61,7 @@ SPREAD_S = 8.0  # about what the goal takes, from its submission on
 START_S = 30.0  # a plane is ready long before, also on a machine that is busy
 LIMIT_S = 240.0  # nothing that recovers takes this long
 DISK_MB = 48
+CALM_LOOKS = 3  # a watchdog that is being killed holds its lock for an instant longer
 ASKED = {
     name: Ask(0, at_least=False)
     for name in ("double_executions", "violations", "left_open", "false_success", "unattributed", "left_over")
@@ -127,10 +128,12 @@ def wait_for_submission(planes: Planes, clock: Clock) -> None:
 def settle(planes: Planes, clock: Clock) -> None:
     """After the verdict: sessions that are still open have a moment to end, and who was started last to get ready."""
     deadline_s = clock.now_s() + START_S
+    calm = 0
     while clock.now_s() < deadline_s:
         planes.tend()
         is_open = any(status.state not in FINAL_STATES for status in planes.read_goal()[1])
-        if not is_open and planes.is_watched():
+        calm = calm + 1 if not is_open and planes.is_watched() else 0
+        if calm == CALM_LOOKS:
             return
         clock.sleep(0.1)
 
