@@ -104,9 +104,7 @@ def test_an_unsourced_limit_is_refused(paos, write):
     text = (ROOT / "protocol/safety.yaml").read_text(encoding="utf-8")
     first = next(line for line in text.splitlines() if "source:" in line)
     head, _, _ = first.partition("source:")
-    path = write("safety.yaml", text.replace(first, f"{head}source: ''", 1) if "{" not in first else text)
-    if "{" in first:
-        pytest.skip("limits are written in flow style")
+    path = write("safety.yaml", text.replace(first, f"{head}source: ''", 1))
     result = paos("lint", path)
     assert "UNSOURCED_LIMIT" in result.err
 
