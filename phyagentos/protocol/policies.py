@@ -11,6 +11,7 @@ from phyagentos.protocol.schema import Authored
 from phyagentos.protocol.sensors import ElementType, Length, Modality
 
 POLICY_PROTOCOL = 1  # version of the wire between a policy loop and its server
+SCHEMES = ("tcp", "http", "https")  # of endpoints
 
 
 class Stream(Authored):
@@ -39,7 +40,7 @@ class PolicyDescriptor(Authored):
     Attributes:
         policy: Name and version of the policy.
         protocol: Version of the wire.
-        endpoint: Where it listens (`tcp://127.0.0.1:5555`, `ws://...`, `http://...`).
+        endpoint: Where it listens (`tcp://127.0.0.1:5555`, `http://...`).
         observations: What it takes, by the names that targets and sensors use.
         inference_s: Longest time from an observation to its chunk [s].
         operations: Operations of the target that it uses besides commands.

@@ -8,15 +8,14 @@ from collections.abc import Callable, Iterator
 from urllib.parse import urlsplit
 
 from phyagentos.errors import ExecutionError, Problem, format_names
-from phyagentos.protocol.policies import POLICY_PROTOCOL, PolicyDescriptor, Stream
-from phyagentos.protocol.sensors import Length, Sensor, Sensors, Signal
+from phyagentos.protocol.policies import POLICY_PROTOCOL, SCHEMES, PolicyDescriptor, Stream
+from phyagentos.protocol.sensors import Length, Sensor, Sensors, Signal, find_source
 from phyagentos.protocol.skill_runtimes import SkillRuntime
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
-from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE, find_sensor
+from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
 
 AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> what listens there; raises ExecutionError when nobody does
-SCHEMES = ("tcp", "ws", "wss", "http", "https")
 
 
 def iter_policy_problems(skill: SkillRuntime, profile: TargetProfile, sensors: Sensors) -> Iterator[Problem]:
@@ -85,7 +84,7 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
 def _iter_endpoint_problems(policy: PolicyDescriptor, by: str) -> Iterator[Problem]:
     parts = urlsplit(policy.endpoint)
     try:
-        has_port = parts.port is not None or parts.scheme in {"http", "https", "ws", "wss"}
+        has_port = parts.port is not None or parts.scheme in {"http", "https"}
     except ValueError:
         has_port = False
     if parts.scheme not in SCHEMES or not parts.hostname or not has_port:
@@ -102,14 +101,14 @@ def _iter_stream_problems(
     if name not in profile.observations:
         yield make_unknown("OBSERVATION_UNAVAILABLE", address, name, profile.observations, triggered_by=by)
         return
-    found = find_sensor(sensors, name)
+    found = find_source(sensors, name, stream.frame)
     if found is None:
         known = sorted({each for sensor in sensors.sensors.values() for each in sensor.provides})
         fix = f"Let a sensor of sensors.yaml provide {name!r}."
         yield make_problem("SENSOR_MISSING", address, repr(name), format_names(known), triggered_by=by, fix=fix)
         return
     sensor = found[1]
-    signal = sensor.signals.get(name)
+    signal = sensor.signals.get(name) or _describe_picture(stream, sensor)
     if signal is None:
         fix = f"Say shape, dtype and unit of {name!r} in sensors.yaml, under sensors.{found[0]}.signals."
         yield make_problem("OBSERVATION_SHAPE", address, "no form in sensors.yaml", "one", triggered_by=by, fix=fix)
@@ -133,7 +132,8 @@ def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: 
 
 
 def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str) -> Iterator[Problem]:
-    if stream.modality != sensor.modality:
+    both = sensor.modality == "rgbd" and stream.modality in ("rgb", "depth")
+    if stream.modality != sensor.modality and not both:
         yield make_problem(
             "OBSERVATION_MODALITY", f"{address}.modality", stream.modality, sensor.modality, triggered_by=by
         )
@@ -143,6 +143,16 @@ def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str)
         yield make_problem(
             "OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, f"at most {sensor.rate_hz:g} Hz", triggered_by=by
         )
+
+
+def _describe_picture(stream: Stream, sensor: Sensor) -> Signal | None:
+    """The form of a camera's picture follows from the camera."""
+    if sensor.camera is None:
+        return None
+    height, width = sensor.camera.height, sensor.camera.width
+    if stream.modality == "depth":
+        return Signal(shape=(height, width), dtype="float32", unit="m")
+    return Signal(shape=(height, width, 3), dtype="uint8")
 
 
 def _resolve(shape: tuple[Length, ...], n_joints: int) -> tuple[int, ...]:

@@ -1,0 +1,203 @@
+"""Carries out a policy as a skill: observe, infer, convert, command, again. Paper section 4.3 (PolicySkillRuntime).
+
+Upstream: the session loop. Downstream: a policy server, action bridges. While the server infers there is no command,
+and in lockstep simulated time stands: a slow server gives the same trajectory as a fast one. Where time goes on by
+itself the next chunk is asked for ahead, and rows that are too old by the time it comes are left out.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from py_trees.common import Status
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.evidence import TraceEvent
+from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.runtime.actions.bridges.chain import BridgeChain
+from phyagentos.runtime.actions.chunks import Array, iter_periods
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
+from phyagentos.runtime.policies import wire
+from phyagentos.runtime.policies.client import PolicyClient
+from phyagentos.runtime.policies.observations import Observer
+
+LEAF = "policy"
+OVERLAP = (
+    4  # rows that only shape the end of a spline: an error of its end velocity is 0.27^4 as large so far before it
+)
+EMPTY_MAX = 20  # chunks in a row without a row that could be carried out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolicyParts:
+    """What one execution of a policy is made of.
+
+    Attributes:
+        descriptor: As declared.
+        chain: From the policy's action space to the target's; one row per control period comes out.
+        observer: Collects what the policy is shown.
+        client: To its server.
+        is_realtime: Whether time goes on while the server infers.
+    """
+
+    descriptor: PolicyDescriptor
+    chain: BridgeChain
+    observer: Observer
+    client: PolicyClient
+    is_realtime: bool = False
+
+
+class PolicySkillRuntime:
+    """A `SkillRuntime` made of a policy server.
+
+    Args:
+        parts: What it is made of.
+        context: Services of the session; it plans nothing and sets no channels.
+    """
+
+    def __init__(self, parts: PolicyParts, context: SkillContext) -> None:
+        self._parts = parts
+        self._context = context
+        self._periods: deque[SetPoints] = deque()
+        self._events: list[TraceEvent] = []
+        self._failure: Failure | None = None
+        self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
+        self._velocity = np.zeros(len(self._before) - 1)
+        self._asked_at_s = 0.0
+        self._chunks = self._commands = self._empty = 0
+        self._is_last = False
+
+    def tick(self) -> TickResult:
+        """The next control period; none while the server infers."""
+        try:
+            self._converse()
+        except ExecutionError as error:
+            return self._fail(error.code, str(error))
+        if self._failure is not None:
+            return TickResult(SkillStatus.FAILED, None, LEAF)
+        if self._periods:
+            points = self._periods.popleft()
+            self._before = np.append(points.q_rad[-1], points.gripper_width_m[-1])
+            self._velocity = points.qd_rad_s[-1]
+            self._commands += 1
+            return TickResult(SkillStatus.RUNNING, points, LEAF)
+        if self._is_last:
+            told = f"the policy said that it is done, after {self._commands} control periods"
+            self._note(Status.SUCCESS.value, message=told)
+            return TickResult(SkillStatus.SUCCEEDED, None, LEAF)
+        return TickResult(SkillStatus.RUNNING, None, LEAF, thinking=True)
+
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until the server answers."""
+        self._parts.client.wait(timeout_s)
+
+    def halt(self) -> None:
+        """Carry out nothing of what was answered, and hang up."""
+        self._periods.clear()
+        self._parts.client.close()
+
+    def read_outputs(self) -> dict[str, Any]:
+        """How much was carried out."""
+        return {"chunks": self._chunks, "control_periods": self._commands}
+
+    def find_failure(self) -> Failure | None:
+        """Why it failed."""
+        return self._failure
+
+    def trace(self) -> tuple[TraceEvent, ...]:
+        """One event for each chunk, one for the end."""
+        return tuple(self._events)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._parts.client.close()
+
+    def _converse(self) -> None:
+        """Take an answer that has come; ask when there is soon nothing to do."""
+        client = self._parts.client
+        if client.is_waiting:
+            chunk = client.poll()
+            if chunk is not None:
+                self._take(chunk)
+            return
+        if not self._is_last and self._failure is None and len(self._periods) <= self._count_ahead():
+            self._ask()
+
+    def _count_ahead(self) -> int:
+        """Control periods that should be left when the next chunk is asked for."""
+        if not self._parts.is_realtime:
+            return 0
+        return int(np.ceil(self._parts.descriptor.inference_s / self._context.profile.control_period_s))
+
+    def _ask(self) -> None:
+        context, session = self._context, self._context.session
+        self._asked_at_s = context.time_s
+        request = wire.Infer(
+            session=session.id,
+            sequence=self._chunks,
+            rows_done=self._commands,
+            time_s=context.time_s,
+            observations=self._parts.observer.observe(context.step.target),
+        )
+        start = wire.Start(session.id, session.objective, session.parameters, session.seed)
+        self._parts.client.ask(request, None if self._chunks else start)
+
+    def _take(self, chunk: wire.Chunk) -> None:
+        """Convert a chunk; what is too old, or follows from what is, is left out."""
+        self._chunks += 1
+        self._is_last = chunk.done
+        if not (chunk.done and not chunk.rows.size):
+            rows = self._convert(chunk.rows)
+            if rows is None:
+                return
+            late = round((self._context.time_s - self._asked_at_s) / self._context.profile.control_period_s)
+            self._queue(rows[late:], late, 0 if chunk.done else OVERLAP)
+        self._empty = self._empty + 1 if not self._periods else 0
+        if self._empty > EMPTY_MAX and not self._is_last:
+            self._fail("POLICY_LOST", f"{self._empty} chunks in a row had nothing that could still be carried out")
+
+    def _convert(self, rows: Array) -> Array | None:
+        """Rows of the target; None when the chunk is refused."""
+        bridged = self._parts.chain.apply(np.asarray(rows, dtype=np.float64), self._before)
+        if isinstance(bridged, Violation):
+            where = f"{self._parts.descriptor.policy}, chunk {self._chunks}"
+            self._fail(str(bridged.code), f"{where}: {bridged}")
+            return None
+        for each in bridged.interventions:
+            details = {"where": each.where, "row": each.row, "before": each.before, "after": each.after}
+            self._context.note("intervention", each.code, **details)
+        return bridged.rows
+
+    def _queue(self, rows: Array, late: int, overlap: int) -> None:
+        """Let a chunk take the place of the one before, up to the rows that the next one will say again."""
+        self._note(Status.RUNNING.value, rows=len(rows), late=late, sequence=self._chunks - 1)
+        if not len(rows):
+            return
+        commands = self._context.commands
+        periods = iter_periods(rows, self._before, self._velocity, n_steps=commands.n_steps, step_s=commands.step_s)
+        self._periods = deque(islice(periods, max(1, len(rows) - overlap)))
+
+    def _fail(self, code: str, message: str) -> TickResult:
+        self._periods.clear()
+        self._failure = Failure(LEAF, code, message)
+        self._note(Status.FAILURE.value, code=code, message=message)
+        return TickResult(SkillStatus.FAILED, None, LEAF)
+
+    def _note(self, status: str, *, code: str = "", message: str = "", **numbers: Any) -> None:
+        self._events.append(
+            TraceEvent(
+                tick=self._commands,
+                time_s=self._context.time_s,
+                path=LEAF,
+                leaf=LEAF,
+                status=status,
+                code=code,
+                message=message,
+                numbers=numbers,
+            )
+        )

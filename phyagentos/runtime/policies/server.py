@@ -1,0 +1,69 @@
+"""A policy served to sessions: what a person wraps their model in. Over tcp, one session at a time.
+
+Upstream: `PolicyClient`. Downstream: a `Policy` of one's own; examples/03_policy_server has a small one.
+"""
+
+import contextlib
+from collections.abc import Callable
+from multiprocessing.connection import Connection, Listener
+from typing import Protocol, cast
+from urllib.parse import urlsplit
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.runtime.policies import wire
+
+GONE = (EOFError, OSError)
+
+
+class Policy(Protocol):
+    """A model that turns observations into actions."""
+
+    def start(self, request: wire.Start) -> None:
+        """A session begins; forget the last one."""
+        ...
+
+    def infer(self, request: wire.Infer) -> tuple[wire.Array, bool]:
+        """Rows (k, width) of the next chunk, and whether they are the last ones."""
+        ...
+
+
+def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callable[[str], None] = print) -> None:
+    """Serve until interrupted.
+
+    Args:
+        policy: Answers.
+        descriptor: What it says of itself; `endpoint` is where it listens (`tcp://127.0.0.1:5555`; port 0 takes a free
+            one).
+        on_ready: Told the endpoint once somebody can connect.
+    """
+    parts = urlsplit(descriptor.endpoint)
+    with Listener((parts.hostname or "127.0.0.1", parts.port or 0)) as listener:
+        host, port = cast(tuple[str, int], listener.address)
+        on_ready(f"tcp://{host}:{port}")
+        while True:
+            with contextlib.suppress(*GONE), listener.accept() as connection:
+                _converse(connection, policy, descriptor)
+
+
+def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor) -> wire.Reply:
+    """The reply to one request; what the model raises becomes a `Fault`."""
+    try:
+        if isinstance(request, wire.Introduce):
+            return wire.Introduction(descriptor=descriptor.model_dump(mode="json"))
+        if isinstance(request, wire.Start):
+            policy.start(request)
+            return wire.Started()
+        rows, done = policy.infer(request)
+        return wire.Chunk(sequence=request.sequence, rows=rows, done=done)
+    except Exception as error:  # whatever a model raises must reach the session as an attributed fault
+        return wire.Fault(message=f"{type(error).__name__}: {error}")
+
+
+def _converse(connection: Connection, policy: Policy, descriptor: PolicyDescriptor) -> None:
+    while True:
+        try:
+            reply = answer(wire.decode_request(connection.recv_bytes()), policy, descriptor)
+        except ExecutionError as error:
+            reply = wire.Fault(message=str(error))
+        connection.send_bytes(wire.encode(reply))

@@ -1,0 +1,130 @@
+"""What travels between a session and a policy server: msgpack, one request, one reply. Paper section 4.3.
+
+Arrays travel in C order with their shape (`protocol.spaces`). Any language with msgpack can serve a policy; the page
+docs/policies.md has the fields. The version of this wire is `protocol.policies.POLICY_PROTOCOL`.
+"""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.policies import POLICY_PROTOCOL
+from phyagentos.protocol.spaces import decode_array, encode_array
+
+Array = NDArray[np.float64]
+
+
+class Introduce(msgspec.Struct, frozen=True, tag=True):
+    """Ask what listens here. Reply: `Introduction`."""
+
+    protocol: int = POLICY_PROTOCOL
+
+
+class Start(msgspec.Struct, frozen=True, tag=True):
+    """A session begins: forget the last one. Reply: `Started`.
+
+    Attributes:
+        instruction: The session's objective, in words.
+        parameters: The skill's arguments.
+        seed: Root of every random choice of this session.
+    """
+
+    session: str
+    instruction: str
+    parameters: dict[str, Any]
+    seed: int
+
+
+class Infer(msgspec.Struct, frozen=True, tag=True):
+    """Ask for the next chunk. Reply: `Chunk`.
+
+    Attributes:
+        sequence: Counts the requests of a session, from 0.
+        rows_done: Rows of earlier chunks that were carried out.
+        time_s: When the observations were made, in the target's own time [s].
+        observations: By the names of the policy's descriptor.
+    """
+
+    session: str
+    sequence: int
+    rows_done: int
+    time_s: float
+    observations: dict[str, np.ndarray]
+
+
+class Introduction(msgspec.Struct, frozen=True, tag=True):
+    """What listens here.
+
+    Attributes:
+        descriptor: The fields of a `PolicyDescriptor`.
+    """
+
+    descriptor: dict[str, Any]
+
+
+class Started(msgspec.Struct, frozen=True, tag=True):
+    """The policy is ready for a session."""
+
+
+class Chunk(msgspec.Struct, frozen=True, tag=True):
+    """Actions, in the policy's own action space.
+
+    Attributes:
+        sequence: Of the request that it answers.
+        rows: (k, width) actions, one after the other at the space's rate; none are needed with `done`.
+        done: Whether the policy has nothing to do after these. It says so of itself; verdicts do not listen.
+    """
+
+    sequence: int
+    rows: Array
+    done: bool = False
+
+
+class Fault(msgspec.Struct, frozen=True, tag=True):
+    """The policy cannot answer."""
+
+    message: str
+
+
+Request = Introduce | Start | Infer
+Reply = Introduction | Started | Chunk | Fault
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
+_REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=decode_array)
+_REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
+_BROKEN = (msgspec.MsgspecError, ValueError, TypeError, NotImplementedError, RecursionError)
+
+
+def encode(message: Request | Reply) -> bytes:
+    """One message as bytes."""
+    return _ENCODER.encode(message)
+
+
+def decode_request(data: bytes) -> Request:
+    """One request.
+
+    Raises:
+        ExecutionError: `MALFORMED`.
+    """
+    try:
+        return _REQUESTS.decode(data)
+    except _BROKEN as error:
+        raise ExecutionError("MALFORMED", f"{len(data)} bytes that are no request: {error}") from error
+
+
+def decode_reply(data: bytes) -> Reply:
+    """One reply.
+
+    Raises:
+        ExecutionError: `POLICY_FAULT` when the policy says that it cannot answer, or says what is no reply.
+    """
+    try:
+        reply = _REPLIES.decode(data)
+    except _BROKEN as error:
+        raise ExecutionError("POLICY_FAULT", f"{len(data)} bytes that are no reply: {error}") from error
+    if isinstance(reply, Fault):
+        raise ExecutionError("POLICY_FAULT", reply.message)
+    return reply

@@ -1,0 +1,141 @@
+"""A policy as a skill: its chunks are carried out, refused or given up, and the session ends for the right reason."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.action_spaces import ActionSpace, GripperRange
+from phyagentos.protocol.evidence import read_bundle
+from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.protocol.sensors import Sensors
+from phyagentos.protocol.sessions import Ended, Limits
+from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.runtime.actions.chunks import iter_periods
+from phyagentos.runtime.policies.policies import Policies
+from phyagentos.runtime.policies.server import serve_policy
+
+STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
+
+
+class Line:
+    """Moves joint 4 by a smooth `way_rad` over `rows` rows; whatever `spoil` does to a chunk comes on top."""
+
+    def __init__(self, home, way_rad=-0.3, rows=80, chunk=25, spoil=lambda rows, sequence: rows):
+        s = np.linspace(0.0, 1.0, rows + 1)[1:, None]
+        smooth = 10 * s**3 - 15 * s**4 + 6 * s**5
+        self.rows = np.hstack((home + smooth * way_rad * np.eye(7)[3], np.full((rows, 1), 0.08)))
+        self.chunk, self.spoil = chunk, spoil
+        self.shown = []
+
+    def start(self, request):
+        self.shown.clear()
+
+    def infer(self, request):
+        self.shown.append(request.observations["joint_state"])
+        chunk = self.rows[request.rows_done : request.rows_done + self.chunk]
+        return self.spoil(chunk, request.sequence), request.rows_done + len(chunk) >= len(self.rows)
+
+
+@pytest.fixture
+def run_policy(build_bench, build_session, doubles, profile):
+    def run(policy, **limits):
+        descriptor = {"policy": "line/1", "endpoint": "tcp://127.0.0.1:0", "inference_s": 0.1}
+        descriptor["observations"] = {"joint_state": STREAM}
+        ready, found = threading.Event(), []
+        told = lambda where: (found.append(where), ready.set())  # noqa: E731
+        arguments = (policy, PolicyDescriptor.model_validate(descriptor), told)
+        threading.Thread(target=serve_policy, args=arguments, daemon=True).start()
+        assert ready.wait(10)
+        skill = SkillRuntime(
+            skill="line",
+            description="Moves one joint.",
+            kind="policy",
+            tree="",
+            action_space=ActionSpace(
+                representation="joint_position",
+                joints=profile.arm.joints,
+                rate_hz=50,
+                chunk_length=25,
+                gripper=GripperRange(closed=0.0, open=0.08),
+            ),
+            policy=PolicyDescriptor.model_validate(descriptor | {"endpoint": found[0]}),
+        )
+        policies = Policies(
+            skills={"line": skill}, profile=profile, sensors=Sensors(sensors={}), capture=None, is_realtime=False
+        )
+        bench = build_bench(policies=policies, clock=SystemClock())
+        session = build_session(skill="line", parameters={}, limits=Limits(**limits))
+        execution = bench.run(session, policy="policy_adapter://line/1")
+        trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
+        return bench, execution, trace
+
+    return run
+
+
+def test_a_policy_is_asked_until_it_says_that_it_is_done(run_policy, profile):
+    policy = Line(np.asarray(profile.arm.home_rad))
+    bench, execution, trace = run_policy(policy)
+    assert execution.ended is Ended.COMPLETED, execution
+    assert execution.ticks == len(bench.target.commands()) == 80
+    assert bench.target.q == pytest.approx(policy.rows[-1, :7])
+    assert [event.status for event in trace] == ["RUNNING"] * len(policy.shown) + ["SUCCESS"]
+    assert policy.shown[1][3] == pytest.approx(policy.rows[20, 3]), "it saw where its first chunk had led"
+
+
+def test_the_same_policy_twice_gives_the_same_commands_bit_for_bit(run_policy, profile):
+    commands = [
+        np.vstack([each.q_rad for each in run_policy(Line(np.asarray(profile.arm.home_rad)))[0].target.commands()])
+        for _ in range(2)
+    ]
+    assert np.array_equal(*commands)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "ended", "code"),
+    [
+        (lambda rows, _: rows[:, :7], Ended.SKILL_FAILED, "WRONG_SHAPE"),
+        (lambda rows, _: np.vstack([rows] * 3), Ended.SKILL_FAILED, "WRONG_SHAPE"),
+        (lambda rows, _: rows * np.nan, Ended.SKILL_FAILED, "NOT_FINITE"),
+        (lambda rows, _: rows + 1e6, Ended.SKILL_FAILED, "DISCONTINUOUS"),
+        (lambda rows, _: rows + 0.02 * (np.arange(len(rows)) % 2)[:, None], Ended.SAFETY_STOP, "JOINT_ACCELERATION"),
+        (lambda rows, _: 1 / 0, Ended.SKILL_FAILED, "POLICY_FAULT"),
+    ],
+    ids=["narrow", "long", "nan", "far", "jerky", "raising"],
+)
+def test_a_chunk_that_must_not_be_carried_out_is_not(run_policy, profile, spoil, ended, code):
+    later = lambda rows, sequence: spoil(rows, sequence) if sequence else rows  # noqa: E731
+    bench, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), spoil=later))
+    assert execution.ended is ended, execution
+    assert execution.code == code
+    assert len(bench.target.commands()) <= 21, "the first chunk was sound, and no command of the second was given"
+
+
+def test_a_policy_that_hangs_ends_the_session_by_name(run_policy, profile):
+    never = threading.Event()
+    hang = lambda rows, sequence: never.wait(20) if sequence else rows  # noqa: E731
+    _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), spoil=hang), policy_s=0.1)
+    never.set()
+    assert (execution.ended, execution.code, execution.leaf) == (Ended.SKILL_FAILED, "POLICY_LOST", "policy")
+    assert "said nothing for 0.1 s" in execution.message
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), k=st.integers(1, 30))
+def test_a_chunk_passes_through_its_rows_and_leaves_without_a_jump(seed, k):
+    rng = np.random.default_rng(seed)
+    before, velocity = rng.normal(size=8), rng.normal(size=7)
+    rows = before + np.cumsum(rng.normal(scale=0.02, size=(k, 8)), axis=0)
+    periods = list(iter_periods(rows, before, velocity, n_steps=10, step_s=0.002))
+    assert len(periods) == k
+    ends = np.vstack([np.append(each.q_rad[-1], each.gripper_width_m[-1]) for each in periods])
+    assert ends == pytest.approx(rows)
+    q = np.vstack([each.q_rad for each in periods])
+    qd = np.vstack([each.qd_rad_s for each in periods])
+    steps = np.diff(q, axis=0, prepend=before[None, :7]) / 0.002
+    means = (np.vstack((velocity, qd))[1:] + np.vstack((velocity, qd))[:-1]) / 2
+    fastest = 1e-3 + 0.05 * np.abs(np.vstack((velocity, qd))).max()
+    assert np.abs(steps - means).max() <= fastest, "velocity rows are the velocity of the position rows"

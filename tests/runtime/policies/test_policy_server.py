@@ -1,0 +1,171 @@
+"""Conversations with a policy server over real sockets: what is asked, and what is wrong with an answer."""
+
+import http.server
+import socket
+import threading
+
+import numpy as np
+import pytest
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.runtime.policies import wire
+from phyagentos.runtime.policies.client import PolicyClient, ask_policy
+from phyagentos.runtime.policies.server import answer, serve_policy
+
+STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
+DESCRIPTOR = PolicyDescriptor.model_validate(
+    {
+        "policy": "echo/1",
+        "endpoint": "tcp://127.0.0.1:0",
+        "observations": {"joint_state": STREAM},
+        "inference_s": 0.1,
+    }
+)
+
+
+class Echo:
+    """Answers with what it was shown, twice."""
+
+    def __init__(self):
+        self.started = []
+
+    def start(self, request):
+        self.started.append(request.session)
+
+    def infer(self, request):
+        shown = request.observations["joint_state"]
+        if not np.isfinite(shown).all():
+            raise ValueError("cannot see")
+        return np.tile(shown, (2, 1)), request.rows_done > 0
+
+
+@pytest.fixture(scope="module")
+def endpoint():
+    ready = threading.Event()
+    found = []
+
+    def on_ready(where):
+        found.append(where)
+        ready.set()
+
+    threading.Thread(target=serve_policy, args=(Echo(), DESCRIPTOR, on_ready), daemon=True).start()
+    assert ready.wait(10)
+    return found[0]
+
+
+@pytest.fixture(scope="module")
+def http_endpoint():
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_POST(self):
+            request = wire.decode_request(self.rfile.read(int(self.headers["Content-Length"])))
+            body = wire.encode(answer(request, Echo(), DESCRIPTOR))
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_):
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}/"
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture
+def listener():
+    """A server that accepts and says what the test lets it say."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server
+
+
+def infer(sequence=0, rows_done=0, shown=(0.1, 0.2)):
+    observations = {"joint_state": np.asarray(shown)}
+    return wire.Infer(session="s", sequence=sequence, rows_done=rows_done, time_s=0.0, observations=observations)
+
+
+def take(client):
+    while (chunk := client.poll()) is None:
+        client.wait(1.0)
+    return chunk
+
+
+def converse(endpoint, *requests, timeout_s=5.0):
+    client = PolicyClient(endpoint, timeout_s)
+    try:
+        for index, each in enumerate(requests):
+            client.ask(each, None if index else wire.Start("s", "do it", {}, 7))
+            chunk = take(client)
+        return chunk
+    finally:
+        client.close()
+
+
+@pytest.fixture(params=["endpoint", "http_endpoint"])
+def where(request):
+    return request.getfixturevalue(request.param)
+
+
+def test_a_server_describes_itself_and_answers_with_chunks(where):
+    assert ask_policy(where) == DESCRIPTOR.model_copy(update={"endpoint": where})
+    chunk = converse(where, infer(), infer(sequence=1, rows_done=2))
+    assert (chunk.sequence, chunk.done) == (1, True)
+    assert chunk.rows == pytest.approx(np.array([[0.1, 0.2], [0.1, 0.2]]))
+
+
+def test_what_a_model_raises_is_a_fault_with_its_words(endpoint):
+    with pytest.raises(ExecutionError, match="ValueError: cannot see") as error:
+        converse(endpoint, infer(shown=(np.nan, 0.0)))
+    assert error.value.code == "POLICY_FAULT"
+
+
+def test_where_nobody_listens_the_server_is_unreachable():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(ExecutionError) as error:
+        ask_policy(f"tcp://127.0.0.1:{port}")
+    assert error.value.code == "POLICY_UNREACHABLE"
+
+
+def test_a_server_that_says_nothing_is_lost_and_nobody_waits_for_it(listener):
+    client = PolicyClient(f"tcp://127.0.0.1:{listener.getsockname()[1]}", 0.05)
+    client.ask(infer())
+    assert client.poll() is None, "asking does not block"
+    with pytest.raises(ExecutionError, match=r"said nothing for 0\.05 s") as error:
+        take(client)
+    assert error.value.code == "POLICY_LOST"
+    client.close()
+
+
+def test_a_server_that_hangs_up_is_lost(listener):
+    def accept_and_go():
+        listener.accept()[0].close()
+
+    threading.Thread(target=accept_and_go, daemon=True).start()
+    with pytest.raises(ExecutionError) as error:
+        converse(f"tcp://127.0.0.1:{listener.getsockname()[1]}", infer())
+    assert error.value.code == "POLICY_LOST"
+
+
+@pytest.mark.parametrize(
+    "said",
+    [b"", b"\xc1nonsense", wire.encode(wire.Started()), wire.encode(wire.Chunk(sequence=5, rows=np.zeros((1, 2))))],
+    ids=["empty", "nonsense", "other", "late"],
+)
+def test_an_answer_that_is_none_is_a_fault(listener, said):
+    def speak():
+        with listener.accept()[0] as connection:
+            connection.recv(65536)
+            connection.sendall(len(said).to_bytes(4, "big") + said)
+            connection.recv(1)  # until the client hangs up
+
+    threading.Thread(target=speak, daemon=True).start()
+    client = PolicyClient(f"tcp://127.0.0.1:{listener.getsockname()[1]}", 5.0)
+    client.ask(infer())
+    with pytest.raises(ExecutionError) as error:
+        take(client)
+    assert error.value.code == "POLICY_FAULT"
+    client.close()
