@@ -9,24 +9,9 @@ from typing import Annotated, Literal
 import pydantic
 
 from phyagentos.protocol.schema import Authored, read_yaml, validate
+from phyagentos.protocol.sensor_faults import Blackout, Freeze, Miscalibrate, Misdate, When
 
 Number2 = tuple[float, float]
-
-
-class When(Authored):
-    """Conditions on simulated state; all that are given must hold.
-
-    Attributes:
-        time_s: The episode is at least this old [s].
-        session: Pattern of the running session's name (`*.red`, `*`).
-        lifted_m: The object is held, and this far above where it stood when the session began [m].
-        gripper_near_m: The tool centre point is at most this far from the object [m].
-    """
-
-    time_s: float | None = None
-    session: str | None = None
-    lifted_m: float | None = None
-    gripper_near_m: float | None = None
 
 
 class Slip(Authored):
@@ -82,7 +67,9 @@ class Stall(Authored):
     duration_s: float = pydantic.Field(default=1.5, gt=0.0)
 
 
-Fault = Annotated[Slip | Nudge | Move | Remove | Stall, pydantic.Field(discriminator="kind")]
+PhysicalFault = Slip | Nudge | Move | Remove | Stall
+SensorFault = Freeze | Blackout | Misdate | Miscalibrate
+Fault = Annotated[PhysicalFault | SensorFault, pydantic.Field(discriminator="kind")]
 
 
 class Draw(Authored):

@@ -82,8 +82,50 @@ class Inside(Authored):
     half_m: Number3
 
 
+class Joint(Authored):
+    """One degree of freedom against the world: a drawer that slides, a door that turns.
+
+    Attributes:
+        kind: `slide` along the axis, or `hinge` about it.
+        axis: (3,) direction of opening, in the body's frame; vertical for a hinge.
+        anchor_m: (3,) a point of a hinge's axis, in the body's frame.
+        travel: From closed to open [m], or [rad] for a hinge.
+        opening: Least and greatest fraction of the travel by which it stands open when the scene begins.
+        damping: [N s/m], or [N m s/rad].
+        friction: Dry friction [N], or [N m].
+    """
+
+    kind: Literal["slide", "hinge"]
+    axis: Number3
+    anchor_m: Number3 = (0.0, 0.0, 0.0)
+    travel: float = pydantic.Field(gt=0.0, le=3.2)
+    opening: Span = (0.0, 0.0)
+    damping: float = pydantic.Field(default=5.0, ge=0.0)
+    friction: float = pydantic.Field(default=1.0, ge=0.0)
+
+    @pydantic.model_validator(mode="after")
+    def _check_joint(self) -> "Joint":
+        if abs(sum(value * value for value in self.axis) - 1.0) > 1e-6:
+            raise ValueError(f"the axis of a joint has length 1, found {self.axis}")
+        if self.kind == "hinge" and abs(self.axis[2]) < 1.0 - 1e-6:
+            raise ValueError("the axis of a hinge is vertical: [0, 0, 1] or [0, 0, -1]")
+        if not 0.0 <= self.opening[0] <= self.opening[1] <= 1.0:
+            raise ValueError(f"opening is two rising fractions, found {self.opening}")
+        return self
+
+
 class Body(Authored):
-    """One thing of the scene; its name is the name of the simulator's body."""
+    """One thing of the scene; its name is the name of the simulator's body.
+
+    Attributes:
+        mass_kg: Nominal mass; the true one where nothing else is said.
+        mass_span_kg: Least and greatest mass, where it is not known better; each seed draws the true one.
+        grip_span: Least and greatest coefficient of friction against the finger pads, where the surface of the thing
+            decides over that of the pads; each seed draws the true one.
+        joint: How it moves against the world; absent for what stands fixed or moves freely.
+        part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:
+            it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
+    """
 
     kind: str
     color: str = ""
@@ -95,6 +137,18 @@ class Body(Authored):
     interior: Inside | None = None
     place: Placement = Placement()
     stretch_z: Span | None = None
+    mass_span_kg: Span | None = None
+    grip_span: Span | None = None
+    joint: Joint | None = None
+    part_of: str | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_mobility(self) -> "Body":
+        if self.joint is not None and (self.fixed or self.part_of):
+            raise ValueError("what has a joint is neither fixed nor part of another body")
+        if self.part_of and (self.fixed or self.place.area or self.place.frame or any(self.place.jitter_m)):
+            raise ValueError("a part stands where place.position_m says in the frame of its whole, and is not fixed")
+        return self
 
 
 class Area(Authored):
@@ -178,6 +232,7 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
         require("AREA", body.place.area, spec.areas, "bodies", name, "place", "area")
         earlier = dict.fromkeys(list(spec.bodies)[: list(spec.bodies).index(name)])
         require("BODY", body.place.frame, earlier, "bodies", name, "place", "frame")
+        require("BODY", body.part_of, earlier, "bodies", name, "part_of")
         for index, solid in enumerate(body.shapes):
             require("MATERIAL", solid.material, spec.materials, "bodies", name, "shapes", index, "material")
     for name, region in spec.regions.items():

@@ -11,6 +11,7 @@ import numpy as np
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.targets.local_limits import LocalLimits, SetPoint
 from phyagentos.runtime.targets.physics import Array, Physics
+from phyagentos.runtime.targets.state_history import StateHistory
 from phyagentos.runtime.targets.wire import Command, FaultStruck, Refused
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class Drive:
 
     Attributes:
         struck: Faults that struck since this was emptied.
+        history: What there was to see, control period by control period, since the session or the scene began.
     """
 
     def __init__(self, profile: TargetProfile, physics: Physics, faults: "FaultInjector", n_steps: int) -> None:
@@ -40,6 +42,9 @@ class Drive:
         self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
         self._width_m = profile.gripper.max_width_m
         self.struck: list[FaultStruck] = []
+        self.history = StateHistory()
+        self._n_steps, self._steps = n_steps, 0
+        self._begin_history()
 
     @property
     def q_rad(self) -> Array:
@@ -61,6 +66,11 @@ class Drive:
         if self.is_moving:
             self.halt()
         self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
+        self._begin_history()
+
+    def _begin_history(self) -> None:
+        self._steps = 0
+        self.history.begin(self._physics.time_s, self._physics.data.qpos)
 
     def check(self, command: Command) -> Refused | None:
         """The target's own limits on a command."""
@@ -120,6 +130,9 @@ class Drive:
     def _step(self) -> None:
         self.struck += self._faults.act(self._physics)
         self._physics.step()
+        self._steps += 1
+        if self._steps % self._n_steps == 0:
+            self.history.note(self._physics.time_s, self._physics.data.qpos)
 
     def _is_in_collision(self) -> bool:
         physics = self._physics

@@ -1,6 +1,7 @@
 """Makes the simulated world misbehave, by physical means only: forces, friction, a seized joint. Never a state write.
 
-Upstream: `protocol.faults`. Downstream: `world`, which asks before every physics step. What strikes, and when, follows
+Upstream: `protocol.faults`. Downstream: `world`, which asks before every physics step; `cameras`, which ask what they
+shall lie about. What strikes, and when, follows
 from the seed and the simulated state alone. A strike carries everything needed to strike again at the same moment, so
 the evidence of a session is enough to repeat it.
 """
@@ -13,8 +14,19 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.faults import Draw, Fault, FaultFile, Move, Nudge, Remove, Slip, Stall, When
+from phyagentos.protocol.faults import (
+    Draw,
+    Fault,
+    FaultFile,
+    Move,
+    Nudge,
+    Remove,
+    SensorFault,
+    Slip,
+    Stall,
+)
 from phyagentos.protocol.seeds import compute_seed
+from phyagentos.protocol.sensor_faults import Blackout, Freeze, Miscalibrate, Misdate, When
 from phyagentos.runtime.targets.physics import Array, Physics
 from phyagentos.runtime.targets.wire import FaultStruck
 
@@ -25,6 +37,7 @@ HAND_STIFFNESS, HAND_DAMPING, HAND_SPIN_DAMPING = 900.0, 60.0, 60.0  # 1/s^2, 1/
 HAND_HEIGHT_M = 0.14  # how high a person lifts
 MOVE_RADIUS_M = (0.06, 0.12)  # how far a person moves a thing when no place is given
 CLEARANCE_M = 0.075
+LIES = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
 
 
 class Strike(msgspec.Struct, frozen=True, kw_only=True):
@@ -32,11 +45,16 @@ class Strike(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         kind: As in the fault file.
-        body: The object, or the joint that seizes.
+        body: The object, the joint that seizes, or the pattern of the cameras that lie.
         time_s: When it began.
         start_m: Where the object stood then.
         goal_m: Where a hand brings it.
         lift_m: How high the hand lifts it on the way.
+        mode: Of a lie: which stamp a frozen picture has, how a camera is black.
+        by_s: Error of a camera's clock.
+        by_m: Error of a camera's told place.
+        by_rad: Error of its told direction.
+        qpos: What a frozen picture goes on to show.
     """
 
     kind: str
@@ -46,6 +64,11 @@ class Strike(msgspec.Struct, frozen=True, kw_only=True):
     start_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     goal_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lift_m: float = 0.0
+    mode: str = ""
+    by_s: float = 0.0
+    by_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    by_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    qpos: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +140,10 @@ class FaultInjector:
                 _carry(physics, strike)
         return [_report(strike) for strike in struck]
 
+    def find_lies(self, camera: str) -> tuple[Strike, ...]:
+        """What a camera lies about at the moment."""
+        return tuple(s for s in self._active if s.kind in LIES and fnmatch.fnmatchcase(camera, s.body))
+
     def _find_due(self, physics: Physics) -> list[Fault]:
         due = [fault for fault in self._waiting if self._holds(physics, fault.when, fault.object)]
         self._waiting = [fault for fault in self._waiting if fault not in due]
@@ -161,6 +188,8 @@ class FaultInjector:
         """Decide everything that is open about a fault, now."""
         if isinstance(fault, Stall):
             return Strike(kind=fault.kind, body=fault.joint, time_s=physics.time_s, duration_s=fault.duration_s)
+        if isinstance(fault, SensorFault):
+            return _resolve_lie(physics, fault)
         start = physics.find_position(fault.object)
         goal, lift = start, 0.0
         if isinstance(fault, Nudge):
@@ -199,6 +228,20 @@ class FaultInjector:
         return max(places, key=lambda place: physics.find_clearance(place, start))
 
 
+def _resolve_lie(physics: Physics, fault: SensorFault) -> Strike:
+    """A camera's lie, with the state that a frozen picture shows."""
+    strike = Strike(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
+    match fault:
+        case Freeze():
+            return msgspec.structs.replace(strike, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
+        case Blackout():
+            return msgspec.structs.replace(strike, mode=fault.mode)
+        case Misdate():
+            return msgspec.structs.replace(strike, by_s=fault.by_s)
+        case Miscalibrate():
+            return msgspec.structs.replace(strike, by_m=fault.by_m, by_rad=fault.by_rad)
+
+
 def _carry(physics: Physics, strike: Strike) -> None:
     """Pull the body along its way with a hand's force: up, across, down."""
     phase = (physics.time_s - strike.time_s) / strike.duration_s
@@ -222,7 +265,7 @@ def _release(physics: Physics, strike: Strike) -> None:
         physics.set_pad_friction(None)
     elif strike.kind == "stall":
         physics.set_joint_friction(strike.body, None)
-    else:
+    elif strike.kind not in LIES:
         physics.let_go(strike.body)
 
 

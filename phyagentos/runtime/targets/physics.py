@@ -21,6 +21,7 @@ from phyagentos.runtime.targets.scene import add_scene, draw_bodies, read_region
 
 Array = NDArray[np.float64]
 RIGID = 0.9999  # constraint impedance of what must not give way
+_FREE = 6  # degrees of freedom of a body that nothing holds
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
@@ -57,6 +58,7 @@ class Physics:
         self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
         arm = {model.joint(name).bodyid[0] for name in (*profile.arm.joints, *profile.gripper.joints)}
         moving = {int(model.body_weldid[body]) for body in arm}
+        self._of_fingers = np.isin(model.geom_bodyid, [model.joint(n).bodyid[0] for n in profile.gripper.joints])
         self._of_robot = np.array([int(model.body_weldid[body]) in moving for body in model.geom_bodyid])
         loose = {model.body(entity.name).id for entity in self.entities if entity.movable}
         self._is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
@@ -174,25 +176,56 @@ class Physics:
             gripper_width_m=self.gripper_width_m,
             tcp=Pose(tuple(self.seen.site_xpos[self._tcp].tolist()), (w, x, y, z)),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
+            fingers_touching=self.count_touching_pads(),
         )
+
+    def count_touching_pads(self) -> int:
+        """How many pads touch anything that is not the robot (after `look`)."""
+        geoms = self.seen.contact.geom[: self.seen.ncon]
+        touched = (
+            {pad for pad in pair if pad in self._pads}
+            for pair in geoms[np.isin(geoms, self._pads).any(axis=1)].tolist()
+            if any(int(self.model.geom_bodyid[geom]) in self._bodies for geom in pair)
+        )
+        return len(set().union(*touched))
 
     def read_entities(self, holder: str, holding: tuple[str, ...]) -> tuple[Entity, ...]:
         """Ground truth of every thing (after `look`)."""
         found = []
         for body, entity in self._bodies.items():
             pose = Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
-            dof = int(self.model.body_dofadr[body])
-            speed = float(np.linalg.norm(self.data.qvel[dof : dof + 3])) if self.model.body_dofnum[body] else 0.0
             found.append(
                 msgspec.structs.replace(
                     entity,
                     pose=pose,
-                    speed_m_s=speed,
+                    speed_m_s=self._find_speed(body),
+                    joint=self._find_opening(body),
                     held_by=holder if entity.name in holding else None,
                     observed_at_s=self.time_s,
                 )
             )
         return tuple(found)
+
+    def _find_speed(self, body: int) -> float:
+        """Of a body's origin [m/s]; a part moves as its whole does, since it does not turn fast."""
+        whole = int(self.model.body_weldid[body])
+        dof = int(self.model.body_dofadr[whole])
+        if self.model.body_dofnum[whole] == _FREE:
+            return float(np.linalg.norm(self.data.qvel[dof : dof + 3]))
+        if not self.model.body_dofnum[whole]:
+            return 0.0
+        joint = int(self.model.dof_jntid[dof])
+        hinge = self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+        arm_m = float(np.linalg.norm((self.seen.xpos[body] - self.seen.xanchor[joint])[:2])) if hinge else 1.0
+        return abs(float(self.data.qvel[dof])) * arm_m
+
+    def _find_opening(self, body: int) -> float | None:
+        """Fraction of its own joint's travel; None for what has none."""
+        joint = int(self.model.body_jntadr[body])
+        if joint < 0 or self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            return None
+        low, high = self.model.jnt_range[joint]
+        return float(np.clip((self.data.qpos[self.model.jnt_qposadr[joint]] - low) / (high - low), 0.0, 1.0))
 
     def find_position(self, name: str) -> Array:
         """(3,) of a body's frame in the world, as of the latest physics step."""
@@ -236,7 +269,9 @@ class Physics:
         body = self.model.body(name).id
         dof = int(self.model.body_dofadr[body])
         mass, inertia = float(self.model.body_subtreemass[body]), float(self.model.body_inertia[body].max())
-        velocity, spin = self.data.qvel[dof : dof + 3], self.data.qvel[dof + 3 : dof + 6]
+        velocity, spin = np.zeros(3), np.zeros(3)
+        if self.model.body_dofnum[body] == _FREE:  # what hangs on a joint is only held back by that joint
+            velocity, spin = self.data.qvel[dof : dof + 3], self.data.qvel[dof + 3 : dof + 6]
         force = mass * (stiffness * (wanted - self.data.xpos[body]) - damping * velocity)
         if carries_weight:
             force = force - mass * self.model.opt.gravity
@@ -270,6 +305,7 @@ class Physics:
         """Pairs of bodies: a moving part of the robot, and the robot itself or something that stands fixed."""
         geoms = data.contact.geom[: data.ncon]
         firm = self._of_robot[geoms].any(axis=1) & ~self._is_loose[geoms].any(axis=1)
+        firm &= ~self._of_fingers[geoms].all(axis=1)  # closed fingers touch each other
         return {(int(first), int(second)) for first, second in self.model.geom_bodyid[geoms[firm]]}
 
     def find_hardest_contact(self) -> tuple[float, str]:

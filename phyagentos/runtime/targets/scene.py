@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import Entity, Interior, Pose, Region, Shape
-from phyagentos.protocol.scenes import Body, Camera, Material, Placement, SceneSpec, Solid
+from phyagentos.protocol.environment import Entity, Interior, Mechanism, Pose, Region, Shape
+from phyagentos.protocol.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
 from phyagentos.protocol.seeds import compute_seed
 
 DRAWS = 2000  # tries for one position of an area before the scene is called overfull
+GRIP_PRIORITY = 3  # above that of finger pads
+GRIP_SOLREF, GRIP_IMPEDANCE = (0.005, 1.0), (0.95, 0.99, 0.001)  # as the pads of the shipped gripper
 TEXTURE_PIXELS = 128  # plain patterns need no more, and every model carries them
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -32,13 +34,16 @@ _BUILTIN = {
 
 @dataclass(frozen=True, slots=True)
 class PlacedBody:
-    """A body of the scene as this seed wants it: shapes after stretching, and where it starts."""
+    """A body of the scene as this seed wants it: shapes after stretching, weight, grip, and where it starts."""
 
     name: str
     body: Body
     shapes: tuple[Solid, ...]
     position_m: tuple[float, float, float]
     yaw_rad: float
+    mass_kg: float
+    grip: float | None  # coefficient of friction against the finger pads; None where the pads decide
+    opening: float | None = None  # fraction of the joint's travel; None without a joint
 
     @property
     def quaternion_wxyz(self) -> tuple[float, float, float, float]:
@@ -47,10 +52,7 @@ class PlacedBody:
 
     def place(self, point_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """(3,) a point of this body's frame, in the world."""
-        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        x, y, z = point_m
-        turned: NDArray[np.float64] = np.array((c * x - s * y, s * x + c * y, z))
-        return turned + self.position_m
+        return _turn(point_m, self.yaw_rad) + self.position_m
 
     def as_entity(self) -> Entity:
         """What a planner or a predicate must know of it; the pose is that of the start."""
@@ -66,9 +68,41 @@ class PlacedBody:
                 if not solid.decor
             ),
             interior=Interior(inside.center_m, inside.half_m) if inside else None,
+            joint=self.opening,
+            mechanism=self._describe_joint(),
+            part_of=self.body.part_of or "",
             color=self.body.color,
             source="simulator",
         )
+
+    def _describe_joint(self) -> Mechanism | None:
+        joint = self.body.joint
+        if joint is None or self.opening is None:
+            return None
+        position, yaw = _open(self.position_m, self.yaw_rad, joint, -self.opening)
+        pose = Pose(position, (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))))
+        return Mechanism(joint.kind, joint.axis, joint.travel, pose)
+
+
+def _open(
+    position_m: tuple[float, float, float], yaw_rad: float, joint: Joint, fraction: float
+) -> tuple[tuple[float, float, float], float]:
+    """Where a body stands, and its yaw, once it has opened by a fraction of its travel."""
+    amount = joint.travel * fraction
+    if joint.kind == "slide":
+        (x, y, z), turn = _turn(np.array(joint.axis) * amount, yaw_rad) + position_m, yaw_rad
+    else:
+        turn = yaw_rad + amount * joint.axis[2]
+        anchor = np.array(joint.anchor_m)
+        x, y, z = position_m + _turn(anchor, yaw_rad) - _turn(anchor, turn)
+    return (float(x), float(y), float(z)), turn
+
+
+def _turn(point_m: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
+    """(3,) a point, turned about z."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = point_m
+    return np.array((c * x - s * y, s * x + c * y, z))
 
 
 def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
@@ -87,12 +121,25 @@ def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
     for name, body in spec.bodies.items():
         position = _draw_position(spec, name, body.place, rng, taken)
         yaw = float(rng.uniform(*body.place.yaw_rad))
-        if frame := next((item for item in placed if item.name == body.place.frame), None):
+        if frame := next((item for item in placed if item.name == (body.place.frame or body.part_of)), None):
             position, yaw = frame.place(position), yaw + frame.yaw_rad
         shapes, lift = _stretch(body, rng)
         x, y, z = (float(value) for value in position)
-        placed.append(PlacedBody(name, body, shapes, (x, y, z + lift), yaw))
+        start, opening = (x, y, z + lift), None
+        if body.joint is not None:
+            opening = float(np.random.default_rng(compute_seed(seed, "opening", name)).uniform(*body.joint.opening))
+            start, yaw = _open(start, yaw, body.joint, opening)
+        mass_kg, grip = _draw_properties(body, compute_seed(seed, "properties", name))
+        placed.append(PlacedBody(name, body, shapes, start, yaw, mass_kg, grip, opening))
     return tuple(placed)
+
+
+def _draw_properties(body: Body, seed: int) -> tuple[float, float | None]:
+    """What the body really weighs [kg] and how it slips; no position depends on these draws."""
+    rng = np.random.default_rng(seed)
+    mass_kg = float(rng.uniform(*body.mass_span_kg)) if body.mass_span_kg else body.mass_kg
+    grip = float(rng.uniform(*body.grip_span)) if body.grip_span else None
+    return mass_kg, grip
 
 
 def _draw_position(
@@ -199,8 +246,15 @@ def _look_at(camera: Camera) -> list[float]:
 
 
 def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
-    body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
-    if not item.body.fixed:
+    place = item.body.place
+    if item.body.part_of is None:
+        body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
+    else:
+        turn = _euler_to_quaternion((0.0, 0.0, place.yaw_rad[0]))
+        body = robot.body(item.body.part_of).add_body(name=item.name, pos=place.position_m, quat=turn)
+    if item.body.joint is not None and item.opening is not None:
+        _add_joint(body, item.name, item.body.joint, item.opening)
+    elif not item.body.fixed and item.body.part_of is None:
         body.add_freejoint(name=f"{item.name}_free")
     volumes = [0.0 if solid.decor else _compute_volume(solid) for solid in item.shapes]
     for index, (solid, volume) in enumerate(zip(item.shapes, volumes, strict=True)):
@@ -210,14 +264,38 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
             size=[*solid.size_m, 0.0, 0.0][:3],
             pos=solid.position_m,
             quat=_euler_to_quaternion(solid.euler_rad),
-            mass=item.body.mass_kg * volume / sum(volumes),
+            mass=item.mass_kg * volume / sum(volumes),
             condim=3,  # the pads of a gripper have priority and torsional friction of their own
             friction=item.body.friction,
         )
+        if item.grip is not None:
+            _decide_grip(geom, item.grip)
         if material := solid.material or item.body.material:
             geom.material = material
         if solid.decor:
             geom.contype, geom.conaffinity, geom.group = 0, 0, 2
+
+
+def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) -> None:
+    """A slide or hinge whose position is zero when it is closed, and which begins open by a fraction."""
+    kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.kind == "slide" else mujoco.mjtJoint.mjJNT_HINGE
+    body.add_joint(
+        name=f"{name}_joint",
+        type=kind,
+        axis=joint.axis,
+        pos=joint.anchor_m,
+        ref=joint.travel * opening,
+        range=(0.0, joint.travel),
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        damping=joint.damping,
+        frictionloss=joint.friction,
+    )
+
+
+def _decide_grip(geom: mujoco.MjsGeom, friction: float) -> None:
+    """Let the thing's surface decide the grip: above the pads' priority, and as stiff as they are."""
+    geom.priority, geom.condim, geom.friction = GRIP_PRIORITY, 4, (friction, 0.02 * friction, 0.001)
+    geom.solref, geom.solimp = GRIP_SOLREF, (*GRIP_IMPEDANCE, 0.5, 2.0)
 
 
 def _compute_volume(solid: Solid) -> float:

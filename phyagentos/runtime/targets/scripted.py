@@ -17,7 +17,7 @@ from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveL
 
 SETTLE_MAX_S = 60.0  # as long as a simulated target allows
 END_STOP = 1e9  # it has no end stops; safety.yaml sets the limits
-_SILENT = wire.Observe | wire.Describe | wire.Render | wire.SaveModel | wire.Shutdown
+_SILENT = wire.Observe | wire.Describe | wire.Render | wire.Capture | wire.SaveModel | wire.Shutdown
 
 
 class ScriptedWorld:
@@ -80,6 +80,8 @@ class ScriptedWorld:
                 return self._load(request)
             case wire.Render():
                 return wire.Picture(b"", "a debug target has no cameras")
+            case wire.Capture():
+                return wire.Frames(())
             case wire.Begin():
                 return self._authority.begin(request.session, request.epoch) or wire.Ack()
             case wire.SaveModel() | wire.Shutdown():
@@ -127,6 +129,9 @@ class ScriptedWorld:
             if scene != self._scene:
                 return wire.Refused("EPISODE_CONFLICT", f"episode {request.episode} is {self._scene}, not {scene}")
             return wire.Loaded(request.episode, "")
+        if self._episode and not request.may_reset:
+            message = f"episode {request.episode} would end episode {self._episode}, and its contract permits no reset"
+            return wire.Refused("RESET_FORBIDDEN", message)
         if request.state is not None and not (
             request.state.shape == (1 + self._q.size,) and np.isfinite(request.state).all()
         ):
@@ -160,7 +165,7 @@ class ScriptedWorld:
         refused = self._authority.admit(command, self._now_s())
         if refused is not None:
             return refused
-        self._q, self._width_m = command.q_rad[-1].copy(), float(command.gripper_width_m[-1])
+        self._q, self._width_m = np.array(command.q_rad[-1], dtype=np.float64), float(command.gripper_width_m[-1])
         self._tick += self._steps
         return self._report()
 

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.targets.target import Target
-from phyagentos.runtime.targets.wire import Refused, Request, Shutdown, answer_bytes, receive_request, send
+from phyagentos.runtime.targets.wire import Here, Refused, Reply, Request, Shutdown, answer_bytes, receive_request, send
 
 
 class Served(Target, Protocol):
@@ -77,8 +77,10 @@ def _is_gone(connection: "Connection[Any, Any]") -> bool:
     return bool(poll.poll(0))
 
 
-class Loopback:
+class Loopback(Here):
     """A `Channel` to a target that lives in this process; the same messages, without a process in between.
+
+    Whoever knows what it is asks it at once, with the message itself; it takes bytes like any other channel.
 
     Args:
         target: What answers.
@@ -87,6 +89,10 @@ class Loopback:
     def __init__(self, target: Target) -> None:
         self._target = target
         self._replies: deque[bytes] = deque()
+
+    def ask(self, request: Request) -> Reply:
+        """The reply to one request."""
+        return self._target.handle(request)
 
     def send_bytes(self, message: bytes, /) -> None:
         """Have one request answered."""

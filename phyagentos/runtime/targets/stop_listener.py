@@ -1,16 +1,19 @@
 """Hears stop requests inside the world process, so that an emergency stop passes through nobody else.
 
 Upstream: files in `signals/new/`, dropped by any tool. Downstream: the world. Looking costs one system call while
-nothing comes.
+nothing comes. A stop is in force when it is heard and kept when the target is at rest: what a disk does with it, or
+refuses to do, holds nothing up.
 """
 
 import contextlib
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.estop import Latch, is_latched, latch
+from phyagentos.protocol.estop import Latch, is_latched, latch, provide_reserve
 from phyagentos.protocol.store.mailbox import SignalReader
 from phyagentos.protocol.store.watch import Watch
+
+RETRY_S = 0.5  # a full disk is asked again this often
 
 
 class StopListener:
@@ -18,22 +21,36 @@ class StopListener:
 
     Args:
         signals: Its folder `signals/`.
-        clock: For the time of a latch that does not tell its own.
+        clock: For the time of a latch that does not tell its own, and between two tries to write it.
     """
 
     def __init__(self, signals: Path, clock: Clock) -> None:
         (signals / "new").mkdir(parents=True, exist_ok=True)
+        provide_reserve(signals)
         self._signals, self._clock = signals, clock
         self._stack = contextlib.ExitStack()
         self._watch = self._stack.enter_context(Watch([signals, signals / "new"], clock=clock))
         self._reader = SignalReader(signals)
+        self._heard: Latch | None = None  # a stop that is in force and not yet on the disk
+        self._retry_at_s = -float("inf")
         self._is_latched = self._look()
 
     def is_latched(self) -> bool:
-        """Whether the emergency stop is latched now; a new request latches it, durably, before this returns."""
+        """Whether the emergency stop is in force now; a request that was just dropped is."""
         if self._watch.drain() or not self._watch.is_event_driven:
             self._is_latched = self._look()
-        return self._is_latched
+        return self._heard is not None or self._is_latched
+
+    def keep(self) -> None:
+        """Make a stop durable that was heard; again and again while the disk takes nothing, until then by heart."""
+        if self._heard is None or self._clock.now_s() < self._retry_at_s:
+            return
+        try:
+            latch(self._signals, self._heard)
+        except OSError:
+            self._retry_at_s = self._clock.now_s() + RETRY_S
+        else:
+            self._heard, self._is_latched = None, True
 
     def close(self) -> None:
         """Let go of the folder."""
@@ -41,7 +58,6 @@ class StopListener:
 
     def _look(self) -> bool:
         for signal in self._reader.read_new():
-            if signal.kind == "estop":
-                at = signal.at or self._clock.wall_iso()
-                latch(self._signals, Latch(by=signal.by, reason=signal.reason, at=at))
+            if signal.kind == "estop" and self._heard is None:
+                self._heard = Latch(by=signal.by, reason=signal.reason, at=signal.at or self._clock.wall_iso())
         return is_latched(self._signals)

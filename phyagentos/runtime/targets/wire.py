@@ -1,6 +1,7 @@
 """What travels between a worker and a world process: typed messages in msgpack, one at a time, in order.
 
-A request is answered by exactly one reply. Arrays travel as float64, C order, with their shape.
+A request is answered by exactly one reply. Arrays travel in C order with their shape: float64, pictures as uint8, depth
+as float32.
 """
 
 from collections.abc import Callable
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.channel import Channel
-from phyagentos.protocol.environment import Entity, Region, TargetState
+from phyagentos.protocol.environment import Entity, Pose, Region, TargetState
 from phyagentos.protocol.spaces import decode_array, encode_array
 
 Array = NDArray[np.float64]
+Colours = NDArray[np.uint8]
+Depths = NDArray[np.float32]
+Crop = tuple[int, int, int, int]  # left, top, width, height [pixels]
 WIRE_VERSION = 1  # grows when a message changes its meaning; preflight compares it
 
 
@@ -32,12 +36,14 @@ class LoadScene(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         state: mjSTATE_INTEGRATION vector to start from instead (rerun of a recorded session); empty for a fresh start.
         sim_time_of_faults_s: Session time by which the fault schedule is advanced on such a rerun.
+        may_reset: Whether the world in which another episode stands may be begun anew. Else it is refused.
     """
 
     scene: str
     seed: int
     episode: str
     state: Array | None = None
+    may_reset: bool = True
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
@@ -111,6 +117,18 @@ class Render(msgspec.Struct, frozen=True, tag=True):
     height: int = 480
 
 
+class Capture(msgspec.Struct, frozen=True, tag=True):
+    """Ask RGB-D cameras for their latest frames without moving time. Reply: `Frames`.
+
+    Attributes:
+        cameras: Names of sensors.yaml; empty for all.
+        crops: Windows to look at instead of the whole picture, by camera: a small one is cheap enough for 10 Hz.
+    """
+
+    cameras: tuple[str, ...] = ()
+    crops: dict[str, Crop] = {}
+
+
 class SaveModel(msgspec.Struct, frozen=True, tag=True):
     """Write the compiled model as `scene.mjb` and `scene.xml` into a folder. Reply: `Ack`."""
 
@@ -157,6 +175,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
         kinematics: None for a target that is no arm of hinges.
         gripper_force_n: The most that a finger can press with.
         joints: In the order in which they are commanded.
+        depth_cameras: Those that `Capture` can ask: the cameras of sensors.yaml that this scene or robot has.
         version: Of this wire.
     """
 
@@ -173,6 +192,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     kinematics: Kinematics | None = None
     gripper_force_n: float = 0.0
     joints: tuple[str, ...] = ()
+    depth_cameras: tuple[str, ...] = ()
     version: int = WIRE_VERSION
 
 
@@ -250,13 +270,61 @@ class Picture(msgspec.Struct, frozen=True, tag=True):
     reason: str = ""
 
 
-Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Render | SaveModel | Shutdown
-Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | Picture
+class Frame(msgspec.Struct, frozen=True, kw_only=True):
+    """One picture with depth, as the sensor tells it: noisy, late, and placed by a calibration that may be wrong.
+
+    Pixel (u, v) with depth z lies at z * ((u - cx) / fx, (v - cy) / fy, 1) in the camera's frame.
+
+    Attributes:
+        time_s: The moment that the sensor claims to show, simulated time.
+        width: Of this frame [pixels]; of the window, when a crop was asked for. cx and cy are of the window too.
+        world_T_camera: OpenCV's convention: z forward, x right, y down.
+        rgb: (height, width, 3) uint8.
+        depth_m: (height, width) float32 along z; NaN where nothing was measured.
+    """
+
+    camera: str
+    time_s: float
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_T_camera: Pose
+    rgb: Colours
+    depth_m: Depths
+
+
+class Frames(msgspec.Struct, frozen=True, tag=True):
+    """What the cameras gave.
+
+    Attributes:
+        frames: In the order asked for, those that came.
+        missing: A code for each camera that gave none: `FRAME_DROPPED`, `CAMERA_SILENT`, `NO_GRAPHICS`.
+    """
+
+    frames: tuple[Frame, ...]
+    missing: dict[str, str] = {}
+
+
+Request = (
+    Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Render | Capture | SaveModel | Shutdown
+)
+Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | Picture | Frames
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=decode_array)
 _REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
+
+
+class Here:
+    """A channel to a target of this process, which can be asked without bytes in between."""
+
+    def ask(self, request: Request) -> Reply:
+        """The reply to one request."""
+        raise NotImplementedError
 
 
 def send(connection: Channel, message: Request | Reply) -> None:

@@ -12,9 +12,11 @@ import numpy as np
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.runtime_contract import WorldMode
-from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.scenes import SceneSpec, read_scene
+from phyagentos.protocol.sensors import Sensors
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.targets.authority import Authority
+from phyagentos.runtime.targets.cameras import CameraRig
 from phyagentos.runtime.targets.drive import Drive
 from phyagentos.runtime.targets.faults import FaultInjector
 from phyagentos.runtime.targets.initial_state import find_bad_state
@@ -27,6 +29,7 @@ from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, build_robot, coun
 from phyagentos.runtime.targets.wire import (
     Ack,
     Begin,
+    Capture,
     Command,
     Describe,
     Description,
@@ -62,6 +65,8 @@ class MujocoWorld:
         faults: Makes the injector of a new episode from its name and its scene's seed.
         is_estopped: Whether the emergency stop is latched.
         mode: How it is served; told to whoever asks.
+        sensors: The settings of its cameras; it has none without.
+        keep_stop: Makes the latch durable; called once the arm is at rest, since a disk may take its time.
     """
 
     def __init__(
@@ -73,8 +78,12 @@ class MujocoWorld:
         faults: Callable[[str, int], FaultInjector] | None = None,
         is_estopped: Callable[[], bool] = lambda: False,
         mode: WorldMode = WorldMode.LOCKSTEP,
+        sensors: Sensors | None = None,
+        keep_stop: Callable[[], None] = lambda: None,
     ) -> None:
-        self._is_estopped, self._mode = is_estopped, mode
+        self._sensors = sensors or Sensors(sensors={})
+        self._rig: CameraRig | None = None
+        self._is_estopped, self._keep_stop, self._mode = is_estopped, keep_stop, mode
         self._profile, self._folder, self._library, self._log = profile, folder, library, log
         self._make_faults = faults or (lambda _episode, _seed: FaultInjector())
         self._faults = self._make_faults("", 0)
@@ -125,6 +134,7 @@ class MujocoWorld:
             self._rest()
             self._log.stamp()
             self._log.note(Reception(time_s=self._now_s(), kind="EStop", episode=self._episode))
+        self._keep_stop()
         return True
 
     def handle(self, request: Request) -> Reply:
@@ -165,6 +175,8 @@ class MujocoWorld:
                 return self._describe()
             case Render():
                 return self._render(request)
+            case Capture():
+                return self._capture(request)
             case SaveModel():
                 return self._save(Path(request.folder))
             case Shutdown():
@@ -189,6 +201,7 @@ class MujocoWorld:
             kinematics=read_kinematics(model, profile),
             gripper_force_n=float(np.abs(model.actuator(GRIPPER_ACTUATOR).forcerange).max()),
             joints=profile.arm.joints,
+            depth_cameras=self._rig.names if self._rig is not None else (),
         )
 
     def _load(self, request: LoadScene) -> Reply:
@@ -201,7 +214,10 @@ class MujocoWorld:
             if scene != self._scene:
                 return Refused("EPISODE_CONFLICT", f"episode {request.episode} is {self._scene}, not {scene}")
             return Loaded(request.episode, self._physics.model_sha256)
-        spec = read_scene(self._library.get_scene(request.scene))
+        if self._physics is not None and not request.may_reset:
+            message = f"episode {request.episode} would end episode {self._episode}, and its contract permits no reset"
+            return Refused("RESET_FORBIDDEN", message)
+        spec = self._find_scene(request.scene)
         physics = Physics(self._profile, self._folder, spec, request.seed)
         physics.start(spec.settle_s)
         if request.state is not None:
@@ -212,8 +228,13 @@ class MujocoWorld:
         drive = Drive(self._profile, physics, self._faults, count_steps(self._profile))
         drive.hold(physics.q_rad if request.state is not None else np.array(self._profile.arm.home_rad))
         self._physics, self._drive, self._episode, self._scene = physics, drive, request.episode, scene
+        self._rig = CameraRig(physics.model, self._sensors, request.seed, request.episode)
         self._log.note(Reception(time_s=physics.time_s, kind=STATE_WRITE, episode=self._episode))
         return Loaded(request.episode, physics.model_sha256)
+
+    def _find_scene(self, name: str) -> SceneSpec:
+        """The scene of a name; a world of the imagination has its own."""
+        return read_scene(self._library.get_scene(name))
 
     def _begin(self, request: Begin) -> Reply:
         self._get_physics()
@@ -296,6 +317,12 @@ class MujocoWorld:
         physics.look()
         return render_png(physics.model, physics.seen, request.camera, request.width, request.height)
 
+    def _capture(self, request: Capture) -> Reply:
+        physics, drive = self._get_physics(), self._get_drive()
+        if self._rig is None:
+            raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
+        return self._rig.capture(request, physics.time_s, drive.history, self._faults.find_lies)
+
     def _save(self, folder: Path) -> Reply:
         physics = self._get_physics()
         if not folder.is_dir():  # MuJoCo itself would only warn
@@ -317,7 +344,7 @@ class MujocoWorld:
         return self._physics.time_s if self._physics is not None else 0.0
 
     def _note(self, request: Request, reply: Reply) -> None:
-        if isinstance(request, Observe | Describe | Render | SaveModel | Shutdown):
+        if isinstance(request, Observe | Describe | Render | Capture | SaveModel | Shutdown):
             return
         self._log.note(
             Reception(

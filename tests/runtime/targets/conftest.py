@@ -6,6 +6,7 @@ import pytest
 
 from phyagentos.protocol.faults import FaultFile
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.sensors import Sensors
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule
 from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -28,12 +29,14 @@ def panda(library):
 class Rig:
     """A world with authority, and simple motions."""
 
-    def __init__(self, library, panda, log=None, schedule: Schedule | FaultFile | None = None) -> None:
+    def __init__(
+        self, library, panda, log=None, schedule: Schedule | FaultFile | None = None, sensors: Sensors | None = None
+    ) -> None:
         self.profile, folder = panda
         make = lambda episode, seed: FaultInjector(  # noqa: E731
             draw_schedule(schedule, episode, seed) if isinstance(schedule, FaultFile) else schedule or Schedule()
         )
-        self.world = MujocoWorld(self.profile, folder, library, ReceiveLog(log), make)
+        self.world = MujocoWorld(self.profile, folder, library, ReceiveLog(log), make, sensors=sensors)
         self.sequence = 0
         self.session = "s"
 

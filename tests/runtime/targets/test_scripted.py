@@ -69,6 +69,14 @@ def test_an_episode_goes_on_and_another_begins_anew(world):
     assert find_height(world) == 0.0
 
 
+def test_an_episode_that_may_not_end_goes_on(world):
+    refused = world.handle(wire.LoadScene(scene="counter", seed=1, episode="f", may_reset=False))
+
+    assert refused.code == "RESET_FORBIDDEN"
+    assert world.handle(wire.LoadScene(scene="counter", seed=0, episode="e", may_reset=False)).episode == "e"
+    assert world.handle(wire.LoadScene(scene="counter", seed=1, episode="f")).episode == "f"
+
+
 def test_a_recorded_state_is_restored(world):
     world.handle(wire.Begin(session="s", epoch=1))
     world.handle(command(0.5))

@@ -1,9 +1,13 @@
 """Stop requests reach the target itself: by a latch, by a file in signals/new, over a restart."""
 
+import errno
+import os
+from pathlib import Path
+
 import pytest
 
-from phyagentos.clock import SystemClock
-from phyagentos.protocol.estop import Latch, latch, read_latch, reset
+from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.protocol.estop import RESERVE, Latch, is_latched, latch, read_latch, reset
 from phyagentos.protocol.store.mailbox import Signal, drop_signal, take_signals
 from phyagentos.runtime.targets.stop_listener import StopListener
 
@@ -30,12 +34,49 @@ def test_a_latch_is_heard_and_so_is_its_reset(tmp_path, listen):
     assert not listener.is_latched()
 
 
-def test_a_file_that_any_tool_drops_is_latched_before_it_is_told(tmp_path, listen):
+def test_a_file_that_any_tool_drops_is_in_force_at_once_and_on_the_disk_when_it_is_kept(tmp_path, listen, monkeypatch):
     listener = listen()
+    synced = []
+    monkeypatch.setattr(os, "fsync", synced.append)
     drop_signal(tmp_path, Signal(kind="estop", by="a button", reason="a hand in the cell"), SystemClock())
 
     assert listener.is_latched()
+    assert synced == []  # the arm comes to rest first
+    listener.keep()
+    assert len(synced) == 2  # the file, and its folder
     assert read_latch(tmp_path).by == "a button"
+    assert listener.is_latched()
+
+
+@pytest.mark.parametrize("has_reserve", [True, False])
+def test_a_full_disk_holds_up_no_stop_and_is_asked_again_until_it_takes_it(tmp_path, monkeypatch, has_reserve):
+    clock = ManualClock()
+    listener = StopListener(tmp_path, clock)
+    drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())
+    if not has_reserve:
+        (tmp_path / RESERVE).unlink()
+    with monkeypatch.context() as full:
+        full.setattr(Path, "open", refuse)
+        assert listener.is_latched()
+        listener.keep()
+        assert listener.is_latched()
+        assert is_latched(tmp_path) == has_reserve
+    clock.advance(1.0)
+    listener.keep()
+
+    assert is_latched(tmp_path)
+    reset(tmp_path, "all is well", SystemClock())
+    assert not listener.is_latched()
+    listener.close()
+
+
+OPEN = Path.open
+
+
+def refuse(path, mode="r", *rest, **options):
+    if mode.startswith("r"):
+        return OPEN(path, mode, *rest, **options)
+    raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
 
 def test_a_request_that_the_watchdog_took_first_is_heard_all_the_same(tmp_path, listen):
