@@ -25,6 +25,19 @@ class ShapeKind(StrEnum):
     """size = radius."""
 
 
+class Status(StrEnum):
+    """How a thing is known now."""
+
+    SEEN = "seen"
+    """Its pose was measured at `observed_at_s`."""
+    HELD = "held"
+    """In a gripper: it is felt, and its pose follows the hand."""
+    HIDDEN = "hidden"
+    """Its last place cannot be seen now; it may still be there."""
+    GONE = "gone"
+    """Its last place is seen and empty, and it was not found elsewhere."""
+
+
 class Pose(msgspec.Struct, frozen=True):
     """A rigid pose `parent_T_child`.
 
@@ -63,6 +76,22 @@ class Interior(msgspec.Struct, frozen=True):
     half_m: tuple[float, float, float]
 
 
+class Mechanism(msgspec.Struct, frozen=True):
+    """How a thing with a joint opens: what a drawing of the furniture tells.
+
+    Attributes:
+        kind: `slide` or `hinge`.
+        axis: (3,) direction of opening, in the entity's frame.
+        travel: From closed to open [m], or [rad] for a hinge.
+        closed: `world_T_entity` when it is closed.
+    """
+
+    kind: str
+    axis: tuple[float, float, float]
+    travel: float
+    closed: Pose
+
+
 class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A thing in the world, as believed at `observed_at_s`.
 
@@ -74,13 +103,23 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         shapes: Its solids, in the entity frame.
         interior: Where things can be put into it; absent when nothing can.
         color: Colour word, empty when unknown.
-        visible: Whether it was seen at `observed_at_s`.
+        visible: Whether it was seen where it is said to be, at `observed_at_s`; false for what is gone, and for what
+            was moved while nobody could see it.
         held_by: Name of the target whose gripper touches it with both fingers, absent when nobody's.
         speed_m_s: Magnitude of its linear velocity [m/s].
         joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
-        observed_at_s: Simulated or robot time of the observation [s].
+        mechanism: How it opens, for these things.
+        part_of: Name of the thing that it is fixed to.
+        observed_at_s: Simulated or robot time of the observation [s]: that of the frames, not that of the question.
         confidence: 0..1.
         source: Which sensor or pipeline said so.
+        status: How it is known now.
+        extent_m: (3,) size of what was seen of it, along its own axes [m]; absent when it was not measured.
+        in_hand: `tcp_T_entity` while it is held.
+        looks: So many measurements its pose is the mean of.
+        position_std_m: Standard deviation of its position, as whoever measured it states [m]; 0 where nobody does.
+        turn_std_rad: The same of its orientation [rad].
+        evidence: Where it was seen: `camera@time_s:left,top,width,height`, in pixels.
     """
 
     name: str
@@ -94,9 +133,18 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     held_by: str | None = None
     speed_m_s: float = 0.0
     joint: float | None = None
+    mechanism: Mechanism | None = None
+    part_of: str = ""
     observed_at_s: float = 0.0
     confidence: float = 1.0
     source: str = ""
+    status: Status = Status.SEEN
+    extent_m: tuple[float, float, float] | None = None
+    in_hand: Pose | None = None
+    looks: int = 0
+    position_std_m: float = 0.0
+    turn_std_rad: float = 0.0
+    evidence: tuple[str, ...] = ()
 
 
 class Region(msgspec.Struct, frozen=True, kw_only=True):
@@ -122,6 +170,7 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
         gripper_width_m: Opening between the fingers [m].
         tcp: `world_T_tcp`; z is the approach axis, y the closing axis.
         holding: Names of the entities touched by both fingers.
+        fingers_touching: How many finger pads touch something: what the robot's own touch sensors tell.
     """
 
     q_rad: tuple[float, ...]
@@ -129,6 +178,45 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
     gripper_width_m: float
     tcp: Pose
     holding: tuple[str, ...] = ()
+    fingers_touching: int = 0
+
+
+class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What became of one thing since the revision before.
+
+    Attributes:
+        entity: Its name.
+        what: `appeared`, `moved`, `held`, `released`, `hidden`, `seen` (again), `gone`.
+        by_m: How far it moved [m]; 0 where it did not.
+    """
+
+    entity: str
+    what: str
+    by_m: float = 0.0
+
+
+class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How one camera does.
+
+    Attributes:
+        status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `missing`.
+        time_s: Stamp of its latest frame [s].
+        digest: Hash of its latest whole frame.
+        since_s: When it came to this status [s].
+        detail: In words, or the target's own code.
+        pose: `world_T_camera` as it was told with that frame, in OpenCV's convention.
+        focal_px: (fx, fy, cx, cy) of the whole picture.
+        size_px: (width, height) of the whole picture.
+    """
+
+    status: str = "live"
+    time_s: float = 0.0
+    digest: str = ""
+    since_s: float = 0.0
+    detail: str = ""
+    pose: Pose | None = None
+    focal_px: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    size_px: tuple[int, int] = (0, 0)
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
@@ -143,6 +231,9 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         entities: By name.
         regions: By name.
         targets: By name.
+        sensors: Cameras by name; empty where nothing is perceived.
+        looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
+        changes: What became of things since the revision before, the largest first.
     """
 
     time_s: float
@@ -153,16 +244,42 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     entities: dict[str, Entity]
     regions: dict[str, Region] = {}
     targets: dict[str, TargetState] = {}
+    sensors: dict[str, SensorHealth] = {}
+    looked_at_s: float = 0.0
+    changes: tuple[Change, ...] = ()
+
+
+class Relation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One relation that is true in a snapshot.
+
+    Attributes:
+        name: `inside`, `on`, `holding`, `near`, `left_of`, `open`, `closed`.
+        arguments: Names of the target, things and places that it relates.
+        measured: The numbers that decided; units in the names.
+        observed_at_s: When the oldest of the movable things was observed [s].
+        source: Which sensors or pipelines said so.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    measured: dict[str, float | str | bool] = {}
+    observed_at_s: float = 0.0
+    source: str = ""
+
+    @property
+    def text(self) -> str:
+        """As a predicate: `inside(red_cube, red_tray)`."""
+        return f"{self.name}({', '.join(self.arguments)})"
 
 
 class Snapshot(Environment, frozen=True, kw_only=True):
     """The block of ENVIRONMENT.md: a snapshot, and what follows from it.
 
     Attributes:
-        relations: Predicates that are true in it (`inside(red_cube, red_tray)`), by the same rules as verdicts.
+        relations: What is true in it, by the same rules as verdicts; at most 200, places before neighbours.
     """
 
-    relations: tuple[str, ...] = ()
+    relations: tuple[Relation, ...] = ()
 
 
 ENVIRONMENT = DocumentFormat(

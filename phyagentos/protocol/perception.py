@@ -3,12 +3,26 @@
 Upstream: a person. Downstream: the runtime's perception; hashed into every evidence bundle.
 """
 
+import re
+from enum import StrEnum
 from pathlib import Path
 from typing import Literal
 
+import pydantic
+
 from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.schema import Authored, read_yaml, validate
 from phyagentos.protocol.sensors import read_sensors
+
+
+class Sensing(StrEnum):
+    """What the agent and the verifier see."""
+
+    PERCEIVED = "perceived"
+    """What the pipelines make of cameras, joints and touch."""
+    TRUTH = "truth"
+    """The simulator's own state: for tests, and where nothing is to be perceived."""
 
 
 class Pipeline(Authored):
@@ -25,18 +39,44 @@ class Pipeline(Authored):
     description: str = ""
 
 
+class Embedded(Authored):
+    """Settings of the embedded pipeline.
+
+    Attributes:
+        max_age_s: Older frames tell nothing of now [s].
+    """
+
+    max_age_s: float = pydantic.Field(default=0.3, gt=0.0, le=5.0)
+
+
+class DetectorChoice(Authored):
+    """A detector that tells things apart by words, where their colours do not.
+
+    Attributes:
+        name: `http`, or what an installed package announces (entry points `phyagentos.detectors`).
+        settings: Of the detector; those of `http` are url, timeout_s, score_min.
+    """
+
+    name: str
+    settings: dict[str, str | float] = {}
+
+
 class Perception(Authored):
     """perception.yaml.
 
     Attributes:
         version: Of this format.
-        sensing: `truth` reads the simulator's state; every verdict names it.
+        sensing: `perceived` believes the cameras; `truth` reads the simulator's state. Every verdict names it.
         pipelines: By name.
+        embedded: Settings of the pipeline that ships.
+        detector: Instead of colours; absent for none.
     """
 
     version: Literal[1] = 1
-    sensing: Literal["truth"]
+    sensing: Sensing
     pipelines: dict[str, Pipeline]
+    embedded: Embedded = Embedded()
+    detector: DetectorChoice | None = None
 
 
 def read_perception(path: Path) -> Perception:
@@ -65,3 +105,14 @@ def read_perception(path: Path) -> Perception:
         if problems:
             raise DefinitionError(problems)
     return perception
+
+
+def declare_sensing(path: Path, sensing: Sensing) -> None:
+    """Write the choice into perception.yaml, which is hashed into the evidence; comments stay.
+
+    Raises:
+        DefinitionError: With every problem of the file.
+    """
+    if read_perception(path).sensing is not sensing:
+        text = re.sub(r"(?m)^sensing:[ \t]*[\"']?\w+[\"']?", f"sensing: {sensing}", path.read_text(encoding="utf-8"))
+        publish(path, text)

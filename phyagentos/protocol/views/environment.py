@@ -3,19 +3,14 @@
 Upstream: the worker of the target. Downstream: people, and programs in any language.
 """
 
-from collections.abc import Mapping
-
 import msgspec
 
 from phyagentos.protocol.document import Front
-from phyagentos.protocol.environment import ENVIRONMENT, Entity, Environment, Snapshot
+from phyagentos.protocol.environment import ENVIRONMENT, Change, Entity, Environment, Relation, Snapshot, Status
 from phyagentos.protocol.markdown import flatten, render_front, render_table
-from phyagentos.protocol.predicates.evaluation import evaluate
 from phyagentos.protocol.predicates.geometry import compute_tilt
-from phyagentos.protocol.predicates.library import View
-from phyagentos.protocol.predicates.syntax import Call, Name
+from phyagentos.protocol.relations import compute_relations, find_places
 from phyagentos.protocol.store.bodies import render_flow
-from phyagentos.protocol.verdicts import Truth
 
 _HEAD = """# The world as last observed
 
@@ -29,6 +24,7 @@ What the runtime saw after a session had ended. Poses are in the frame `world`: 
   is *unknown*, which is never success.
 
 """
+CHANGES_TOLD = 12  # in the line for people; the block has all
 _NOTHING = "Nothing has been observed yet.\n"
 _COLUMNS = ("name", "kind", "where", "x y z [m]", "tilt [rad]", "speed [m/s]", "seen", "observed at [s]", "confidence")
 
@@ -38,11 +34,12 @@ def render_environment(environment: Environment | None) -> str:
     front = render_front(Front(phy=ENVIRONMENT.phy))
     if environment is None:
         return f"{front}{_HEAD}{_NOTHING}"
-    places = {each.name: _find_places(each, environment) for each in environment.entities.values()}
+    places = {each.name: find_places(each, environment) for each in environment.entities.values()}
     facts = (
         f"- **Scene:** {flatten(environment.scene)}, episode {flatten(environment.episode)}\n"
         f"- **Time:** {environment.time_s:.3f} s of the target's own clock, snapshot {environment.revision}\n"
-        f"- **Sensing:** {flatten(environment.sensing)}\n\n"
+        f"- **Sensing:** {flatten(environment.sensing)}\n"
+        f"- **Since the snapshot before:** {_tell_changes(environment.changes)}\n\n"
     )
     things = [(name, *_describe(entity, places[entity.name])) for name, entity in environment.entities.items()]
     text = f"{front}{_HEAD}{facts}## Things\n\n" + render_table(_COLUMNS, things)
@@ -58,72 +55,57 @@ def render_environment(environment: Environment | None) -> str:
     ]
     if targets:
         text += "\n## Targets\n\n" + render_table(("name", "tcp x y z [m]", "gripper [m]", "holds"), targets)
-    return f"{text}\n## Snapshot\n\n```yaml\n{_render_snapshot(environment, _tell_relations(environment, places))}```\n"
+    cameras = [
+        (name, health.status, f"{health.time_s:.3f}", health.detail or "nothing")
+        for name, health in environment.sensors.items()
+    ]
+    if cameras:
+        text += "\n## Cameras\n\n" + render_table(("name", "status", "latest frame [s]", "to say"), cameras)
+    return f"{text}\n## Snapshot\n\n```yaml\n{_render_snapshot(environment, compute_relations(environment))}```\n"
 
 
-def compute_relations(environment: Environment) -> tuple[str, ...]:
-    """Where each movable thing is: `holding`, else `inside`, else `on`, judged by the predicates that verdicts use."""
-    places = {each.name: _find_places(each, environment) for each in environment.entities.values()}
-    return _tell_relations(environment, places)
+def _tell_changes(changes: tuple[Change, ...]) -> str:
+    told = [
+        f"{flatten(each.entity)} {flatten(each.what)}" + (f" by {each.by_m:.3f} m" if each.what == "moved" else "")
+        for each in changes[:CHANGES_TOLD]
+    ]
+    more = len(changes) - len(told)
+    return (", ".join(told) or "nothing") + (f", and {more} more" if more > 0 else "")
 
 
-def _tell_relations(environment: Environment, places: Mapping[str, list[tuple[str, str]]]) -> tuple[str, ...]:
-    relations: list[str] = []
-    for entity in environment.entities.values():
-        if entity.held_by:
-            relations.append(f"holding({entity.held_by}, {entity.name})")
-        relations += [f"{name}({entity.name}, {place})" for name, place in places[entity.name]]
-    return tuple(relations)
-
-
-def _find_places(entity: Entity, environment: Environment) -> list[tuple[str, str]]:
-    """What a thing is inside of, else what it is on; empty for what is fixed or held."""
-    if entity.held_by or not entity.movable:
-        return []
-    others = [other for other in environment.entities.values() if other.name != entity.name]
-    interiors = [*environment.regions, *(other.name for other in others if other.interior)]
-    inside = [("inside", place) for place in interiors if _is_true("inside", entity.name, place, environment)]
-    if inside:
-        return inside
-    return [("on", other.name) for other in others if _is_true("on", entity.name, other.name, environment)]
-
-
-def _is_true(predicate: str, thing: str, place: str, environment: Environment) -> bool:
-    view = View(now=environment, initial=None, target=None)
-    return evaluate(Call(predicate, (Name(thing), Name(place))), view).truth is Truth.TRUE
-
-
-def _describe(entity: Entity, places: list[tuple[str, str]]) -> tuple[str, ...]:
+def _describe(entity: Entity, places: list[Relation]) -> tuple[str, ...]:
     return (
         f"{entity.color} {entity.kind}".strip(),
         _locate(entity, places),
         _format_numbers(entity.pose.position_m),
         f"{compute_tilt(entity.pose):.3f}",
         f"{entity.speed_m_s:.3f}",
-        "yes" if entity.visible else "no",
+        entity.status.value if entity.visible or entity.status is not Status.SEEN else "no",
         f"{entity.observed_at_s:.3f}",
         f"{entity.confidence:.2f}",
     )
 
 
-def _locate(entity: Entity, places: list[tuple[str, str]]) -> str:
+def _locate(entity: Entity, places: list[Relation]) -> str:
     if entity.held_by:
         return f"held by {entity.held_by}"
     if not entity.movable:
         return "fixed"
-    return ", ".join(f"{name} {place}" for name, place in places) or "unknown"
+    return ", ".join(f"{place.name} {place.arguments[1]}" for place in places) or "unknown"
 
 
 def _format_numbers(values: tuple[float, ...]) -> str:
     return " ".join(f"{value:.3f}" for value in values)
 
 
-def _render_snapshot(environment: Environment, relations: tuple[str, ...]) -> str:
+def _render_snapshot(environment: Environment, relations: tuple[Relation, ...]) -> str:
     """YAML with one thing a line, so that two snapshots can be compared line by line."""
     snapshot = Snapshot(**(msgspec.structs.asdict(environment) | {"relations": relations}))
     lines = []
     for name, value in msgspec.to_builtins(snapshot).items():
-        if isinstance(value, dict) and value:
+        if name == "relations" and value:
+            lines += [f"{name}:", *(f"  - {render_flow(each)}" for each in value)]
+        elif isinstance(value, dict) and value:
             lines += [f"{name}:", *(f"  {render_flow(key)}: {render_flow(each)}" for key, each in value.items())]
         else:
             lines.append(f"{name}: {render_flow(value)}")

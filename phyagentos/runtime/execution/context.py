@@ -4,9 +4,9 @@ Upstream: the runner, which builds it. Downstream: every leaf. Leaves see no con
 wall; what they want done they say through `commands`, what they want planned through `planner`.
 """
 
-from collections.abc import Callable
+from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import Event
@@ -18,31 +18,70 @@ from phyagentos.runtime.execution.thinking import Thinker
 from phyagentos.runtime.targets.wire import Step
 
 
+class Senses(Protocol):
+    """What a session may ask about the world beside its own arm."""
+
+    def note(self, step: Step) -> None:
+        """Told of every step."""
+        ...
+
+    def recall(self) -> Environment:
+        """What is believed."""
+        ...
+
+    def look(self, names: Collection[str]) -> Environment:
+        """Observe and perceive these things, everything when none is named."""
+        ...
+
+    def find_held(self, step: Step) -> tuple[str, ...]:
+        """Names of the things between the fingers."""
+        ...
+
+
 class Situation:
-    """The present: the latest step, and the world as perceived on demand, at most once per step.
+    """The present: the latest step, and the world as believed or looked at on demand, at most once per step.
 
     Args:
         step: The world when the session began.
         initial: The snapshot taken then.
-        look: Observes and perceives; time does not move.
+        senses: Where questions about the world go; time does not move.
     """
 
-    def __init__(self, step: Step, initial: Environment, look: Callable[[], Environment]) -> None:
+    def __init__(self, step: Step, initial: Environment, senses: Senses) -> None:
         self.step = step
         self.initial = initial
-        self._look = look
+        self._senses = senses
         self._environment: Environment | None = initial
+        self._is_looked_at = True
 
     def advance(self, step: Step) -> None:
         """A command was carried out: what was perceived before is past."""
         self.step = step
-        self._environment = None
+        self._environment, self._is_looked_at = None, False
+        self._senses.note(step)
 
     def environment(self) -> Environment:
-        """The present world."""
+        """The present world as it is believed; what is held has moved with the hand, nothing is looked at anew."""
         if self._environment is None:
-            self._environment = self._look()
+            self._environment = self._senses.recall()
         return self._environment
+
+    def look(self) -> Environment:
+        """The present world, looked at."""
+        if self._environment is None or not self._is_looked_at:
+            self._environment, self._is_looked_at = self._senses.look(()), True
+        return self._environment
+
+    def glance(self, names: Collection[str]) -> Environment:
+        """The present world, in which these things at least were looked at."""
+        if self._is_looked_at:
+            return self.environment()
+        self._environment = self._senses.look(names)
+        return self._environment
+
+    def find_held(self) -> tuple[str, ...]:
+        """Names of the things between the fingers, as they are perceived."""
+        return self._senses.find_held(self.step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,8 +118,16 @@ class SkillContext:
         return self.situation.step.time_s
 
     def environment(self) -> Environment:
-        """The present world, perceived on demand."""
+        """The present world as it is believed; cheap, and as old as the last look."""
         return self.situation.environment()
+
+    def look(self) -> Environment:
+        """The present world, looked at."""
+        return self.situation.look()
+
+    def is_holding(self, name: str) -> bool:
+        """Whether the thing of this name is between the fingers, as perceived."""
+        return name in self.situation.find_held()
 
     def draw_seed(self, path: str) -> int:
         """A seed for the next random choice of the leaf at `path`; every call gives another one, repeatably."""

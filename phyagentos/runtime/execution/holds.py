@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import HOLDS
-from phyagentos.protocol.predicates.predicate import Evaluation, Predicate, View, parse_predicate, worse
+from phyagentos.protocol.predicates.predicate import Evaluation, Predicate, View, iter_entities, parse_predicate, worse
 from phyagentos.protocol.verdicts import Criterion, Truth
 
 SAMPLE_PERIODS = 5  # control periods between samples: 10 Hz of simulated time
@@ -17,12 +17,16 @@ class HoldMonitor:
         texts: As in the contract, fully substituted.
         initial: The snapshot that `moved` compares with.
         target: Whose session it is.
+
+    Attributes:
+        names: Of the things and places that the conditions are about.
     """
 
     def __init__(self, texts: Sequence[str], initial: Environment, target: str) -> None:
         self._predicates: tuple[tuple[str, Predicate], ...] = tuple((text, parse_predicate(text)) for text in texts)
         self._initial = initial
         self._target = target
+        self.names = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
         self._worst: dict[str, tuple[Evaluation, float]] = {}
 
     def is_due(self, tick: int) -> bool:

@@ -22,6 +22,7 @@ from phyagentos.runtime.targets.wire import Step
 
 TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
 WAIT_S = 0.02  # longest sleep between looks at a planner, a cancellation, a deadline
+LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not said for too long that it is there
 
 Cancel = Callable[[], str | None]
 
@@ -56,7 +57,7 @@ class SessionLoop:
         context: Services of the session.
         skill: Decides.
         holds: Conditions that must be true all through.
-        cancel: Asked in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
+        cancel: Asked in every turn; a reason (`cancelled`, `timed_out`, `stalled`, `lease_lost`) ends the execution.
         clock: Bounds thinking.
         observers: Told of every turn and every step.
 
@@ -105,7 +106,7 @@ class SessionLoop:
         wall_deadline_s = now_s() + limits.wall_timeout_s
         while True:
             if reason := self._cancel():
-                return Outcome(ended=Ended(reason), code=reason.upper(), message="an end was asked for")
+                return describe_request(reason)
             began_s = now_s()
             result = self._skill.tick()
             self.ms["tree"] += 1e3 * (now_s() - began_s)
@@ -141,7 +142,7 @@ class SessionLoop:
         self.ticks += 1
         for observer in self._observers:
             observer.on_step(points, step)
-        violated = self._holds.sample(context.environment()) if self._holds.is_due(self.ticks) else None
+        violated = self._holds.sample(context.situation.glance(self._holds.names)) if self._holds.is_due(self.ticks) else None
         self.ms["apply"] += 1e3 * (applied_s - began_s)
         self.ms["record"] += 1e3 * (now_s() - applied_s)
         if violated is None:
@@ -157,6 +158,16 @@ class SessionLoop:
             details |= {"where": violation.where, "found": violation.found, "limit": violation.limit}
         self._context.note("intervention", refusal.code, **details)
         return Outcome(ended=Ended.SAFETY_STOP, code=refusal.code, message=str(refusal))
+
+
+def describe_request(reason: str) -> Outcome:
+    """How an execution ends for which the watchdog, or its silence, asked for an end."""
+    if reason == LEASE_LOST:
+        return Outcome(ended=Ended.SAFETY_STOP, code="LEASE_LOST", message="no watchdog has renewed the lease in time")
+    if reason == Ended.STALLED:  # a motor that does not follow is a leaf's finding
+        message = "no control period passed within the contract's limit"
+        return Outcome(ended=Ended.STALLED, code=FailureCode.NO_PROGRESS, message=message)
+    return Outcome(ended=Ended(reason), code=reason.upper(), message="an end was asked for")
 
 
 def _ended_by(code: str) -> Ended:

@@ -187,7 +187,7 @@ class MovingLeaf(PlanningLeaf):
         return status
 
     def _has_lost(self, entity: str) -> bool:
-        held = entity in self.context.step.target.holding
+        held = self.context.is_holding(entity)
         self._lost_periods = 0 if held else self._lost_periods + 1
         return self._lost_periods >= LOST_PERIODS
 

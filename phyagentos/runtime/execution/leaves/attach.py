@@ -19,7 +19,7 @@ class Attach(Leaf):
         entity = environment.entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
-        if name not in self.context.step.target.holding:
+        if not self.context.is_holding(name):
             return self.fail(FailureCode.GRASP_MISSED, f"{name} is not between the fingers", object=name)
         world_T_tcp = compute_matrix(self.context.step.target.tcp)
         tcp_T_entity = compute_pose(compute_inverse(world_T_tcp) @ compute_matrix(entity.pose))

@@ -3,6 +3,7 @@
 from phyagentos.runtime.execution.leaves.attach import Attach
 from phyagentos.runtime.execution.leaves.detach import Detach
 from phyagentos.runtime.execution.leaves.fail import Fail
+from phyagentos.runtime.execution.leaves.find_opening import FindOpening
 from phyagentos.runtime.execution.leaves.gripper import CloseGripper, OpenGripper
 from phyagentos.runtime.execution.leaves.locate import Locate
 from phyagentos.runtime.execution.leaves.look import Look
@@ -27,6 +28,7 @@ def register_builtin(registry: LeafRegistry) -> None:
     registry.register("close_gripper", CloseGripper)
     registry.register("detach", Detach)
     registry.register("fail", Fail)
+    registry.register("find_opening", FindOpening)
     registry.register("locate", Locate)
     registry.register("look", Look)
     registry.register("move_home", MoveHome)

@@ -15,7 +15,7 @@ class Detach(Leaf):
     def on_start(self) -> Status:
         """Look once."""
         name = self.read("object")
-        if name in self.context.step.target.holding:
+        if self.context.is_holding(name):
             return self.fail(FailureCode.STILL_HELD, f"{name} is still between the fingers", object=name)
         entity = self.context.environment().entities.get(name)
         if entity is None:

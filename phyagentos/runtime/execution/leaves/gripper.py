@@ -1,5 +1,7 @@
 """Open and close the gripper: commanded widths, and a fixed time for the fingers to settle."""
 
+import math
+
 import numpy as np
 
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
@@ -7,10 +9,14 @@ from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
 OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
 
 
+CLOSING_M_S = 0.25  # of the opening: both fingers hang on one drive, and at full speed the first to touch is a blow
+
+
 class _GripperLeaf(Leaf):
     """Commands one width for so many seconds of simulated time."""
 
     _until_s = 0.0
+    _speed_m_s = math.inf
 
     def begin(self, width_m: float, duration_s: float) -> Status:
         """Command `width_m` [m] for `duration_s` [s]."""
@@ -22,7 +28,10 @@ class _GripperLeaf(Leaf):
         """Command the width until time is up."""
         commands = self.context.commands
         if self.context.time_s < self._until_s:
-            commands.set_gripper(np.full(commands.n_steps, self._width_m))
+            step_m = self._speed_m_s * self.context.profile.physics_step_s
+            now_m = commands.gripper_width_m
+            way = now_m - step_m * np.arange(1, commands.n_steps + 1) if math.isfinite(step_m) else self._width_m
+            commands.set_gripper(np.maximum(np.full(commands.n_steps, self._width_m), way))
             return Status.RUNNING
         return self.on_settled(self.context.step.target.gripper_width_m)
 
@@ -54,6 +63,8 @@ class OpenGripper(_GripperLeaf):
 
 class CloseGripper(_GripperLeaf):
     """Close the fingers onto whatever is between them, and say how wide they stand."""
+
+    _speed_m_s = CLOSING_M_S
 
     INPUT_PORTS = {
         "seconds": PortInformation(

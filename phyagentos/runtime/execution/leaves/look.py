@@ -30,7 +30,7 @@ class Look(Leaf):
             self.context.commands.hold()
             return Status.RUNNING
         name = self.read("object")
-        entity = self.context.environment().entities.get(name)
+        entity = self.context.look().entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
         if not entity.visible:

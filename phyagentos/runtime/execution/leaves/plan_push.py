@@ -20,14 +20,17 @@ SHORTEST_M = 0.005  # a push shorter than this is none
 class PlanPush(PlanningLeaf):
     """A way of the closed fingers: down behind the object, straight on until it stands at the goal.
 
-    The way begins at one of the hover postures of `approaches`, whichever allows it; closed fingers are the same from
-    both sides, so each is tried with two turns of the hand.
+    The way begins at one of the hover postures of `approaches`, whichever allows it, or where the arm is when there are
+    none, as for a thing that cannot be gripped. Closed fingers are the same from both sides, so each is tried with two
+    turns of the hand.
     """
 
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to push."),
         "to": PortInformation(data_type=tuple, description="Where its centre shall be, world frame [m]."),
-        "approaches": PortInformation(data_type=Approaches, description="Postures near the object to begin from."),
+        "approaches": PortInformation(
+            data_type=Approaches, required=False, description="Postures near the object to begin from."
+        ),
     }
     OUTPUT_PORTS = {"ways": PortInformation(data_type=Approaches, description="One way, to be reached and followed.")}
 
@@ -50,19 +53,24 @@ class PlanPush(PlanningLeaf):
         start, turned = divmod(self._tried, 2)
         return FindLine(
             world=self.world(),
-            q_rad=self.read("approaches").approaches[start].line_rad[0],
+            q_rad=self._find_starts()[start],
             waypoints=compute_push(entity, goal[:2], way / length_m, turned=bool(turned)),
             seed=self.context.draw_seed(self.path),
-            ignore=(name,),
+            ignore=(name, entity.part_of) if entity.part_of else (name,),  # a drawer moves with its handle
         )
 
     def on_refused(self, answer: NoPlan) -> Status:
         """Try the other turn of the hand, then the next posture."""
         self._tried += 1
-        if self._tried < 2 * len(self.read("approaches").approaches):
+        if self._tried < 2 * len(self._find_starts()):
             return self.ask()
         self._tried = 0
         return super().on_refused(answer)
+
+    def _find_starts(self) -> list[Array]:
+        """Postures (n_joints,) that the way may begin at."""
+        approaches = self.find("approaches")
+        return [each.line_rad[0] for each in approaches.approaches] if approaches else [self.context.commands.q_rad]
 
     def on_answer(self, answer: MotionAnswer) -> Status:
         """Write the way."""

@@ -19,13 +19,15 @@ class VerifyGrasp(Leaf):
         """Judge the latest step."""
         name = self.read("object")
         step = self.context.step
-        if name in step.target.holding:
+        held = self.context.situation.find_held()
+        if name in held:
             return self.succeed("", object=name, width_m=step.target.gripper_width_m)
         code = FailureCode.GRASP_MISSED if self.read("after") == "close" else FailureCode.GRASP_LOST
-        sides = "one side only" if name in step.touching else "neither side"
+        sides = ("neither side", "one side only", "both sides")[min(step.target.fingers_touching, 2)]
+        instead = f"hold {', '.join(held)}, not {name}" if held else f"are touched from {sides}: no {name}"
         return self.fail(
             code,
-            f"the fingers, {1e3 * step.target.gripper_width_m:.1f} mm apart, touch {name} from {sides}",
+            f"the fingers, {1e3 * step.target.gripper_width_m:.1f} mm apart, {instead}",
             object=name,
             width_m=step.target.gripper_width_m,
         )

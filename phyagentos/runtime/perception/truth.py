@@ -1,26 +1,14 @@
-"""From an observation to the believed world: the pipelines of perception.
+"""The pipeline that believes the simulator: for scoring and for tests, and it says so (`sensing: truth`)."""
 
-Upstream: the target's observation. Downstream: planning, hold conditions, evidence. Today one pipeline ships, which
-reads the simulator's truth and says so; cameras and depth come in behind the same port.
-"""
+from collections.abc import Collection
 
-from typing import Protocol
-
-from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.environment import Environment, TargetState
 from phyagentos.protocol.sessions import Scene
 from phyagentos.runtime.targets.wire import Observation
 
 
-class Perception(Protocol):
-    """Turns what is sensed into what is believed."""
-
-    def perceive(self, observation: Observation, scene: Scene) -> Environment:
-        """One snapshot, with a revision of its own."""
-        ...
-
-
 class TruthPerception:
-    """Believes the simulator (`sensing: truth`).
+    """Believes the simulator.
 
     Args:
         target: Name of the target whose state is in the observations.
@@ -31,7 +19,7 @@ class TruthPerception:
         self._target = target
         self._revision = revision
 
-    def perceive(self, observation: Observation, scene: Scene) -> Environment:
+    def perceive(self, observation: Observation, scene: Scene, focus: Collection[str] = ()) -> Environment:
         """The observation's entities, regions and target, as one snapshot of the scene's episode."""
         self._revision += 1
         return Environment(
@@ -44,3 +32,17 @@ class TruthPerception:
             regions={region.name: region for region in observation.regions},
             targets={self._target: observation.target},
         )
+
+    def recall(self, observation: Observation, scene: Scene) -> Environment:
+        """As `perceive`: the truth does not age."""
+        return self.perceive(observation, scene)
+
+    def note(self, time_s: float, state: TargetState) -> None:
+        """Nothing to remember."""
+
+    def find_held(self, state: TargetState, time_s: float) -> tuple[str, ...]:
+        """As the simulator says."""
+        return state.holding
+
+    def restore(self, belief: Environment) -> None:
+        """Nothing to restore: the truth is in the state."""

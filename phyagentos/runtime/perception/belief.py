@@ -1,0 +1,336 @@
+"""From one set of frames and the belief before it to the belief after it: the core of the pipeline, a pure function.
+
+Upstream: `embedded` (live), or whoever senses recorded frames again. Downstream: everything that reads an Environment.
+Fixed things are looked for near their nominal places, held things follow the hand, the others are found by colour and
+form. What is not found is hidden where its place cannot be seen, and gone where its place is seen and empty.
+"""
+
+from collections.abc import Collection, Mapping
+
+import msgspec
+import numpy as np
+
+from phyagentos.protocol.environment import Entity, Pose, Region, Shape, Status, TargetState
+from phyagentos.runtime.perception.association import Match, associate
+from phyagentos.runtime.perception.drawers import place_drawers
+from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, fit_fixed
+from phyagentos.runtime.perception.grip import carry, find_held, is_gripping, let_go
+from phyagentos.runtime.perception.hand_check import check_hand
+from phyagentos.runtime.perception.inventory import ALIKE, Inventory, Thing
+from phyagentos.runtime.perception.solids import Array, Solids, as_pose, compute_rotation, turn
+from phyagentos.runtime.perception.views import Cloud, Eye
+from phyagentos.runtime.perception.visibility import compute_sight
+
+SOURCE, FILLING = "rgbd", "rgbd filling"
+RIM_M = 0.008  # of a vessel: how far its filling may stand out, and how far its pose may be off
+FILLING_POINTS = 4  # so many pixels show that there is some
+STILL_M, STILL_RAD = 0.008, 0.14  # a thing that comes out this near to where it was has not moved
+FUSE_MAX = 5  # a mean over more looks would follow too slowly
+FIXED_LOOKS = 4  # after so many a fixed thing is known
+GONE_FRACTION = 0.6  # of its surface seen through
+SEEN_FRACTION = 0.25  # less of it in view tells nothing about it
+NEAR_FIXED_M = 0.004  # what is this near to a fixed thing and of a colour like it belongs to it
+HAND_M = 0.008
+SPEED_S = (0.08, 2.0)  # a speed is told from two looks this far apart
+
+
+def update_belief(
+    inventory: Inventory,
+    before: Mapping[str, Entity],
+    eyes: tuple[Eye, ...],
+    cloud: Cloud,
+    state: TargetState,
+    *,
+    target: str,
+    time_s: float,
+    focus: Collection[str] = (),
+) -> dict[str, Entity]:
+    """The entities after a look.
+
+    Args:
+        inventory: Of the scene.
+        before: What was believed; empty at first.
+        eyes: The cameras of this look.
+        cloud: What they saw.
+        state: What the target says of itself now.
+        target: Its name.
+        time_s: Of the newest frame.
+        focus: Only these are looked at; empty for all.
+    """
+    entities = check_hand(inventory, follow_hand(inventory, before, state, target, time_s), cloud, state, target)
+    entities.update(inventory.known)
+    wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}
+    for thing in wanted.values():
+        if not thing.template.movable and not focus:
+            found = _look_at_fixed(thing, entities.get(thing.name), eyes, cloud, time_s)
+            if found is not None:
+                entities[thing.name] = found
+    held = [name for name, entity in entities.items() if entity.status is Status.HELD]
+    rest = _leave_out(cloud, inventory, entities, held)
+    loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
+    filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
+    _look_at_loose(loose, entities, rest, eyes, time_s)
+    outside, filled = _take_filling(filling, entities, rest)
+    spilt = associate(filling, entities, outside, eyes)
+    for name, thing in filling.items():
+        if name in spilt:
+            entities[name] = _see(thing, entities.get(name), spilt[name], outside, eyes, time_s)
+        else:
+            _fill(thing, entities, filled, time_s)
+    return _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
+
+
+def _look_at_loose(
+    loose: Mapping[str, Thing], entities: dict[str, Entity], cloud: Cloud, eyes: tuple[Eye, ...], time_s: float
+) -> None:
+    matches = associate(loose, entities, cloud, eyes)
+    for name, thing in loose.items():
+        match, entity = matches.get(name), entities.get(name)
+        if match is not None:
+            entities[name] = _see(thing, entity, match, cloud, eyes, time_s)
+        elif entity is not None:
+            entities[name] = _miss(thing, entity, eyes)
+
+
+def follow_hand(
+    inventory: Inventory, before: Mapping[str, Entity], state: TargetState, target: str, time_s: float
+) -> dict[str, Entity]:
+    """The entities as touch alone tells: what is held moves with the hand, what was let go is where it was let go."""
+    entities = dict(before)
+    held = [entity for entity in before.values() if entity.status is Status.HELD]
+    if not is_gripping(state):
+        entities |= {entity.name: let_go(carry(entity, state, target)) for entity in held}
+        return entities
+    taken = held[0] if held else find_held(before, state, inventory)
+    if taken is not None:
+        entities[taken.name] = msgspec.structs.replace(carry(taken, state, target), observed_at_s=time_s)
+        entities = _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
+    return entities
+
+
+def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[str, Region]:
+    """The named regions, those of a body where that body was measured."""
+    regions = {}
+    for prior in inventory.regions:
+        body = entities.get(prior.body) if prior.body is not None else None
+        if prior.body is not None and body is None:
+            continue
+        pose = Pose(prior.center_m)
+        if body is not None:
+            rotation = compute_rotation(body.pose.quaternion_wxyz)
+            pose = as_pose(rotation, rotation @ np.array(prior.center_m) + np.array(body.pose.position_m))
+        regions[prior.name] = Region(name=prior.name, pose=pose, half_m=prior.half_m)
+    return regions
+
+
+def _look_at_fixed(
+    thing: Thing, entity: Entity | None, eyes: tuple[Eye, ...], cloud: Cloud, time_s: float
+) -> Entity | None:
+    if entity is not None and entity.looks >= FIXED_LOOKS:
+        return None
+    nominal = thing.template.pose
+    rotation, position = compute_rotation(nominal.quaternion_wxyz), np.array(nominal.position_m)
+    own = cloud.points_m[cloud.colors == thing.colors[0]]
+    reach = max(thing.reach_m or (0.1,)) + 0.03
+    near = thing.solids.measure((own - position) @ rotation) < reach + (0.05 if thing.stretch else 0.0)
+    found = fit_fixed(thing, own[near], eyes, rotation, position)
+    if found is None:
+        return None
+    pose = as_pose(found.rotation, _clip(found.position_m, thing, position))
+    return _fuse(thing, entity, pose, found, time_s, ())
+
+
+def _clip(position_m: Array, thing: Thing, nominal_m: Array) -> Array:
+    """Within what the scene allows."""
+    if thing.reach_m is None or thing.stretch is not None:
+        return position_m
+    reach = np.array(thing.reach_m)
+    return np.clip(position_m, nominal_m - reach, nominal_m + reach)
+
+
+def _fuse(
+    thing: Thing, entity: Entity | None, pose: Pose, found: Fit, time_s: float, evidence: tuple[str, ...]
+) -> Entity:
+    """The measured pose, averaged with those before where the thing has not moved."""
+    looks = 1
+    rotation, position = compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m)
+    speed = 0.0
+    if entity is not None:
+        was = compute_rotation(entity.pose.quaternion_wxyz)
+        rotation = choose_symmetric(thing, rotation, was)
+        moved = float(np.linalg.norm(position - entity.pose.position_m))
+        turned = _measure_turn(was, rotation)
+        if entity.looks and moved < STILL_M and turned < STILL_RAD:
+            looks = min(entity.looks + 1, FUSE_MAX)
+            position = np.array(entity.pose.position_m) + (position - np.array(entity.pose.position_m)) / looks
+            rotation = turn(_log(rotation @ was.T) / looks) @ was
+        elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
+            speed = moved / (time_s - entity.observed_at_s)
+    base = thing.template
+    return msgspec.structs.replace(
+        base,
+        pose=as_pose(rotation, position),
+        shapes=_stretch(base.shapes, found.stretch),
+        observed_at_s=time_s,
+        visible=True,
+        status=Status.SEEN,
+        speed_m_s=speed,
+        confidence=_rate(found),
+        source=SOURCE,
+        looks=looks,
+        evidence=evidence,
+    )
+
+
+def _see(
+    thing: Thing, entity: Entity | None, match: Match, cloud: Cloud, eyes: tuple[Eye, ...], time_s: float
+) -> Entity:
+    found = match.fit
+    seen = cloud.take(match.points)
+    evidence = tuple(_point_at(eye, seen, index) for index, eye in enumerate(eyes) if (seen.eyes == index).any())
+    placed = _fuse(thing, entity, as_pose(found.rotation, found.position_m), found, time_s, evidence)
+    local = (seen.points_m - found.position_m) @ found.rotation
+    x, y, z = np.round(np.percentile(local, 98, axis=0) - np.percentile(local, 2, axis=0), 4).tolist()
+    return msgspec.structs.replace(placed, extent_m=(x, y, z))
+
+
+def _point_at(eye: Eye, seen: Cloud, index: int) -> str:
+    """Where a thing is in one picture."""
+    pixels = seen.pixels[seen.eyes == index]
+    (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
+    return f"{eye.camera}@{eye.time_s:.3f}:{left},{top},{right - left + 1},{bottom - top + 1}"
+
+
+def _miss(thing: Thing, entity: Entity, eyes: tuple[Eye, ...]) -> Entity:
+    """A thing that was not found: hidden, or gone."""
+    rotation = compute_rotation(entity.pose.quaternion_wxyz)
+    sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), eyes)
+    total = sight.confirmed + sight.hidden + sight.contradicted
+    if total and sight.visible_fraction > SEEN_FRACTION and sight.contradicted_fraction > GONE_FRACTION:
+        return msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1, looks=0)
+    return msgspec.structs.replace(entity, status=Status.HIDDEN, confidence=round(0.8 * entity.confidence, 3))
+
+
+def _take_filling(
+    filling: Mapping[str, Thing], entities: Mapping[str, Entity], cloud: Cloud
+) -> tuple[Cloud, dict[str, bool]]:
+    """The points that are not in a vessel, and which vessels are seen to be filled."""
+    keep = np.ones(len(cloud.points_m), dtype=np.bool_)
+    filled: dict[str, bool] = {}
+    for name in dict.fromkeys(thing.vessel for thing in filling.values()):
+        vessel = entities.get(name or "")
+        inside = vessel.interior if vessel is not None else None
+        if vessel is None or inside is None or name is None:
+            continue
+        colors = [thing.colors[0] for thing in filling.values() if thing.vessel == name]
+        local = (cloud.points_m - vessel.pose.position_m) @ compute_rotation(vessel.pose.quaternion_wxyz)
+        within = np.all(np.abs(local - inside.center_m) <= np.array(inside.half_m) + RIM_M, axis=1)
+        within &= np.isin(cloud.colors, colors)
+        keep &= ~within
+        filled[name] = int(within.sum()) >= FILLING_POINTS
+    return cloud.take(keep), filled
+
+
+def _fill(thing: Thing, entities: dict[str, Entity], filled: Mapping[str, bool], time_s: float) -> None:
+    """A part of a filling that is seen nowhere outside: in its vessel, where that is seen to be filled."""
+    vessel, entity = entities.get(thing.vessel or ""), entities.get(thing.name)
+    if vessel is None:
+        return
+    rotation = compute_rotation(vessel.pose.quaternion_wxyz)
+    offset = np.array(thing.template.pose.position_m)
+    pose = as_pose(rotation, rotation @ offset + np.array(vessel.pose.position_m))
+    if filled.get(vessel.name):
+        entities[thing.name] = msgspec.structs.replace(
+            thing.template, pose=pose, observed_at_s=time_s, status=Status.SEEN, confidence=0.6, source=FILLING, looks=1
+        )
+    elif entity is not None and entity.source == FILLING and vessel.status in (Status.HELD, Status.HIDDEN):
+        entities[thing.name] = msgspec.structs.replace(entity, pose=pose, status=Status.HIDDEN, confidence=0.4)
+    elif entity is not None:
+        entities[thing.name] = msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1)
+
+
+def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity], held: list[str]) -> Cloud:
+    """The points that no fixed thing and nothing in the hand explains."""
+    keep = np.ones(len(cloud.points_m), dtype=np.bool_)
+    loose = {thing.colors[0] for thing in inventory.things.values() if thing.template.movable}
+    for name, thing in inventory.things.items():
+        entity = entities.get(name)
+        if entity is None or (thing.template.movable and name not in held):
+            continue
+        if not thing.template.movable:
+            alike = [c for c in loose if c in thing.colors or _is_like(inventory, c, thing)]
+            among = np.isin(cloud.colors, alike)
+            margin = NEAR_FIXED_M
+        else:
+            among, margin = cloud.colors == thing.colors[0], HAND_M
+        if not among.any():
+            continue
+        rotation = compute_rotation(entity.pose.quaternion_wxyz)
+        local = (cloud.points_m[among] - entity.pose.position_m) @ rotation
+        solids = Solids.of(entity.shapes).near(local, margin)
+        if solids.kinds:
+            keep[among] &= solids.measure(local) > margin
+    return cloud.take(keep)
+
+
+def _is_like(inventory: Inventory, color: int, thing: Thing) -> bool:
+    """Whether a colour can be taken for one of the thing's."""
+    one = inventory.palette[color]
+    others = inventory.palette[list(thing.colors)]
+    hues = others / others.sum(axis=1, keepdims=True)
+    return bool((np.linalg.norm(one / one.sum() - hues, axis=1) < ALIKE).any())
+
+
+def _carry_contents(inventory: Inventory, before: Mapping[str, Entity], after: dict[str, Entity]) -> dict[str, Entity]:
+    """What lay in a vessel that moved, and is not seen now, went with it."""
+    for name, known in (inventory.things | inventory.drawers).items():
+        vessel, was = after.get(name), before.get(name)
+        inside = known.template.interior
+        if vessel is None or was is None or inside is None or not known.template.movable or vessel.pose == was.pose:
+            continue
+        old, new = compute_rotation(was.pose.quaternion_wxyz), compute_rotation(vessel.pose.quaternion_wxyz)
+        for other, entity in list(after.items()):
+            earlier = before.get(other)
+            is_unseen = (
+                entity.status in (Status.HIDDEN, Status.SEEN) and earlier is not None and entity.pose == earlier.pose
+            )
+            if other == name or not entity.movable or not is_unseen or earlier is None:
+                continue
+            local = old.T @ (np.array(earlier.pose.position_m) - np.array(was.pose.position_m))
+            if np.all(np.abs(local - inside.center_m) <= inside.half_m):
+                turned = new @ old.T @ compute_rotation(earlier.pose.quaternion_wxyz)
+                moved = as_pose(turned, new @ local + np.array(vessel.pose.position_m))
+                after[other] = msgspec.structs.replace(entity, pose=moved)
+    return after
+
+
+def _stretch(shapes: tuple[Shape, ...], factor: float) -> tuple[Shape, ...]:
+    if factor == 1.0:
+        return shapes
+    return tuple(
+        Shape(
+            shape.kind,
+            (*shape.size_m[:-1], shape.size_m[-1] * factor),
+            Pose((*shape.pose.position_m[:2], shape.pose.position_m[2] * factor), shape.pose.quaternion_wxyz),
+        )
+        for shape in shapes
+    )
+
+
+def _rate(found: Fit) -> float:
+    """Confidence: how much of what should be seen is seen, and how well it fits."""
+    shown = 1.0 - found.sight.contradicted_fraction
+    fitting = float(np.exp(-((found.rms_m / 0.006) ** 2)))
+    enough = min(1.0, found.count / 20)
+    return round(shown * (0.4 + 0.6 * fitting) * enough, 3)
+
+
+def _measure_turn(a: Array, b: Array) -> float:
+    return float(np.arccos(np.clip((np.trace(a.T @ b) - 1) / 2, -1.0, 1.0)))
+
+
+def _log(rotation: Array) -> Array:
+    """Axis times angle of a small turn."""
+    angle = _measure_turn(np.eye(3), rotation)
+    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return axis / 2 if angle < 1e-6 else axis * angle / (2 * np.sin(angle))

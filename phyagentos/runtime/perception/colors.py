@@ -1,0 +1,53 @@
+"""Which of the declared colours a pixel shows, under any light.
+
+Upstream: the palette of an inventory. Downstream: segmentation. A lit surface of one colour lies on a ray from black
+through its colour, bent where a channel saturates; a pixel belongs to the nearest such curve. The answer for every
+colour is computed once and looked up.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.runtime.perception.solids import Array
+
+BITS = 5  # per channel of the table: 32768 entries
+LIGHTS = np.linspace(0.3, 1.6, 14)  # from shade to more light than a picture can show
+NO_COLOR = 255
+FARTHEST = 0.24  # of a normalised colour from every curve: something that the scene file does not know
+DIM = 0.02  # of full brightness: too dark to tell
+
+
+class Palette:
+    """Tells pixels by their colour.
+
+    Args:
+        colors: (k, 3) colours of surfaces, 0..1.
+    """
+
+    def __init__(self, colors: Array) -> None:
+        levels = (np.arange(2**BITS) + 0.5) / 2**BITS
+        grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+        curves = np.clip(colors[:, None, :] * LIGHTS[None, :, None], 0.0, 1.0)  # (k, lights, 3)
+        best = np.full(len(grid), np.inf)
+        label = np.full(len(grid), NO_COLOR, dtype=np.uint8)
+        for index, curve in enumerate(curves):
+            own = np.min([_measure(grid, point) for point in curve], axis=0)
+            closer = own < best
+            best[closer], label[closer] = own[closer], index
+        label[(best > FARTHEST) | (grid.max(axis=1) < DIM)] = NO_COLOR
+        self._labels = label
+
+    def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(...,) index of the colour of each pixel (..., 3), `NO_COLOR` where it is none of them."""
+        shift = 8 - BITS
+        red, green, blue = (rgb[..., channel].astype(np.intp) >> shift for channel in range(3))
+        labels: NDArray[np.uint8] = self._labels[(red << 2 * BITS) | (green << BITS) | blue]
+        return labels
+
+
+def _measure(grid: Array, point: Array) -> Array:
+    """Difference of hue and saturation, and, less, of brightness."""
+    brightness, own = grid.sum(axis=1), point.sum()
+    hue = np.linalg.norm(grid / brightness[:, None] - point / own, axis=1)
+    lightness = np.abs(brightness - own) / 3.0
+    return np.asarray(hue + 0.15 * lightness)

@@ -1,0 +1,149 @@
+"""A detector behind HTTP: an open-vocabulary model on its own server.
+
+`POST <url>` with `{"version": 1, "image_png": <base64>, "labels": ["red cube", ...]}` is answered by
+`{"version": 1, "detections": [{"label": "red cube", "score": 0.93, "box": [left, top, width, height],
+"mask_png": <base64 of an 8-bit picture of the same size, absent where there is none>}]}`. Boxes are in whole pixels.
+What does not keep to this is refused as a whole: half an answer is none.
+"""
+
+import base64
+import binascii
+from collections.abc import Mapping, Sequence
+
+import cv2
+import httpx
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.runtime.perception.detection.detector import Colours, Detection
+
+VERSION = 1
+TIMEOUT_S = 5.0
+ANSWER_MAX_BYTES = 64 * 2**20  # a hundred masks of a large picture
+DETECTIONS_MAX = 1000
+
+
+class Query(msgspec.Struct, frozen=True, kw_only=True):
+    """What is sent."""
+
+    version: int
+    image_png: str
+    labels: tuple[str, ...]
+
+
+class Found(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One detection as it travels."""
+
+    label: str
+    score: float
+    box: tuple[int, int, int, int]
+    mask_png: str | None = None
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """What is expected back."""
+
+    version: int
+    detections: tuple[Found, ...]
+
+
+class HttpDetector:
+    """Asks a model server.
+
+    Args:
+        url: Of the server's detection route.
+        timeout_s: Longest wait for an answer [s].
+        score_min: Detections below are left out.
+    """
+
+    def __init__(self, url: str, timeout_s: float = TIMEOUT_S, score_min: float = 0.3) -> None:
+        self._url, self._score_min = url, score_min
+        self._client = httpx.Client(timeout=timeout_s, trust_env=False)
+
+    def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
+        """Every thing that a label fits, the best first.
+
+        Raises:
+            ExecutionError: `DETECTOR_TIMEOUT`, `DETECTOR_UNREACHABLE`, `DETECTOR_REFUSED` (an HTTP status),
+                `DETECTOR_MALFORMED`.
+        """
+        _, png = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+        query = Query(version=VERSION, image_png=base64.b64encode(png.tobytes()).decode(), labels=tuple(labels))
+        try:
+            reply = self._client.post(
+                self._url, content=msgspec.json.encode(query), headers={"content-type": "application/json"}
+            )
+        except httpx.TimeoutException as error:
+            raise ExecutionError("DETECTOR_TIMEOUT", f"{self._url} gave no answer in time: {error}") from error
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise ExecutionError("DETECTOR_UNREACHABLE", f"{self._url}: {error}") from error
+        if reply.status_code != httpx.codes.OK:
+            raise ExecutionError("DETECTOR_REFUSED", f"{self._url} answered {reply.status_code}: {reply.text[:200]}")
+        return self._read(reply.content, rgb.shape[:2], labels)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close()
+
+    def _read(self, content: bytes, size: tuple[int, ...], labels: Sequence[str]) -> tuple[Detection, ...]:
+        if len(content) > ANSWER_MAX_BYTES:
+            raise _malformed(self._url, f"{len(content)} bytes, at most {ANSWER_MAX_BYTES} are read")
+        try:
+            answer = msgspec.json.decode(content, type=Answer)
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+            raise _malformed(self._url, str(error)) from error
+        if answer.version != VERSION or len(answer.detections) > DETECTIONS_MAX:
+            raise _malformed(self._url, f"version {answer.version} with {len(answer.detections)} detections")
+        found = [self._check(each, size, labels) for each in answer.detections]
+        return tuple(sorted((each for each in found if each.score >= self._score_min), key=lambda each: -each.score))
+
+    def _check(self, found: Found, size: tuple[int, ...], labels: Sequence[str]) -> Detection:
+        left, top, width, height = found.box
+        if found.label not in labels:
+            raise _malformed(self._url, f"label {found.label!r}, which was not asked for")
+        if not 0.0 <= found.score <= 1.0:
+            raise _malformed(self._url, f"a score of {found.score}")
+        if min(left, top) < 0 or min(width, height) < 1 or left + width > size[1] or top + height > size[0]:
+            raise _malformed(self._url, f"a box {found.box} outside of a picture of {size[1]} x {size[0]} pixels")
+        return Detection(
+            label=found.label, score=found.score, box=found.box, mask=self._read_mask(found.mask_png, size)
+        )
+
+    def _read_mask(self, encoded: str | None, size: tuple[int, ...]) -> NDArray[np.bool_] | None:
+        if encoded is None:
+            return None
+        try:
+            data = np.frombuffer(base64.b64decode(encoded, validate=True), dtype=np.uint8)
+            mask = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+        except (binascii.Error, ValueError, cv2.error) as error:
+            raise _malformed(self._url, f"a mask that is no picture: {error}") from error
+        if mask is None or mask.shape != tuple(size):
+            raise _malformed(self._url, "a mask that is no picture of the size of the one that was sent")
+        return np.asarray(mask > 0)
+
+
+def open_http_detector(settings: Mapping[str, str | float]) -> HttpDetector:
+    """A detector from perception.yaml: `url`, `timeout_s`, `score_min`.
+
+    Raises:
+        DefinitionError: `INVALID_VALUE` for settings that are missing, unknown or of the wrong kind.
+    """
+    url = settings.get("url")
+    unknown = sorted(set(settings) - {"url", "timeout_s", "score_min"})
+    numbers = [settings.get("timeout_s", TIMEOUT_S), settings.get("score_min", 0.3)]
+    if not isinstance(url, str) or unknown or not all(isinstance(each, float | int) for each in numbers):
+        raise DefinitionError(
+            Problem(
+                code="INVALID_VALUE",
+                address="perception.yaml: detector.settings",
+                found=repr(dict(settings)),
+                expected="url: text; timeout_s, score_min: numbers",
+            )
+        )
+    return HttpDetector(url, float(numbers[0]), float(numbers[1]))
+
+
+def _malformed(url: str, what: str) -> ExecutionError:
+    return ExecutionError("DETECTOR_MALFORMED", f"{url} answered with {what}")

@@ -1,0 +1,60 @@
+"""The registry of detectors, by the names that perception.yaml uses.
+
+Upstream: `perception.yaml`. Downstream: the pipeline. A plug-in is a factory `(settings) -> Detector`, announced by the
+entry point group `phyagentos.detectors`; importing this module registers nothing.
+"""
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.runtime.perception.detection.detector import Detector
+from phyagentos.runtime.perception.detection.http import open_http_detector
+
+ENTRY_POINT_GROUP = "phyagentos.detectors"
+
+Factory = Callable[[Mapping[str, str | float]], Detector]
+
+
+class DetectorRegistry:
+    """Factories by name."""
+
+    def __init__(self) -> None:
+        self._factories: dict[str, Factory] = {}
+
+    def register(self, name: str, factory: Factory) -> None:
+        """Add one; raises ValueError when the name is taken."""
+        if name in self._factories:
+            raise ValueError(f"detector {name!r} is registered already")
+        self._factories[name] = factory
+
+    def names(self) -> list[str]:
+        """Every name, sorted."""
+        return sorted(self._factories)
+
+    def open(self, name: str, settings: Mapping[str, str | float], address: str = "perception.yaml") -> Detector:
+        """A detector of this name.
+
+        Raises:
+            DefinitionError: `UNKNOWN_DETECTOR`, or what its factory finds wrong in the settings.
+        """
+        if name not in self._factories:
+            raise DefinitionError(
+                Problem(
+                    code="UNKNOWN_DETECTOR",
+                    address=address,
+                    found=repr(name),
+                    expected=format_names(self._factories),
+                    hint=format_hint(name, self._factories),
+                )
+            )
+        return self._factories[name](settings)
+
+
+def build_detector_registry() -> DetectorRegistry:
+    """What ships, and what installed packages announce."""
+    registry = DetectorRegistry()
+    registry.register("http", open_http_detector)
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
+        registry.register(point.name, point.load())
+    return registry

@@ -1,0 +1,160 @@
+"""The embedded pipeline at work: asks the cameras when somebody asks it, and keeps the belief of one target.
+
+Upstream: runner, preflight, leaves. Downstream: `pipeline`, and the handle for frames. A question at a moment that was
+looked at already is answered from memory: in lockstep time stands between two sessions, and so does the picture.
+"""
+
+from collections import deque
+from collections.abc import Collection
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.environment import Environment, Status, TargetState
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.sessions import Scene
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.perception.belief import follow_hand
+from phyagentos.runtime.perception.detection.detector import Detector
+from phyagentos.runtime.perception.detection.segmentation import DetectorSegmenter
+from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.windows import Stand, find_windows
+from phyagentos.runtime.targets.wire import Observation
+
+SAME_S = 1e-9
+STATES_KEPT = 32  # control periods: longer than any latency
+GLANCE_CAMERAS = 1
+MEMORY = 8  # scenes whose inventory is kept
+
+
+class EmbeddedPerception:
+    """Perceives with cameras (`sensing: perceived`).
+
+    Args:
+        target: Name of the target.
+        handle: Gives frames.
+        library: Where scenes are found.
+        robot: Its solids.
+        moving: Cameras that the robot carries.
+        max_age_s: Older frames tell nothing of now.
+        detector: Tells things apart instead of their colours.
+    """
+
+    def __init__(
+        self,
+        target: str,
+        handle: TargetSessionHandle,
+        library: Library,
+        robot: RobotMask,
+        moving: Collection[str] = (),
+        max_age_s: float = MAX_AGE_S,
+        detector: Detector | None = None,
+    ) -> None:
+        self._detector = detector
+        self._target, self._handle, self._library, self._robot = target, handle, library, robot
+        self._moving, self._max_age_s = frozenset(moving), max_age_s
+        self._pipelines: dict[str, Pipeline] = {}
+        self._belief: Environment | None = None
+        self._states: deque[tuple[float, TargetState]] = deque(maxlen=STATES_KEPT)
+
+    def perceive(self, observation: Observation, scene: Scene, focus: Collection[str] = ()) -> Environment:
+        """Look, unless this moment was looked at already."""
+        before, state, now_s = self._take(scene), observation.target, observation.time_s
+        self.note(now_s, state)
+        if before is not None and abs(before.looked_at_s - now_s) < SAME_S:
+            return before
+        pipeline = self._get_pipeline(scene)
+        if focus and before is not None:
+            return self._glance(pipeline, before, state, scene, now_s, focus)
+        frames = self._handle.capture()
+        self._belief = pipeline.sense(frames, state, scene, now_s, before, find_state=self._find_state)
+        return self._belief
+
+    def recall(self, observation: Observation, scene: Scene) -> Environment:
+        """The latest belief, what is held carried on; looks when there is none."""
+        before = self._take(scene)
+        if before is None:
+            return self.perceive(observation, scene)
+        self._belief = self._get_pipeline(scene).recall(before, observation.target, observation.time_s)
+        return self._belief
+
+    def note(self, time_s: float, state: TargetState) -> None:
+        """Remember what the target said of itself, for frames that come later than they were taken."""
+        if not self._states or time_s > self._states[-1][0] + SAME_S:
+            self._states.append((time_s, state))
+
+    def find_held(self, state: TargetState, time_s: float) -> tuple[str, ...]:
+        """Names of the things between the fingers, by touch and by where things were."""
+        before = self._belief
+        if before is None or before.scene not in self._pipelines:
+            return ()
+        inventory = self._pipelines[before.scene].inventory
+        entities = follow_hand(inventory, before.entities, state, self._target, time_s)
+        self._belief = msgspec.structs.replace(before, entities=entities)
+        return tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
+
+    def restore(self, belief: Environment) -> None:
+        """Continue from a recorded belief, so that a session can be repeated from its evidence."""
+        self._belief = belief if belief.sensing == "perceived" else None
+        self._states.clear()
+
+    def _glance(
+        self,
+        pipeline: Pipeline,
+        before: Environment,
+        state: TargetState,
+        scene: Scene,
+        now_s: float,
+        focus: Collection[str],
+    ) -> Environment:
+        """Look at some things only, where they should be, in the camera that saw them best."""
+        carried = pipeline.recall(before, state, now_s)
+        loose = [
+            name
+            for name in focus
+            if (entity := carried.entities.get(name)) is not None
+            and entity.movable
+            and entity.status is not Status.HELD
+        ]
+        hidden = any(carried.entities[name].status is not Status.SEEN for name in loose)
+        stands = {
+            camera: stand
+            for camera, health in before.sensors.items()
+            if camera not in self._moving and (stand := Stand.find(health)) is not None
+        }
+        most = len(stands) if hidden else GLANCE_CAMERAS
+        windows = find_windows(loose, carried.entities, pipeline.inventory, stands, most)
+        if not windows:
+            self._belief = carried
+            return carried
+        frames = self._handle.capture(tuple(windows), windows)
+        self._belief = pipeline.sense(
+            frames, state, scene, now_s, carried, focus=frozenset(loose), find_state=self._find_state
+        )
+        return self._belief
+
+    def _take(self, scene: Scene) -> Environment | None:
+        """The belief, when it is of this episode."""
+        belief = self._belief
+        if belief is not None and belief.episode != scene.episode:
+            self._belief = belief = None
+            self._states.clear()
+        return belief
+
+    def _get_pipeline(self, scene: Scene) -> Pipeline:
+        if scene.name not in self._pipelines:
+            if len(self._pipelines) >= MEMORY:
+                self._pipelines.clear()
+            inventory = build_inventory(read_scene(self._library.get_scene(scene.name)))
+            segmenter = DetectorSegmenter(self._detector, inventory) if self._detector is not None else None
+            self._pipelines[scene.name] = Pipeline(inventory, self._robot, self._target, self._max_age_s, segmenter)
+        return self._pipelines[scene.name]
+
+    def _find_state(self, time_s: float) -> TargetState:
+        """What the target said of itself nearest to a moment."""
+        if not self._states:
+            raise ExecutionError("NO_STATE", "the target has not said anything of itself yet")
+        return min(self._states, key=lambda each: abs(each[0] - time_s))[1]

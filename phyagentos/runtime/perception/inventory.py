@@ -1,0 +1,328 @@
+"""What perception knows before it looks: the things of a scene file, their forms and colours, and the map.
+
+Upstream: `protocol.scenes`. Downstream: segmentation, fits, association. A fixed body without jitter is part of the
+map; of everything else the scene file gives the nominal form and colour, and the pose is measured.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Entity, Interior, Pose, Shape, ShapeKind
+from phyagentos.protocol.scenes import Body, SceneSpec, Solid
+from phyagentos.runtime.perception.drawers import Drawer, find_drawer
+from phyagentos.runtime.perception.solids import Array, Solids, compute_quaternion
+
+SYMMETRY_M = 0.0005  # sides this equal are the same
+RADIUS_SLACK_M = 0.003  # a ring of flat walls counts as round
+ALIKE = 0.15  # of hues, as `colors` measures them: they are taken for each other in bad light
+FILLING_M = 0.03  # smaller things in a vessel are its filling
+WHITE = (1.0, 1.0, 1.0, 1.0)
+
+
+class Form(StrEnum):
+    """What an orientation can be told of."""
+
+    BOX = "box"
+    """One box: up to its symmetries."""
+    ROUND = "round"
+    """Everything lies around its z axis: the turn about it cannot be told."""
+    BALL = "ball"
+    """A sphere: no orientation at all."""
+    FIXED = "fixed"
+    """It stands as the scene says, somewhere near where the scene says."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thing:
+    """One body of the scene as it can be recognised.
+
+    Attributes:
+        template: What is known of the entity; its pose is the nominal one.
+        form: What can be told of its orientation.
+        solids: What is seen of it, decor included, in its own frame.
+        colors: (k,) indices of the colours of its solids in the palette, the main one first.
+        reach_m: (3,) how far it may stand from its nominal place; None when anywhere.
+        yaw_span_rad: Width of the span that its turn is drawn from.
+        vessel: The open vessel that it is a part of the filling of; such things are told apart only outside of it.
+        stretch: Least and greatest factor of its height; None when it is as drawn.
+        symmetries: (m, 3, 3) turns that leave its form as it is.
+        samples_m: (n, 3) points of its surface.
+        normals: (n, 3) of these.
+        diameter_m: Of its bounding sphere.
+    """
+
+    template: Entity
+    form: Form
+    solids: Solids
+    colors: tuple[int, ...]
+    reach_m: tuple[float, float, float] | None
+    yaw_span_rad: float
+    vessel: str | None
+    stretch: tuple[float, float] | None
+    symmetries: Array
+    samples_m: Array
+    normals: Array
+    diameter_m: float
+
+    @property
+    def name(self) -> str:
+        """Of the entity."""
+        return self.template.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegionPrior:
+    """A named region: in the world, or in the frame of a body.
+
+    Attributes:
+        body: None for the world.
+    """
+
+    name: str
+    center_m: tuple[float, float, float]
+    half_m: tuple[float, float, float]
+    body: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inventory:
+    """The things of one scene.
+
+    Attributes:
+        scene: Name of the scene.
+        things: To be found, by name, in the file's order.
+        drawers: Told by their handles, by name.
+        known: Parts of the map.
+        map: All solids of the map, in the world.
+        map_colors: Indices in the palette of what the map is made of.
+        like_map: Indices of other colours that can be taken for one of these.
+        palette: (k, 3) colours of all surfaces, 0..1.
+        is_of_thing: (256,) whether a thing to be found has the colour of this index.
+        regions: By the file.
+    """
+
+    scene: str
+    things: dict[str, Thing]
+    drawers: dict[str, Drawer]
+    known: dict[str, Entity]
+    map: Solids
+    map_colors: frozenset[int]
+    like_map: frozenset[int]
+    palette: Array
+    is_of_thing: NDArray[np.bool_]
+    regions: tuple[RegionPrior, ...]
+
+
+def build_inventory(spec: SceneSpec) -> Inventory:
+    """What a scene file tells before anything is seen."""
+    colors: dict[tuple[float, float, float], int] = {}
+
+    def register(solid: Solid, body: Body) -> int:
+        material = spec.materials.get(solid.material or body.material or "")
+        red, green, blue, _ = material.rgba if material is not None else WHITE
+        if material is not None and material.texture is not None:
+            means = [(a + b) / 2 for a, b in zip(material.texture.rgb1, material.texture.rgb2, strict=True)]
+            red, green, blue = (c * m for c, m in zip((red, green, blue), means, strict=True))
+        return colors.setdefault((round(red, 4), round(green, 4), round(blue, 4)), len(colors))
+
+    things: dict[str, Thing] = {}
+    drawers: dict[str, Drawer] = {}
+    known: dict[str, Entity] = {}
+    solids: list[Solids] = []
+    map_colors: set[int] = set()
+    for name, body in spec.bodies.items():
+        indices = [register(solid, body) for solid in body.shapes]
+        if _is_known(body):
+            known[name] = _make_template(name, body, source="map")
+            solids.append(_pose_solids(known[name], body))
+            map_colors.update(indices)
+        elif drawer := find_drawer(name, body, _make_template(name, body, source=""), spec):
+            drawers[name] = drawer
+        else:
+            things[name] = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
+    joined = Solids.of(())
+    for each in solids:
+        joined = joined.join(each)
+    palette = np.array(list(colors), dtype=np.float64).reshape(-1, 3)
+    return Inventory(
+        scene=spec.scene,
+        things=things,
+        drawers=drawers,
+        known=known,
+        map=joined,
+        map_colors=frozenset(map_colors),
+        like_map=_find_lookalikes(palette, map_colors),
+        palette=palette,
+        is_of_thing=np.isin(np.arange(256), [color for thing in things.values() for color in thing.colors]),
+        regions=tuple(
+            RegionPrior(name=name, center_m=region.center_m, half_m=region.half_m, body=region.body)
+            for name, region in spec.regions.items()
+        ),
+    )
+
+
+def _find_lookalikes(palette: Array, colors: set[int]) -> frozenset[int]:
+    """Colours whose hue and saturation are near to those of others."""
+    hues = palette / np.maximum(palette.sum(axis=1, keepdims=True), 1e-6)
+    own = hues[sorted(colors)]
+    near = {i for i, hue in enumerate(hues) if len(own) and np.linalg.norm(own - hue, axis=1).min() < ALIKE}
+    return frozenset(near - colors)
+
+
+def _is_known(body: Body) -> bool:
+    place = body.place
+    moves = any(place.jitter_m) or place.area is not None or place.frame is not None
+    turns = place.yaw_rad[0] != place.yaw_rad[1]
+    return body.fixed and not moves and not turns and body.stretch_z is None
+
+
+def _make_template(name: str, body: Body, source: str) -> Entity:
+    inside = body.interior
+    yaw = sum(body.place.yaw_rad) / 2
+    return Entity(
+        name=name,
+        kind=body.kind,
+        pose=Pose(body.place.position_m, (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2)))),
+        movable=not body.fixed,
+        shapes=tuple(_make_shape(solid) for solid in body.shapes if not solid.decor),
+        interior=Interior(inside.center_m, inside.half_m) if inside else None,
+        color=body.color,
+        part_of=body.part_of or "",
+        source=source,
+    )
+
+
+def _make_shape(solid: Solid) -> Shape:
+    return Shape(solid.kind, solid.size_m, Pose(solid.position_m, _turn_intrinsic(solid.euler_rad)))
+
+
+def _turn_intrinsic(euler_rad: tuple[float, float, float]) -> tuple[float, float, float, float]:
+    """Intrinsic x-y-z angles to (w, x, y, z)."""
+    rotation = np.eye(3)
+    for axis, angle in enumerate(euler_rad):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        step = np.eye(3)
+        step[[i, j], [i, j]] = np.cos(angle)
+        step[i, j], step[j, i] = -np.sin(angle), np.sin(angle)
+        rotation = rotation @ step
+    return compute_quaternion(rotation)
+
+
+def _pose_solids(entity: Entity, body: Body) -> Solids:
+    own = Solids.of([_make_shape(solid) for solid in body.shapes])
+    w, _, _, z = entity.pose.quaternion_wxyz
+    c, s = w * w - z * z, 2 * w * z
+    return own.at(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(entity.pose.position_m))
+
+
+def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec) -> Thing:
+    template = _make_template(name, body, source="")
+    solids = Solids.of([_make_shape(solid) for solid in body.shapes])
+    form = Form.FIXED if body.fixed else _find_form(template)
+    reach = None
+    if body.fixed and body.place.area is None and body.place.frame is None:
+        x, y, z = body.place.jitter_m
+        reach = (x, y, z)
+    samples, normals = _sample(solids)
+    return Thing(
+        template=template,
+        form=form,
+        solids=solids,
+        colors=colors,
+        reach_m=reach,
+        yaw_span_rad=body.place.yaw_rad[1] - body.place.yaw_rad[0],
+        vessel=_find_vessel(body, spec, solids),
+        stretch=body.stretch_z,
+        symmetries=_find_symmetries(template, form),
+        samples_m=samples,
+        normals=normals,
+        diameter_m=2 * float(np.linalg.norm(samples - samples.mean(axis=0), axis=1).max()),
+    )
+
+
+def _find_vessel(body: Body, spec: SceneSpec, solids: Solids) -> str | None:
+    vessel = spec.bodies.get(body.place.frame or "")
+    is_small = 2 * solids.radius_m < FILLING_M
+    return body.place.frame if vessel is not None and vessel.interior is not None and is_small else None
+
+
+def _find_form(entity: Entity) -> Form:
+    if len(entity.shapes) == 1 and entity.shapes[0].kind is ShapeKind.BOX:
+        return Form.BOX
+    if len(entity.shapes) == 1 and entity.shapes[0].kind is ShapeKind.SPHERE:
+        return Form.BALL
+    samples, _ = _sample(Solids.of(entity.shapes))
+    radius = np.hypot(samples[:, 0], samples[:, 1])
+    angle = np.arctan2(samples[:, 1], samples[:, 0])
+    outer = [radius[np.abs(angle - a) < 0.3].max(initial=0.0) for a in np.arange(-2.8, 3.0, 0.56)]
+    return Form.ROUND if max(outer) - min(outer) < RADIUS_SLACK_M else Form.BOX
+
+
+def _find_symmetries(entity: Entity, form: Form) -> Array:
+    """Turns by quarters that leave a box as it is; for other forms only the one that does nothing."""
+    if form is not Form.BOX or len(entity.shapes) != 1:
+        return np.eye(3)[None]
+    half = np.array(entity.shapes[0].size_m)
+    found = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            candidate = np.zeros((3, 3))
+            candidate[range(3), order] = signs
+            if np.linalg.det(candidate) > 0 and np.abs(np.abs(candidate) @ half - half).max() < SYMMETRY_M:
+                found.append(candidate)
+    return np.array(found)
+
+
+def _sample(solids: Solids) -> tuple[Array, Array]:
+    """Points of the surface of the union with their normals, a few dozen per solid."""
+    points, normals = [], []
+    for index, kind in enumerate(solids.kinds):
+        local, out = _sample_one(kind, solids.sizes_m[index])
+        points.append(local @ solids.rotations[index].T + solids.positions_m[index])
+        normals.append(out @ solids.rotations[index].T)
+    all_points, all_normals = np.concatenate(points), np.concatenate(normals)
+    free = solids.measure(all_points) > -1e-6
+    return all_points[free], all_normals[free]
+
+
+def _sample_one(kind: ShapeKind, size: tuple[float, ...]) -> tuple[Array, Array]:
+    if kind is ShapeKind.BOX:
+        return _sample_box(np.array(size))
+    turns = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ring = np.column_stack((np.cos(turns), np.sin(turns), np.zeros(12)))
+    radius = size[0]
+    half = size[1] if len(size) > 1 else 0.0
+    points, normals = [], []
+    for z in np.linspace(-half, half, 4) if half > 0 else (0.0,):
+        points.append(ring * radius + (0.0, 0.0, z))
+        normals.append(ring)
+    for sign in (1.0, -1.0):
+        pole = np.array([0.0, 0.0, sign])
+        for tilt in (0.5, 0.85):
+            if kind is ShapeKind.CYLINDER:
+                points.append(ring * radius * tilt + pole * half)
+                normals.append(np.tile(pole, (12, 1)))
+            else:
+                out = ring * np.cos(tilt) + pole * np.sin(tilt)
+                points.append(out * radius + pole * half)
+                normals.append(out)
+    return np.concatenate(points), np.concatenate(normals)
+
+
+def _sample_box(half: Array) -> tuple[Array, Array]:
+    grid = np.array([-0.9, -0.45, 0.0, 0.45, 0.9])
+    points, normals = [], []
+    for axis, sign in product(range(3), (1.0, -1.0)):
+        u, v = np.meshgrid(grid, grid)
+        local = np.zeros((25, 3))
+        local[:, axis] = sign
+        local[:, (axis + 1) % 3], local[:, (axis + 2) % 3] = u.ravel(), v.ravel()
+        out = np.zeros((25, 3))
+        out[:, axis] = sign
+        points.append(local * half)
+        normals.append(out)
+    return np.concatenate(points), np.concatenate(normals)

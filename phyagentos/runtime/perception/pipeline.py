@@ -1,0 +1,114 @@
+"""The embedded pipeline as a function: frames, the robot's own state and the belief before give the belief after.
+
+Upstream: `embedded` in a live session, and whoever senses the frames of a recorded state again. No learned weights:
+colour, form, geometry. Paper section 4.1.
+"""
+
+from collections.abc import Callable, Collection
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.environment import Entity, Environment, Status, TargetState
+from phyagentos.protocol.sessions import Scene
+from phyagentos.runtime.perception.belief import follow_hand, read_regions, update_belief
+from phyagentos.runtime.perception.changes import find_changes
+from phyagentos.runtime.perception.colors import Palette
+from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.sensor_health import assess
+from phyagentos.runtime.perception.views import Segmenter, look
+from phyagentos.runtime.targets.wire import Frames
+
+MAX_AGE_S = 0.3  # of a frame: its latency, and half a dozen lost ones
+
+
+class Pipeline:
+    """Senses one scene with one robot. It keeps no belief: who asks keeps it.
+
+    Args:
+        inventory: Of the scene.
+        robot: Its solids, to be left out.
+        target: Its name.
+        max_age_s: Older frames tell nothing of now.
+        segmenter: Tells pixels apart; by colour when absent.
+    """
+
+    def __init__(
+        self,
+        inventory: Inventory,
+        robot: RobotMask,
+        target: str,
+        max_age_s: float = MAX_AGE_S,
+        segmenter: Segmenter | None = None,
+    ) -> None:
+        self.inventory = inventory
+        self._robot, self._target, self._max_age_s = robot, target, max_age_s
+        self._segmenter: Segmenter = segmenter or Palette(inventory.palette)
+
+    def sense(
+        self,
+        frames: Frames,
+        state: TargetState,
+        scene: Scene,
+        time_s: float,
+        before: Environment | None = None,
+        *,
+        focus: Collection[str] = (),
+        find_state: Callable[[float], TargetState] | None = None,
+    ) -> Environment:
+        """The world after a look.
+
+        Args:
+            frames: As the cameras gave them.
+            state: What the target says of itself now.
+            scene: Name, seed and episode.
+            time_s: Now [s].
+            before: What was believed; None at first, and ignored when it is of another episode.
+            focus: Things that the frames are windows of; empty for whole frames.
+            find_state: What the target said of itself at an earlier time [s]; always `state` when absent.
+        """
+        known = before if before is not None and before.episode == scene.episode else None
+        entities = dict(known.entities) if known is not None else {}
+        earlier = known.sensors if known is not None and not focus else {}
+        believed, health = assess(frames, earlier, time_s, self._max_age_s)
+        robots = tuple(self._robot.pose(find_state(each.time_s) if find_state else state) for each in believed)
+        try:
+            eyes, cloud = look(believed, self.inventory, self._segmenter, robots)
+        except ExecutionError as error:  # of a detector: what nobody has segmented nobody has seen
+            blind = {"status": "unread", "detail": str(error)}
+            health = {name: msgspec.structs.replace(each, **blind) for name, each in health.items()}
+            believed = ()
+        if believed:
+            newest_s = max(frame.time_s for frame in believed)
+            after = update_belief(
+                self.inventory, entities, eyes, cloud, state, target=self._target, time_s=newest_s, focus=focus
+            )
+        else:
+            after = self.inventory.known | follow_hand(self.inventory, entities, state, self._target, time_s)
+        sensors = health if not focus else (known.sensors if known is not None else {})
+        looked_at_s = time_s if not focus else (known.looked_at_s if known is not None else 0.0)
+        return Environment(
+            time_s=time_s,
+            scene=scene.name,
+            episode=scene.episode,
+            revision=(before.revision if before is not None else 0) + 1,
+            sensing="perceived",
+            entities=after,
+            regions=read_regions(self.inventory, after),
+            targets={self._target: self.own_state(state, after)},
+            sensors=sensors,
+            looked_at_s=looked_at_s,
+            changes=find_changes(entities, after),
+        )
+
+    def recall(self, before: Environment, state: TargetState, time_s: float) -> Environment:
+        """What is believed without a look: what is held has moved with the hand."""
+        after = follow_hand(self.inventory, before.entities, state, self._target, time_s)
+        targets = {self._target: self.own_state(state, after)}
+        return msgspec.structs.replace(before, time_s=time_s, entities=after, targets=targets)
+
+    def own_state(self, state: TargetState, entities: dict[str, Entity]) -> TargetState:
+        """The target's state with what it holds as perceived: what its fingers touch is not told by touch."""
+        held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
+        return msgspec.structs.replace(state, holding=held)

@@ -1,0 +1,70 @@
+"""The robot as it hides things: its own solids at the measured joint positions, so that it is not taken for a thing.
+
+Upstream: the target's profile and model, proprioception. Downstream: `views`. The model of the robot is known, its
+posture is measured; what is left open is the calibration of the cameras, for which the solids are grown.
+"""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from phyagentos.protocol.environment import ShapeKind, TargetState
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.targets.robot import build_robot
+
+LINK_M = 0.012  # links are drawn up to this much thicker than their collision solids, and cameras stand askew
+TIP_M = 0.006  # the fingers are close to what they hold
+_KINDS = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): ShapeKind.BOX,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): ShapeKind.CAPSULE,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): ShapeKind.CYLINDER,
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): ShapeKind.SPHERE,
+}
+
+
+class RobotMask:
+    """Poses the robot's solids.
+
+    Args:
+        profile: The robot.
+        folder: Where its model lies.
+    """
+
+    def __init__(self, profile: TargetProfile, folder: Path) -> None:
+        self._model = build_robot(profile, folder).compile()
+        self._data = mujoco.MjData(self._model)
+        self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
+        self._fingers = [int(self._model.joint(name).qposadr[0]) for name in profile.gripper.joints]
+        tips = {int(self._model.joint(name).bodyid[0]) for name in profile.gripper.joints}
+        model = self._model
+        self._kinds, self._sizes, self._offsets = _read_geoms(model)
+        self._grown = np.where(np.isin(model.geom_bodyid, list(tips)), TIP_M, LINK_M)
+
+    def pose(self, state: TargetState) -> Solids:
+        """Its solids in the world.
+
+        Args:
+            state: What the target says of itself.
+        """
+        data = self._data
+        data.qpos[self._arm] = state.q_rad
+        data.qpos[self._fingers] = state.gripper_width_m / len(self._fingers)
+        mujoco.mj_kinematics(self._model, data)
+        rotations = np.array(data.geom_xmat).reshape(-1, 3, 3)
+        positions = np.array(data.geom_xpos) + np.einsum("kij,kj->ki", rotations, self._offsets)
+        return Solids(self._kinds, self._sizes, rotations, positions, self._grown)
+
+
+def _read_geoms(model: mujoco.MjModel) -> tuple[tuple[ShapeKind, ...], tuple[tuple[float, ...], ...], Array]:
+    """Kinds and sizes of all geoms, and (k, 3) where their middles are in their frames; meshes as boxes around them."""
+    kinds, sizes, offsets = [], [], np.zeros((model.ngeom, 3))
+    for geom in range(model.ngeom):
+        kind = _KINDS.get(int(model.geom_type[geom]))
+        size = model.geom_size[geom].tolist()
+        if kind is None:
+            offsets[geom], size = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:].tolist()
+        kinds.append(kind or ShapeKind.BOX)
+        sizes.append(tuple(size[: {ShapeKind.BOX: 3, ShapeKind.SPHERE: 1}.get(kinds[-1], 2)]))
+    return tuple(kinds), tuple(sizes), offsets

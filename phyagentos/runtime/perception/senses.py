@@ -1,0 +1,38 @@
+"""What one session asks of perception, in the words that its leaves use.
+
+Upstream: the runner, which builds it. Downstream: the handle for observations, a pipeline for what they mean.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.sessions import Scene
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.targets.wire import Step
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSenses:
+    """A pipeline and a handle, for one scene."""
+
+    handle: TargetSessionHandle
+    perception: Perception
+    scene: Scene
+
+    def note(self, step: Step) -> None:
+        """Told of every step."""
+        self.perception.note(step.time_s, step.target)
+
+    def recall(self) -> Environment:
+        """What is believed."""
+        return self.perception.recall(self.handle.observe(), self.scene)
+
+    def look(self, names: Collection[str]) -> Environment:
+        """Observe and perceive these things, everything when none is named."""
+        return self.perception.perceive(self.handle.observe(), self.scene, names)
+
+    def find_held(self, step: Step) -> tuple[str, ...]:
+        """Names of the things between the fingers."""
+        return self.perception.find_held(step.target, step.time_s)

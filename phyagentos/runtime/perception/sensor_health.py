@@ -1,0 +1,75 @@
+"""Whether a camera can be believed now: its frames come, advance in time, and are not the same picture again.
+
+Upstream: frames and the health before them. Downstream: the pipelines, ENVIRONMENT.md. The noise of a real sensor never
+repeats, so two pictures that are equal bit for bit are one picture.
+"""
+
+import hashlib
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from phyagentos.protocol.environment import SensorHealth
+from phyagentos.runtime.targets.wire import Frame, Frames
+
+SAME_S = 1e-6  # stamps this near to each other are one
+AHEAD_S = 0.005  # no frame is from the future
+
+
+def assess(
+    frames: Frames, before: Mapping[str, SensorHealth], now_s: float, max_age_s: float
+) -> tuple[tuple[Frame, ...], dict[str, SensorHealth]]:
+    """The frames that can be believed, and how every camera does.
+
+    Args:
+        frames: As the target gave them.
+        before: Health at the look before.
+        now_s: Time of the target [s].
+        max_age_s: Older frames are stale.
+    """
+    health = dict(before)
+    believed: list[Frame] = []
+    for camera, code in frames.missing.items():
+        health[camera] = _turn(before.get(camera), "missing", now_s, code)
+    for frame in frames.frames:
+        was, digest = before.get(frame.camera), compute_digest(frame)
+        status, detail = _judge(frame, digest, was, now_s, max_age_s)
+        turned = _turn(was, status, now_s, detail)
+        health[frame.camera] = msgspec.structs.replace(
+            turned,
+            time_s=frame.time_s,
+            digest=digest,
+            pose=frame.world_T_camera,
+            focal_px=(frame.fx, frame.fy, frame.cx, frame.cy),
+            size_px=(frame.width, frame.height),
+        )
+        if status == "live":
+            believed.append(frame)
+    return tuple(believed), health
+
+
+def compute_digest(frame: Frame) -> str:
+    """Hash of a picture."""
+    digest = hashlib.blake2b(frame.rgb.tobytes(), digest_size=12)
+    digest.update(frame.depth_m.tobytes())
+    return digest.hexdigest()
+
+
+def _judge(frame: Frame, digest: str, was: SensorHealth | None, now_s: float, max_age_s: float) -> tuple[str, str]:
+    age_s = now_s - frame.time_s
+    if age_s > max_age_s:
+        return "stale", f"its latest frame is {age_s:.2f} s old"
+    if age_s < -AHEAD_S:
+        return "stale", f"its frame is dated {-age_s:.2f} s ahead"
+    if not np.isfinite(frame.depth_m).any():
+        return "dark", "no depth at all"
+    if was is not None and was.digest == digest and (was.status == "frozen" or frame.time_s > was.time_s + SAME_S):
+        return "frozen", "a new stamp on the same picture"
+    return "live", ""
+
+
+def _turn(was: SensorHealth | None, status: str, now_s: float, detail: str) -> SensorHealth:
+    """A camera that has come to a status, or is still in it."""
+    since_s = was.since_s if was is not None and was.status == status else now_s
+    return msgspec.structs.replace(was or SensorHealth(), status=status, since_s=since_s, detail=detail)

@@ -1,0 +1,226 @@
+"""Signed distance to solids, with its gradient: what fits and masks are made of.
+
+Upstream: `inventory`, `robot_mask`. Formulas: J. C. Hart, "Sphere tracing", The Visual Computer 12, 1996, appendix. The
+distance is exact outside of each solid; inside it is the distance to the nearest face.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Pose, Shape, ShapeKind
+
+Array = NDArray[np.float64]
+_TINY = 1e-12
+
+
+def compute_rotation(quaternion_wxyz: Sequence[float]) -> Array:
+    """(3, 3) rotation of a unit quaternion."""
+    w, x, y, z = quaternion_wxyz
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def compute_quaternion(rotation: Array) -> tuple[float, float, float, float]:
+    """(w, x, y, z) of a rotation matrix, w not negative (Shepperd's method)."""
+    diagonal = np.array([np.trace(rotation), *np.diag(rotation)])
+    best = int(np.argmax(diagonal))
+    value = np.zeros(4)
+    if best == 0:
+        value[0] = 1 + diagonal[0]
+        value[1:] = rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
+    else:
+        i, j, k = best - 1, best % 3, (best + 1) % 3
+        value[0] = rotation[k, j] - rotation[j, k]
+        value[1 + i] = 1 + rotation[i, i] - rotation[j, j] - rotation[k, k]
+        value[1 + j] = rotation[j, i] + rotation[i, j]
+        value[1 + k] = rotation[k, i] + rotation[i, k]
+    value *= (1.0 if value[0] >= 0 else -1.0) / np.linalg.norm(value)
+    w, x, y, z = value.tolist()
+    return (w, x, y, z)
+
+
+def turn(vector_rad: Array) -> Array:
+    """(3, 3) rotation about a vector by its length (Rodrigues)."""
+    angle = float(np.linalg.norm(vector_rad))
+    if angle < _TINY:
+        return np.eye(3)
+    x, y, z = vector_rad / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return turned
+
+
+def as_pose(rotation: Array, position_m: Array) -> Pose:
+    """A pose of a rotation matrix and a position."""
+    x, y, z = position_m.tolist()
+    return Pose((x, y, z), compute_quaternion(rotation))
+
+
+@dataclass(frozen=True, slots=True)
+class Solids:
+    """Primitive solids posed in one frame.
+
+    Attributes:
+        kinds: (k,) of each.
+        sizes_m: Of each, as in MuJoCo.
+        rotations: (k, 3, 3) `frame_T_solid`.
+        positions_m: (k, 3).
+        inflate_m: (k,) how far each is grown [m].
+    """
+
+    kinds: tuple[ShapeKind, ...]
+    sizes_m: tuple[tuple[float, ...], ...]
+    rotations: Array
+    positions_m: Array
+    inflate_m: Array
+
+    @classmethod
+    def of(cls, shapes: Sequence[Shape], inflate_m: float = 0.0) -> "Solids":
+        """The solids of an entity, in its own frame."""
+        return cls(
+            tuple(ShapeKind(shape.kind) for shape in shapes),
+            tuple(shape.size_m for shape in shapes),
+            np.array([compute_rotation(shape.pose.quaternion_wxyz) for shape in shapes]).reshape(-1, 3, 3),
+            np.array([shape.pose.position_m for shape in shapes], dtype=np.float64).reshape(-1, 3),
+            np.full(len(shapes), inflate_m),
+        )
+
+    def at(self, rotation: Array, position_m: Array) -> "Solids":
+        """The same solids in the parent of their frame."""
+        return Solids(
+            self.kinds,
+            self.sizes_m,
+            np.einsum("ij,kjl->kil", rotation, self.rotations),
+            self.positions_m @ rotation.T + position_m,
+            self.inflate_m,
+        )
+
+    def join(self, other: "Solids") -> "Solids":
+        """All solids of both."""
+        return Solids(
+            self.kinds + other.kinds,
+            self.sizes_m + other.sizes_m,
+            np.concatenate((self.rotations, other.rotations)),
+            np.concatenate((self.positions_m, other.positions_m)),
+            np.concatenate((self.inflate_m, other.inflate_m)),
+        )
+
+    def near(self, points_m: Array, margin_m: float) -> "Solids":
+        """Those that may come within a distance of some of the points (n, 3)."""
+        low, high = points_m.min(axis=0) - margin_m, points_m.max(axis=0) + margin_m
+        reach = (np.array([float(sum(size)) for size in self.sizes_m]) + self.inflate_m)[:, None]
+        kept = np.flatnonzero(((self.positions_m + reach > low) & (self.positions_m - reach < high)).all(axis=1))
+        return Solids(
+            tuple(self.kinds[index] for index in kept),
+            tuple(self.sizes_m[index] for index in kept),
+            self.rotations[kept],
+            self.positions_m[kept],
+            self.inflate_m[kept],
+        )
+
+    @property
+    def center_m(self) -> Array:
+        """(3,) middle of the solids' places."""
+        middle: Array = (self.positions_m.min(axis=0) + self.positions_m.max(axis=0)) / 2
+        return middle
+
+    @property
+    def radius_m(self) -> float:
+        """Of a ball around `center_m` that holds all solids [m]."""
+        reach = [sum(size) for size in self.sizes_m] + self.inflate_m
+        return float((np.linalg.norm(self.positions_m - self.center_m, axis=1) + reach).max(initial=0.0))
+
+    def measure(self, points_m: Array) -> Array:
+        """(n,) signed distance of points (n, 3) to the union [m]."""
+        nearest = np.full(len(points_m), np.inf)
+        for index in range(len(self.kinds)):
+            np.minimum(nearest, self._measure_one(index, points_m)[0], out=nearest)
+        return nearest
+
+    def measure_with_gradient(self, points_m: Array) -> tuple[Array, Array]:
+        """(n,) signed distances to the union [m] and (n, 3) their gradients."""
+        nearest = np.full(len(points_m), np.inf)
+        gradient = np.zeros_like(points_m)
+        for index in range(len(self.kinds)):
+            distance, local, signs = self._measure_one(index, points_m)
+            closer = distance < nearest
+            if closer.any():
+                nearest[closer] = distance[closer]
+                own = _compute_gradient(self.kinds[index], self.sizes_m[index], local[closer], signs[closer])
+                gradient[closer] = own @ self.rotations[index].T
+        return nearest, gradient
+
+    def measure_extent(self, direction: Array) -> tuple[float, float]:
+        """Least and greatest coordinate of the union along a unit direction of their frame [m]."""
+        reach = np.array([self._compute_support(index, direction) for index in range(len(self.kinds))])
+        center = self.positions_m @ direction
+        return float((center - reach).min()), float((center + reach).max())
+
+    def _compute_support(self, index: int, direction: Array) -> float:
+        d, size = self.rotations[index].T @ direction, self.sizes_m[index]
+        match self.kinds[index]:
+            case ShapeKind.BOX:
+                return float(np.abs(d) @ np.array(size))
+            case ShapeKind.SPHERE:
+                return size[0]
+            case ShapeKind.CAPSULE:
+                return size[0] + abs(float(d[2])) * size[1]
+            case ShapeKind.CYLINDER:
+                return float(np.hypot(d[0], d[1])) * size[0] + abs(float(d[2])) * size[1]
+
+    def _measure_one(self, index: int, points_m: Array) -> tuple[Array, Array, Array]:
+        """Signed distance to one solid; the folded coordinates and the signs that its gradient needs."""
+        local = (points_m - self.positions_m[index]) @ self.rotations[index]
+        signs = np.sign(local)
+        folded = np.abs(local)
+        size = self.sizes_m[index]
+        match self.kinds[index]:
+            case ShapeKind.BOX:
+                beyond = folded - np.array(size)
+                distance = _measure_corner(beyond)
+            case ShapeKind.SPHERE:
+                distance = np.linalg.norm(local, axis=1) - size[0]
+            case ShapeKind.CAPSULE:
+                folded[:, 2] = np.maximum(folded[:, 2] - size[1], 0.0)
+                distance = np.linalg.norm(folded, axis=1) - size[0]
+            case ShapeKind.CYLINDER:
+                radial = np.hypot(folded[:, 0], folded[:, 1]) - size[0]
+                distance = _measure_corner(np.column_stack((radial, folded[:, 2] - size[1])))
+        return distance - self.inflate_m[index], folded, signs
+
+
+def _measure_corner(beyond: Array) -> Array:
+    """Signed distance to a corner at the origin from coordinates beyond each of its faces."""
+    outside: Array = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    distance: Array = outside + np.minimum(beyond.max(axis=1), 0.0)
+    return distance
+
+
+def _compute_gradient(kind: ShapeKind, size: tuple[float, ...], folded: Array, signs: Array) -> Array:
+    if kind in (ShapeKind.SPHERE, ShapeKind.CAPSULE):
+        gradient = folded * signs
+    elif kind is ShapeKind.BOX:
+        gradient = _point_out(folded - np.array(size)) * signs
+    else:
+        around = np.hypot(folded[:, 0], folded[:, 1])
+        out = _point_out(np.column_stack((around - size[0], folded[:, 2] - size[1])))
+        unit = folded[:, :2] / np.maximum(around, _TINY)[:, None]
+        gradient = np.column_stack((unit * out[:, :1], out[:, 1:])) * signs
+    unit_gradient: Array = gradient / np.maximum(np.linalg.norm(gradient, axis=1), _TINY)[:, None]
+    return unit_gradient
+
+
+def _point_out(beyond: Array) -> Array:
+    """Direction in which the distance to a corner grows."""
+    out = np.maximum(beyond, 0.0)
+    inside = np.flatnonzero(~(beyond > 0.0).any(axis=1))
+    out[inside, beyond[inside].argmax(axis=1)] = 1.0
+    return out

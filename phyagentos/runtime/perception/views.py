@@ -1,0 +1,161 @@
+"""From frames to labelled points of the world: what each camera sees that is neither the map nor the robot.
+
+Upstream: frames of `targets.wire`, the inventory, the robot's own solids. Downstream: `clusters`, `visibility`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.solids import Array, Solids, compute_rotation
+from phyagentos.runtime.targets.wire import Frame
+
+MAP_M = 0.012  # this near to the map and of its colour: part of it
+MAP_LIKE_M = 0.007  # this near to the map and of a colour like its own: part of it
+_UNKNOWN = np.float32(np.inf)
+
+
+class Segmenter(Protocol):
+    """Tells pixels apart: by their colour (`colors.Palette`), or by what a detector says."""
+
+    def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(h, w) index in the palette of what each pixel of (h, w, 3) shows; raises ExecutionError."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Eye:
+    """One camera at one moment, for questions about what it could see.
+
+    Attributes:
+        camera: Its name.
+        time_s: Of the frame.
+        position_m: (3,) of the camera.
+        rotation: (3, 3) `world_T_camera`.
+        focal: (fx, fy, cx, cy) [pixels].
+        nearest_m: (h, w) least depth around each pixel; infinite where nothing was measured.
+        farthest_m: (h, w) greatest depth around each pixel; infinite where nothing was measured.
+    """
+
+    camera: str
+    time_s: float
+    position_m: Array
+    rotation: Array
+    focal: tuple[float, float, float, float]
+    nearest_m: NDArray[np.float32]
+    farthest_m: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cloud:
+    """Points of the world that want an explanation.
+
+    Attributes:
+        points_m: (n, 3) in the world.
+        colors: (n,) index in the palette.
+        eyes: (n,) index of the camera that saw it.
+        pixels: (n, 2) column and row in its picture.
+    """
+
+    points_m: Array
+    colors: NDArray[np.uint8]
+    eyes: NDArray[np.intp]
+    pixels: NDArray[np.intp]
+
+    def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Cloud":
+        """Some of the points."""
+        return Cloud(
+            points_m=self.points_m[which],
+            colors=self.colors[which],
+            eyes=self.eyes[which],
+            pixels=self.pixels[which],
+        )
+
+
+def look(
+    frames: Sequence[Frame], inventory: Inventory, segmenter: Segmenter, robots: Sequence[Solids]
+) -> tuple[tuple[Eye, ...], Cloud]:
+    """Every camera's view, and the points in all of them that are neither the map nor the robot.
+
+    Args:
+        frames: Of one moment.
+        inventory: Of the scene.
+        segmenter: Tells pixels apart.
+        robots: Its solids in the world at the time of each frame, grown by what its model and the calibration leave
+            open.
+    """
+    eyes = tuple(_open_eye(frame) for frame in frames)
+    parts = [
+        _find_points(frame, eye, index, inventory, segmenter, robot)
+        for index, (frame, eye, robot) in enumerate(zip(frames, eyes, robots, strict=True))
+    ]
+    empty = Cloud(
+        points_m=np.zeros((0, 3)),
+        colors=np.zeros(0, np.uint8),
+        eyes=np.zeros(0, np.intp),
+        pixels=np.zeros((0, 2), np.intp),
+    )
+    parts = parts or [empty]
+    return eyes, Cloud(
+        points_m=np.concatenate([part.points_m for part in parts]),
+        colors=np.concatenate([part.colors for part in parts]),
+        eyes=np.concatenate([part.eyes for part in parts]),
+        pixels=np.concatenate([part.pixels for part in parts]),
+    )
+
+
+def _open_eye(frame: Frame) -> Eye:
+    depth = frame.depth_m
+    valid = np.isfinite(depth)
+    kernel = np.ones((3, 3), np.uint8)
+    near = cv2.erode(np.where(valid, depth, np.float32(1e3)), kernel)
+    far = cv2.dilate(np.where(valid, depth, np.float32(-1.0)), kernel)
+    return Eye(
+        camera=frame.camera,
+        time_s=frame.time_s,
+        position_m=np.array(frame.world_T_camera.position_m),
+        rotation=compute_rotation(frame.world_T_camera.quaternion_wxyz),
+        focal=(frame.fx, frame.fy, frame.cx, frame.cy),
+        nearest_m=np.where(valid, near, _UNKNOWN),
+        farthest_m=np.where(valid, far, _UNKNOWN),
+    )
+
+
+def _find_points(
+    frame: Frame, eye: Eye, index: int, inventory: Inventory, segmenter: Segmenter, robot: Solids
+) -> Cloud:
+    labels = segmenter.label(frame.rgb)
+    rows, columns = np.nonzero(np.isfinite(frame.depth_m) & inventory.is_of_thing[labels])
+    depth = frame.depth_m[rows, columns].astype(np.float64)
+    colors = labels[rows, columns]
+    fx, fy, cx, cy = eye.focal
+    rays = np.column_stack(((columns + 0.5 - cx) / fx, (rows + 0.5 - cy) / fy, np.ones(len(rows))))
+    points = (rays * depth[:, None]) @ eye.rotation.T + eye.position_m
+    keep = ~_find_map(points, colors, inventory)
+    if len(robot.kinds) and keep.any():
+        near = keep & (np.linalg.norm(points - robot.center_m, axis=1) < robot.radius_m)
+        if near.any():
+            keep[near] = robot.near(points[near], 0.0).measure(points[near]) > 0.0
+    points, colors, rows, columns = points[keep], colors[keep], rows[keep], columns[keep]
+    return Cloud(
+        points_m=points,
+        colors=colors,
+        eyes=np.full(len(points), index, np.intp),
+        pixels=np.column_stack((columns, rows)),
+    )
+
+
+def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) -> NDArray[np.bool_]:
+    """Which points are of the map."""
+    if not inventory.map.kinds:
+        return np.zeros(len(points), np.bool_)
+    found = np.zeros(len(points), np.bool_)
+    for lookalikes, margin in ((inventory.map_colors, MAP_M), (inventory.like_map, MAP_LIKE_M)):
+        among = np.isin(colors, list(lookalikes))
+        found[among] = inventory.map.measure(points[among]) < margin
+    return found

@@ -1,0 +1,70 @@
+"""Whether a thing that is believed somewhere is seen there, hidden there, or not there.
+
+Upstream: `views`. Downstream: `fitting`, `association`. Points of its surface that face a camera are compared with the
+depth that the camera measured: nearer means hidden, the same means confirmed, farther means that the camera looked
+through the place where the thing should be.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phyagentos.runtime.perception.inventory import Thing
+from phyagentos.runtime.perception.solids import Array
+from phyagentos.runtime.perception.views import Eye
+
+DEPTH_M = 0.010  # depths this close are the same surface
+FACING = 0.2  # cosine of the steepest surface that a camera can be expected to see
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Points of a thing's surface, counted over all cameras.
+
+    Attributes:
+        confirmed: Measured where they should be.
+        hidden: Something stands in front of them.
+        contradicted: The camera sees something behind them.
+    """
+
+    confirmed: int
+    hidden: int
+    contradicted: int
+
+    @property
+    def contradicted_fraction(self) -> float:
+        """Of those that nothing hides."""
+        return self.contradicted / max(self.confirmed + self.contradicted, 1)
+
+    @property
+    def visible_fraction(self) -> float:
+        """Of those that face a camera."""
+        return (self.confirmed + self.contradicted) / max(self.confirmed + self.contradicted + self.hidden, 1)
+
+
+def compute_sight(thing: Thing, rotation: Array, position_m: Array, eyes: tuple[Eye, ...]) -> Sight:
+    """What the cameras say of a thing in a pose."""
+    points = thing.samples_m @ rotation.T + position_m
+    normals = thing.normals @ rotation.T
+    confirmed = hidden = contradicted = 0
+    for eye in eyes:
+        towards = eye.position_m - points
+        facing = np.einsum("ij,ij->i", normals, towards) > FACING * np.linalg.norm(towards, axis=1)
+        local = -towards[facing] @ eye.rotation
+        fx, fy, cx, cy = eye.focal
+        height, width = eye.nearest_m.shape
+        depth = local[:, 2]
+        ahead = depth > 1e-3
+        local, depth = local[ahead], depth[ahead]
+        u = np.floor(local[:, 0] / depth * fx + cx).astype(np.intp)
+        v = np.floor(local[:, 1] / depth * fy + cy).astype(np.intp)
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        u, v, depth = u[inside], v[inside], depth[inside]
+        near, far = eye.nearest_m[v, u], eye.farthest_m[v, u]
+        measured = np.isfinite(near)
+        through = measured & (near > depth + DEPTH_M)
+        before = measured & (far < depth - DEPTH_M)
+        contradicted += int(through.sum())
+        hidden += int(before.sum())
+        confirmed += int((measured & ~through & ~before).sum())
+    return Sight(confirmed, hidden, contradicted)

@@ -1,0 +1,204 @@
+"""What is believed of things over time: who is who, what is held, hidden and gone, and how old that is."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.protocol.environment import Pose, Status
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.verdicts import Truth
+from tests.runtime.perception.conftest import redate
+
+pytestmark = pytest.mark.sim
+NEAR_M = 0.006
+
+
+def judge(text, environment):
+    return parse_predicate(text).evaluate(View(now=environment, initial=None, target="panda")).truth
+
+
+def is_near(entity, point, within_m=NEAR_M):
+    return math.dist(entity.pose.position_m, point) < within_m
+
+
+def test_two_identical_cubes_ten_centimetres_apart_stay_two(twins):
+    first = twins.look()
+    names = {name: first.entities[name].pose.position_m for name in ("first", "second")}
+    assert math.dist(*names.values()) == pytest.approx(0.1, abs=0.01)
+
+    for step in range(4):
+        x_m, y_m, _ = names["second"]
+        twins.put("first" if names["second"][1] < 0 else "second", x_m + 0.01 * step, y_m)
+        belief = twins.look()
+        assert is_near(belief.entities["first"], names["first"])  # after each look: names swapped twice are right again
+
+    moved, still = belief.entities["second"], belief.entities["first"]
+    assert is_near(still, names["first"])
+    assert moved.pose.position_m[0] == pytest.approx(names["second"][0] + 0.03, abs=NEAR_M)
+    assert (moved.status, still.status) == (Status.SEEN, Status.SEEN)
+
+
+def test_a_pose_is_that_of_the_thing_and_the_evidence_points_at_it(twins):
+    twins.put("can", 0.6, -0.2)
+    belief = twins.look()
+    can = belief.entities["can"]
+
+    assert is_near(can, twins.find("can"))
+    assert judge("upright(can)", belief) is Truth.TRUE
+    assert can.extent_m == pytest.approx((0.052, 0.052, 0.08), abs=0.02)
+    assert can.confidence > 0.7
+    camera, _, rest = can.evidence[0].partition("@")
+    time_s, _, box = rest.partition(":")
+    assert camera in belief.sensors
+    assert float(time_s) == can.observed_at_s == belief.sensors[camera].time_s
+    assert len(box.split(",")) == 4
+
+
+def test_what_has_fallen_is_known_to_lie(twins):
+    twins.look()
+    twins.put("can", 0.6, 0.0, z_m=0.026, yaw_rad=0.6, tilt_rad=math.pi / 2)
+    belief = twins.look()
+
+    assert judge("fallen(can)", belief) is Truth.TRUE
+    assert is_near(belief.entities["can"], twins.find("can"), 0.01)
+
+
+def test_a_thing_that_crosses_behind_a_screen_keeps_its_name(twins):
+    camera = ("right",)
+    before = twins.look()
+    lower = min(("first", "second"), key=lambda name: before.entities[name].pose.position_m[1])
+    other = "second" if lower == "first" else "first"
+    really_lower = min(("first", "second"), key=lambda name: twins.find(name)[1])
+    really_other = "second" if really_lower == "first" else "first"
+    place = before.entities[other].pose.position_m
+    twins.put("screen", *(np.array(place[:2]) + 0.12 * np.array((0.6, -0.8))), yaw_rad=-0.93)
+    hidden = twins.look(cameras=camera)
+    assert hidden.entities[other].status is Status.HIDDEN
+    assert is_near(hidden.entities[other], place)
+
+    twins.put(really_lower, 0.48, -0.15)
+    hidden = twins.look(cameras=camera)
+    assert hidden.entities[lower].pose.position_m[1] == pytest.approx(-0.15, abs=0.01)
+    twins.put("screen", 0.3, 0.3)
+    twins.put(really_other, place[0] + 0.03, place[1])
+    shown = twins.look(cameras=camera)
+
+    assert shown.entities[other].status is Status.SEEN
+    assert is_near(shown.entities[other], twins.find(really_other), 0.01)
+    assert is_near(shown.entities[lower], twins.find(really_lower), 0.01)
+
+
+def test_a_thing_whose_place_is_seen_empty_is_gone(twins):
+    twins.look()
+    twins.put("can", 2.5, 2.5)
+    belief = twins.look()
+
+    can = belief.entities["can"]
+    assert (can.status, can.visible) == (Status.GONE, False)
+    assert judge("upright(can)", belief) is Truth.UNKNOWN
+    assert ("can", "gone") in [(change.entity, change.what) for change in belief.changes]
+
+
+def test_what_the_fingers_hold_follows_the_hand_and_is_unseen_once_let_go(twins):
+    belief = twins.look()
+    name = "first"
+    x_m, y_m, z_m = belief.entities[name].pose.position_m
+    down = (0.0, 1.0, 0.0, 0.0)
+    grip = msgspec.structs.replace(
+        twins.state, tcp=Pose((x_m, y_m, z_m), down), gripper_width_m=0.04, fingers_touching=2
+    )
+    held = twins.pipeline.recall(twins.belief, grip, twins.time_s)
+    assert held.entities[name].held_by == "panda"
+    assert held.targets["panda"].holding == (name,)
+    lifted = msgspec.structs.replace(grip, tcp=Pose((x_m, y_m + 0.1, z_m + 0.2), down))
+
+    carried = twins.pipeline.recall(held, lifted, twins.time_s + 1.0)
+
+    assert is_near(carried.entities[name], (x_m, y_m + 0.1, z_m + 0.2))
+    assert judge(f"holding(panda, {name})", carried) is Truth.TRUE
+    let_go = twins.pipeline.recall(carried, msgspec.structs.replace(lifted, fingers_touching=0), twins.time_s + 1.2)
+    assert (let_go.entities[name].status, let_go.entities[name].visible) == (Status.HIDDEN, False)
+    assert judge(f"upright({name})", let_go) is Truth.UNKNOWN
+
+
+def test_fingers_that_touch_nothing_known_hold_nothing(twins):
+    twins.look()
+    closed = msgspec.structs.replace(twins.state, gripper_width_m=0.01, fingers_touching=2)
+
+    assert twins.pipeline.recall(twins.belief, closed, 2.0).targets["panda"].holding == ()
+
+
+def test_names_that_the_simulator_puts_into_the_state_are_not_believed(twins):
+    twins.look()
+    told = msgspec.structs.replace(twins.state, holding=("can",))
+
+    assert twins.look(state=told).targets["panda"].holding == ()
+
+
+def test_a_frozen_picture_with_new_stamps_is_noticed_and_its_facts_age(twins):
+    frames = twins.take_frames()
+    twins.look(frames, after_s=0.05)
+    seen_at_s = twins.belief.entities["can"].observed_at_s
+    for _ in range(12):
+        twins.put("can", 0.6, -0.3)
+        belief = twins.look(redate(frames, twins.time_s + 0.5))
+
+    assert {health.status for health in belief.sensors.values()} == {"frozen"}
+    assert belief.entities["can"].observed_at_s == seen_at_s
+    assert judge("upright(can)", belief) is Truth.UNKNOWN
+
+
+def test_frames_whose_stamps_stand_still_are_stale_and_never_make_a_fact_young(twins):
+    frames = redate(twins.take_frames(), twins.time_s)
+    seen_at_s = twins.look(frames, after_s=0.05).entities["can"].observed_at_s
+    belief = twins.look(frames, after_s=6.0)
+
+    assert {health.status for health in belief.sensors.values()} == {"stale"}
+    assert belief.entities["can"].observed_at_s == seen_at_s
+    assert belief.time_s > seen_at_s + 5
+    assert judge("upright(can)", belief) is Truth.UNKNOWN
+
+
+def test_frames_from_the_future_are_not_believed(twins):
+    belief = twins.look(redate(twins.take_frames(), twins.time_s + 3.0))
+    assert {health.status for health in belief.sensors.values()} == {"stale"}
+    assert "can" not in belief.entities
+
+
+def test_a_black_picture_tells_nothing(twins):
+    black = [
+        msgspec.structs.replace(frame, rgb=np.zeros_like(frame.rgb), depth_m=np.full_like(frame.depth_m, np.nan))
+        for frame in twins.take_frames().frames
+    ]
+    before = twins.look().entities["can"]
+    belief = twins.look(msgspec.structs.replace(twins.take_frames(), frames=tuple(redate_all(black, twins.time_s))))
+
+    assert {health.status for health in belief.sensors.values()} == {"dark"}
+    assert belief.entities["can"].observed_at_s == before.observed_at_s
+
+
+def redate_all(frames, time_s):
+    return [msgspec.structs.replace(frame, time_s=time_s + 0.5) for frame in frames]
+
+
+def test_the_same_frames_give_the_same_belief(twins):
+    frames = twins.take_frames()
+    first, second = (
+        twins.pipeline.sense(frames, twins.state, twins.scene, twins.time_s, twins.belief) for _ in range(2)
+    )
+    assert msgspec.json.encode(first) == msgspec.json.encode(second)
+
+
+def test_a_revision_names_what_changed_since_the_one_before(twins):
+    first = twins.look()
+    assert {change.what for change in first.changes} == {"appeared"}
+    still = twins.look()
+    assert (still.revision, still.changes) == (first.revision + 1, ())
+    twins.put("can", 0.6, -0.25)
+
+    (change,) = twins.look().changes
+
+    assert (change.entity, change.what) == ("can", "moved")
+    assert change.by_m == pytest.approx(0.25, abs=0.01)
