@@ -1,19 +1,30 @@
 """SessionVerifier: V(G, S0, ST, trace, history) -> success, failure or replan. Paper section 4.2.
 
 Upstream: the evidence bundle of a session that left `running`. Downstream: the journal, the replanner, memory. How the
-execution ended never makes a success and never prevents one; only criteria on evidence decide.
+execution ended never makes a success and never prevents one; only criteria on evidence decide. Whether the verdict
+decides is the mode's affair, see `VerificationMode`.
 """
 
+import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import msgspec
+
+from phyagentos.agent.causes import Cause
 from phyagentos.agent.diagnosis import Diagnosis, diagnose
-from phyagentos.agent.judges import HoldJudge, Judge, PredicateJudge
-from phyagentos.protocol.evidence import Bundle
+from phyagentos.agent.judges.holds import HoldJudge
+from phyagentos.agent.judges.judge import ADVISORY_KINDS, Judge
+from phyagentos.agent.judges.lookahead import LookaheadJudge
+from phyagentos.agent.judges.metrics import MetricJudge
+from phyagentos.agent.judges.predicates import PredicateJudge
+from phyagentos.agent.wants import find_wants
+from phyagentos.protocol.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
+from phyagentos.protocol.verdicts import Attempt, Criterion, EvidenceReference, Truth, Verdict, VerificationMode
 
-DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge())
+DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge(), MetricJudge(), LookaheadJudge())
+MOST_REFERENCES = 16  # a bundle has fewer files that can be judged on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,36 +46,134 @@ class SessionVerifier:
 
     Attributes:
         judges: Asked in this order.
+        costly: Asked after them, and only when nothing is false yet.
+        mode: Whether the verdict decides.
         name: Name and version, recorded with every judgement.
     """
 
     judges: Sequence[Judge] = DEFAULT_JUDGES
-    name: str = "predicates/1"
+    costly: Sequence[Judge] = ()
+    mode: VerificationMode = VerificationMode.RECOVERY
+    name: str = "session_verifier/2"
 
     def judge(self, bundle: Bundle, history: History) -> Attempt:
         """One judgement; the caller appends it to the session's attempts.
 
         Success needs every criterion to be true. Otherwise the session is replanned when the cause can be mended and
-        the node has budget left, and has failed when not.
+        the node has budget left, and has failed when not. When nothing is false and something is unknown, the cause is
+        `EVIDENCE_MISSING`, and `wants` says what should be looked at.
         """
-        criteria = tuple(criterion for judge in self.judges for criterion in judge.judge(bundle))
-        sensing = bundle.after.sensing if bundle.after else "none"
-        if criteria and all(criterion.truth is Truth.TRUE for criterion in criteria):
-            reason = _explain_success(bundle, criteria)
-            return Attempt(
-                verdict=Verdict.SUCCESS, criteria=criteria, reason=reason, sensing=sensing, verifier=self.name
-            )
-        diagnosis = diagnose(bundle, criteria)
+        if self.mode is VerificationMode.OFF:
+            return self._skip(bundle)
+        if self.mode is VerificationMode.ENFORCE:
+            history = replace(history, max_replans=0)
+        attempt = self._weigh(bundle, history, self._ask(bundle))
+        return _audit(attempt, bundle) if self.mode is VerificationMode.AUDIT else attempt
+
+    def _ask(self, bundle: Bundle) -> tuple[Criterion, ...]:
+        criteria = [criterion for judge in self.judges for criterion in judge.judge(bundle)]
+        for judge in self.costly:
+            if all(each.truth is not Truth.FALSE for each in _choose_decisive(criteria)):
+                criteria += judge.judge(bundle)
+        return tuple(criteria)
+
+    def _weigh(self, bundle: Bundle, history: History, criteria: tuple[Criterion, ...]) -> Attempt:
+        decisive = _choose_decisive(criteria)
+        if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):
+            reason = _explain_success(bundle, decisive)
+            return self._sign(bundle, criteria, verdict=Verdict.SUCCESS, reason=reason)
+        diagnosis, wants = _find_reason(bundle, decisive)
         has_budget = history.replans < history.max_replans
         verdict = Verdict.REPLAN if has_budget and not diagnosis.is_hopeless else Verdict.FAILURE
+        return self._sign(
+            bundle,
+            criteria,
+            verdict=verdict,
+            cause=diagnosis.cause.value,
+            reason=f"{_explain(diagnosis, decisive)} {self._explain_decision(diagnosis, history, wants)}",
+            wants=wants,
+            diagnosis=diagnosis,
+        )
+
+    def _skip(self, bundle: Bundle) -> Attempt:
+        reason = f"verification is off, nobody judged: the execution ended {bundle.execution.ended}."
+        return Attempt(
+            verdict=Verdict.UNVERIFIED, criteria=(), reason=reason, sensing="none", verifier=self.name, mode=self.mode
+        )
+
+    def _sign(
+        self,
+        bundle: Bundle,
+        criteria: tuple[Criterion, ...],
+        *,
+        verdict: Verdict,
+        reason: str,
+        cause: str = "",
+        wants: tuple[str, ...] = (),
+        diagnosis: Diagnosis | None = None,
+    ) -> Attempt:
         return Attempt(
             verdict=verdict,
             criteria=criteria,
-            cause=diagnosis.cause.value,
-            reason=f"{_explain(diagnosis, criteria)} {_explain_decision(diagnosis, history)}",
-            sensing=sensing,
+            cause=cause,
+            reason=reason,
+            sensing=bundle.after.sensing if bundle.after else "none",
             verifier=self.name,
+            mode=self.mode,
+            judges=tuple(judge.name for judge in (*self.judges, *self.costly)),
+            found=verdict,
+            wants=wants,
+            evidence=_refer(bundle, criteria),
+            kind=diagnosis.kind.value if diagnosis else "",
+            support=diagnosis.support if diagnosis else (),
         )
+
+    def _explain_decision(self, diagnosis: Diagnosis, history: History, wants: Sequence[str]) -> str:
+        if diagnosis.is_hopeless:
+            return "Another attempt cannot mend it."
+        if self.mode is VerificationMode.ENFORCE:
+            return "Nothing is replanned: verification only enforces."
+        if history.replans >= history.max_replans:
+            return f"The budget of {history.max_replans} replans is spent."
+        look = f"First look again at {', '.join(wants)}. " if wants else ""
+        return f"{look}Replan {history.replans + 1} of {history.max_replans}."
+
+
+def _choose_decisive(criteria: Sequence[Criterion]) -> Sequence[Criterion]:
+    """What was observed; predictions only where nothing was."""
+    observed = [criterion for criterion in criteria if criterion.kind not in ADVISORY_KINDS]
+    return observed or criteria
+
+
+def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnosis, tuple[str, ...]]:
+    """Why it was not met, and what should be looked at again when that cannot be told."""
+    diagnosis = diagnose(bundle, criteria)
+    is_open = criteria and all(criterion.truth is not Truth.FALSE for criterion in criteria)
+    wants = find_wants(criteria, bundle.after) if is_open else ()
+    if not wants or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
+        return diagnosis, ()
+    unseen = ", ".join(wants)
+    fact = diagnosis.fact if diagnosis.cause is Cause.EVIDENCE_MISSING else f"{unseen} must be seen again"
+    return replace(diagnosis, cause=Cause.EVIDENCE_MISSING, fact=fact, is_hopeless=False), wants
+
+
+def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
+    """The same judgement, where the execution's own report decides."""
+    ended = bundle.execution.ended
+    verdict = Verdict.SUCCESS if ended is Ended.COMPLETED else Verdict.FAILURE
+    reason = f"audit: the execution ended {ended}, which decides; the evidence says {attempt.found}. {attempt.reason}"
+    return msgspec.structs.replace(attempt, verdict=verdict, reason=reason)
+
+
+def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceReference, ...]:
+    """The files that were read: those of the bundle, and those that judges opened themselves."""
+    known = {reference.file for reference in bundle.references}
+    references = list(bundle.references)
+    for name in dict.fromkeys(criterion.evidence for criterion in criteria):
+        if name and name not in known and "/" not in name:
+            with contextlib.suppress(OSError):  # the judge found none either, and said so
+                references.append(refer_to(name, (bundle.folder / name).read_bytes()))
+    return tuple(references[:MOST_REFERENCES])
 
 
 def _explain_success(bundle: Bundle, criteria: Sequence[Criterion]) -> str:
@@ -83,11 +192,3 @@ def _explain(diagnosis: Diagnosis, criteria: Sequence[Criterion]) -> str:
     if worst is not None and worst.text not in diagnosis.fact:
         text += f" {worst.text} is {worst.truth}: {worst.because}."
     return text
-
-
-def _explain_decision(diagnosis: Diagnosis, history: History) -> str:
-    if diagnosis.is_hopeless:
-        return "Another attempt cannot mend it."
-    if history.replans >= history.max_replans:
-        return f"The budget of {history.max_replans} replans is spent."
-    return f"Replan {history.replans + 1} of {history.max_replans}."

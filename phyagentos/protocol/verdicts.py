@@ -21,7 +21,37 @@ class Verdict(StrEnum):
     FAILURE = "failure"
     """The objective was not met and no revision is worth its budget."""
     REPLAN = "replan"
-    """The objective was not met; a child session with a revised strategy follows."""
+    """The objective was not met, or cannot be told yet; a child session follows."""
+    UNVERIFIED = "unverified"
+    """Nobody judged, because verification is off; never a success."""
+
+
+class VerificationMode(StrEnum):
+    """What a judgement is for."""
+
+    OFF = "off"
+    """Nothing is judged; what was executed stays unverified and is never called a success."""
+    AUDIT = "audit"
+    """Everything is judged and recorded; whether the execution completed decides."""
+    ENFORCE = "enforce"
+    """The verdict decides; what was not met has failed."""
+    RECOVERY = "recovery"
+    """The verdict decides; what was not met is replanned as long as the budget lasts."""
+
+
+class JudgeName(StrEnum):
+    """Who can be asked."""
+
+    PREDICATES = "predicates"
+    """Acceptance, on the snapshots before and after."""
+    HOLDS = "holds"
+    """What had to hold all through, on the worst samples."""
+    METRICS = "metrics"
+    """Numbers that were measured on the way."""
+    LOOKAHEAD = "lookahead"
+    """The chance that was simulated before; it advises."""
+    VISION = "vision"
+    """A model that looks at the pictures before and after."""
 
 
 class Criterion(msgspec.Struct, frozen=True, kw_only=True):
@@ -29,7 +59,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         text: The predicate as authored, after substitution.
-        kind: `accept`, `hold`, `constraint` or `requires`.
+        kind: `accept`, `hold`, `constraint`, `requires`; `metric` of the settings, `vision`, `lookahead`.
         truth: Its value.
         measured: The numbers that decided it (name -> value; units in the names).
         evidence: File of the bundle that was read.
@@ -46,7 +76,33 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     because: str = ""
 
 
-class Attempt(msgspec.Struct, frozen=True, kw_only=True):
+class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):
+    """One file that a judgement read.
+
+    Attributes:
+        file: Its name in the bundle.
+        sha256: Of its bytes, hexadecimal.
+    """
+
+    file: str
+    sha256: str
+
+
+class Support(msgspec.Struct, frozen=True, kw_only=True):
+    """One fact of the evidence that a diagnosis rests on.
+
+    Attributes:
+        file: Of the bundle.
+        field: What in it.
+        value: As it stands there.
+    """
+
+    file: str
+    field: str
+    value: float | str | bool
+
+
+class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One judgement of one session; attempts are appended, never rewritten.
 
     Attributes:
@@ -55,7 +111,15 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True):
         cause: Coded cause of what went wrong, empty on success (`GRASP_LOST`, `OBJECT_GONE`).
         reason: One sentence that names the layer, the leaf and the number that decided.
         sensing: `truth` or `perceived`.
-        verifier: Name and configuration of the verifier.
+        verifier: Name and version of the verifier.
+        mode: What the judgement was for.
+        judges: Who was asked, each with its version and configuration, in this order.
+        found: What the criteria say; differs from the verdict only where the mode lets something else decide.
+        wants: What should be looked at again, because a criterion about it is unknown.
+        evidence: The files that were read.
+        kind: Class of the cause (`grasp`, `external disturbance`), empty on success.
+        support: The facts that the cause rests on.
+        is_review: Whether it was added to a session that had its verdict, and changed nothing.
     """
 
     verdict: Verdict
@@ -63,4 +127,12 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True):
     cause: str = ""
     reason: str = ""
     sensing: str = "truth"
-    verifier: str = "predicates/1"
+    verifier: str = "session_verifier/2"
+    mode: VerificationMode = VerificationMode.RECOVERY
+    judges: tuple[str, ...] = ()
+    found: Verdict | None = None
+    wants: tuple[str, ...] = ()
+    evidence: tuple[EvidenceReference, ...] = ()
+    is_review: bool = False
+    kind: str = ""
+    support: tuple[Support, ...] = ()

@@ -4,10 +4,10 @@ Tolerances are chosen for table-top things of 2 to 20 cm; each stands here once,
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from phyagentos.protocol.environment import Entity
+from phyagentos.protocol.environment import Entity, TargetState
 from phyagentos.protocol.predicates.geometry import (
     UP,
     compute_box_distance,
@@ -40,15 +40,36 @@ UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 FALLEN_RAD = 0.79  # 45 degrees
 MOVED_M = 0.015  # settling and sensing noise stay below
 MOVED_RAD = math.radians(10)
+PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
+PERCEIVED_STD_RAD = 0.02
+DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 OPEN_FRACTION = 0.9
 CLOSED_FRACTION = 0.1
+
+
+def _find_position_doubt(view: View, *entities: Entity | None) -> float:
+    """How far [m] apart two positions may really be from what was measured; what is fixed was measured by people."""
+    return _combine(view, entities, "position_std_m", PERCEIVED_STD_M)
+
+
+def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
+    """The same of orientations [rad]."""
+    return _combine(view, entities, "turn_std_rad", PERCEIVED_STD_RAD)
+
+
+def _combine(view: View, entities: Sequence[Entity | None], stated: str, perceived: float) -> float:
+    unstated = 0.0 if view.now.sensing == "truth" else perceived
+    variances = (
+        (getattr(entity, stated) or unstated) ** 2 for entity in entities if entity is not None and entity.movable
+    )
+    return DOUBT_STDS * math.sqrt(sum(variances))
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
     """Centre within the sides of the interior box, lowest point between its floor and its rim, in the box's frame."""
     box = get_place(view, b, 5.0)
     if box.half_m == (0.0, 0.0, 0.0):
-        raise FactUnknown(f"{b} has no interior")
+        return Reading(-1.0, {"interior": False}, f"{b} has no interior")
     local = to_child(box.pose, compute_center(a))
     up = rotate(box.pose.quaternion_wxyz, UP)
     low_m = compute_lowest(a, up) - sum(p * u for p, u in zip(box.pose.position_m, up, strict=True))
@@ -60,31 +81,48 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     }
     scales = (box.half_m[0], box.half_m[1], box.half_m[2], box.half_m[2])
     margin, worst = min((s / max(h, 1e-3), name) for (name, s), h in zip(slack_m.items(), scales, strict=True))
+    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
+    shifted_m = -doubt_m if margin >= 0 else doubt_m
+    turned = min((s + shifted_m) / max(h, 1e-3) for s, h in zip(slack_m.values(), scales, strict=True))
     side = "within" if margin >= 0 else "outside"
     because = f"{a.name} is {abs(slack_m[worst]):.3f} m {side} the limit {worst.removesuffix('_m')} of {b}"
-    return Reading(margin, {name: round(s, 5) for name, s in slack_m.items()}, because)
+    return Reading(margin, {name: round(s, 5) for name, s in slack_m.items()}, because, abs(margin - turned))
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
     """Centre of the footprint above b's surface, vertical gap within a centimetre."""
+    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
+    gap_m = _find_gap(view, a, b, FOOTPRINT_SLACK_M)
+    if doubt_m:
+        sure = _find_gap(view, a, b, FOOTPRINT_SLACK_M - doubt_m)
+        possible = _find_gap(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
+        if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= GAP_M:
+            raise FactUnknown(f"whether {a.name} is above {b} is within what the measurement may be off")
+    if gap_m is None:
+        return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
+    because = f"the lowest point of {a.name} is {gap_m:+.3f} m from the surface of {b}, allowed are {GAP_M} m"
+    measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
+    return Reading(1.0 - abs(gap_m) / GAP_M, measured, because, doubt_m / GAP_M)
+
+
+def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
+    """Height [m] of a's lowest point above the nearest surface of b, None where the middle of a is not over b."""
     center, low_m = compute_center(a), compute_lowest(a)
     region = view.now.regions.get(b)
     if region is not None:
         x, y, _ = to_child(region.pose, center)
-        over = abs(x) <= region.half_m[0] + FOOTPRINT_SLACK_M and abs(y) <= region.half_m[1] + FOOTPRINT_SLACK_M
+        over = abs(x) <= region.half_m[0] + slack_m and abs(y) <= region.half_m[1] + slack_m
         tops = [region.pose.position_m[2] - region.half_m[2]] if over else []
     else:
-        tops = iter_tops_below(get_entity(view, b, 5.0), center[0], center[1], FOOTPRINT_SLACK_M)
-    if not tops:
-        return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
-    gap_m = min((low_m - top for top in tops), key=abs)
-    because = f"the lowest point of {a.name} is {gap_m:+.3f} m from the surface of {b}, allowed are {GAP_M} m"
-    return Reading(1.0 - abs(gap_m) / GAP_M, {"over": True, "gap_m": round(gap_m, 5)}, because)
+        tops = iter_tops_below(get_entity(view, b, 5.0), center[0], center[1], slack_m)
+    return min((low_m - top for top in tops), key=abs, default=None)
 
 
 def measure_holding(view: View, target: str, a: str) -> Reading:
-    """Both fingers of the target touch it."""
+    """Both fingers of the target touch it. Touch sensors tell that they touch something, perception tells what."""
     state = view.now.targets.get(target)
+    if view.now.sensing != "truth":
+        return _measure_perceived_holding(view, target, a, state)
     if state is None:
         if view.now.targets:
             raise FactUnknown(f"target {target} is not in the snapshot")
@@ -96,18 +134,40 @@ def measure_holding(view: View, target: str, a: str) -> Reading:
     return Reading(1.0 if held else -1.0, {"held": held, "gripper_width_m": round(state.gripper_width_m, 5)}, because)
 
 
+def _measure_perceived_holding(view: View, target: str, a: str, state: TargetState | None) -> Reading:
+    entity = view.now.entities.get(a)
+    if state is None:
+        raise FactUnknown(f"target {target} is not in the snapshot")
+    touching = state.fingers_touching
+    measured = {"fingers_touching": touching, "gripper_width_m": round(state.gripper_width_m, 5)}
+    if touching < 2:
+        because = f"{touching} of the fingers of {target}, {state.gripper_width_m:.4f} m apart, touch anything"
+        return Reading(-1.0, {"held": False, **measured}, because)
+    if entity is None:
+        raise FactUnknown(f"{target} holds something, and {a} is not in the snapshot")
+    held = entity.held_by == target
+    if not held:
+        get_entity(view, a, 0.5)  # seen elsewhere, or what the fingers touch may be it
+    because = f"{target} holds something, which is {'' if held else 'not '}{a}"
+    return Reading(1.0 if held else -1.0, {"held": held, **measured}, because)
+
+
 def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
     """Centre within `tol_m` of a point, or of a place's box."""
     distance_m = compute_box_distance(place.pose, place.half_m, compute_center(a))
     because = f"{a.name} is {distance_m:.3f} m from {place.name}, allowed are {tol_m:g} m"
-    return Reading((tol_m - distance_m) / max(tol_m, 1e-3), {"distance_m": round(distance_m, 5)}, because)
+    scale_m = max(tol_m, 1e-3)
+    doubt = _find_position_doubt(view, a, view.now.entities.get(place.name)) / scale_m
+    return Reading((tol_m - distance_m) / scale_m, {"distance_m": round(distance_m, 5)}, because, doubt)
 
 
 def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
     """Distance between centres."""
     apart_m = math.dist(compute_center(a), b.pose.position_m)
     because = f"{a.name} and {b.name} are {apart_m:.3f} m apart, allowed are {distance_m:g} m"
-    return Reading((distance_m - apart_m) / max(distance_m, 1e-3), {"distance_m": round(apart_m, 5)}, because)
+    scale_m = max(distance_m, 1e-3)
+    doubt = _find_position_doubt(view, a, view.now.entities.get(b.name)) / scale_m
+    return Reading((distance_m - apart_m) / scale_m, {"distance_m": round(apart_m, 5)}, because, doubt)
 
 
 def measure_visible(view: View, a: str) -> Reading:
@@ -134,12 +194,12 @@ def measure_exists(view: View, a: str) -> Reading:
 
 def measure_upright(view: View, a: Entity) -> Reading:
     """Its z axis within 15 degrees of the vertical."""
-    return _read_tilt(a, UPRIGHT_RAD, 1.0)
+    return _read_tilt(view, a, UPRIGHT_RAD, 1.0)
 
 
 def measure_fallen(view: View, a: Entity) -> Reading:
     """Its z axis more than 45 degrees from the vertical."""
-    return _read_tilt(a, FALLEN_RAD, -1.0)
+    return _read_tilt(view, a, FALLEN_RAD, -1.0)
 
 
 def measure_moved(view: View, a: Entity) -> Reading:
@@ -153,7 +213,16 @@ def measure_moved(view: View, a: Entity) -> Reading:
     turned_rad = compute_turn(a.pose, was.pose)
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
-    return Reading(margin, {"moved_m": round(moved_m, 5), "turned_rad": round(turned_rad, 5)}, because)
+    least = max(
+        (moved_m - _find_position_doubt(view, a, was)) / MOVED_M,
+        (turned_rad - _find_turn_doubt(view, a, was)) / MOVED_RAD,
+    )
+    most = max(
+        (moved_m + _find_position_doubt(view, a, was)) / MOVED_M,
+        (turned_rad + _find_turn_doubt(view, a, was)) / MOVED_RAD,
+    )
+    doubt = margin + 1.0 - least if margin >= 0 else most - 1.0 - margin
+    return Reading(margin, {"moved_m": round(moved_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
 
 
 def measure_open(view: View, a: Entity) -> Reading:
@@ -171,24 +240,36 @@ def measure_closed(view: View, a: Entity) -> Reading:
 def measure_tilt(view: View, a: Entity) -> Reading:
     """Angle between its z axis and the vertical [rad]."""
     tilt_rad = compute_tilt(a.pose)
-    return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees")
+    because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees"
+    return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_turn_doubt(view, a))
 
 
 def measure_height(view: View, a: Entity) -> Reading:
     """Height of its lowest point above the world's origin [m]."""
     height_m = compute_lowest(a)
-    return Reading(height_m, {"height_m": round(height_m, 5)}, f"the lowest point of {a.name} is at {height_m:.3f} m")
+    because = f"the lowest point of {a.name} is at {height_m:.3f} m"
+    return Reading(height_m, {"height_m": round(height_m, 5)}, because, _find_position_doubt(view, a))
 
 
 def measure_distance(view: View, a: Entity, b: Place) -> Reading:
     """Distance between centres [m]."""
     apart_m = math.hypot(*subtract(compute_center(a), b.pose.position_m))
-    return Reading(apart_m, {"distance_m": round(apart_m, 5)}, f"{a.name} and {b.name} are {apart_m:.3f} m apart")
+    because = f"{a.name} and {b.name} are {apart_m:.3f} m apart"
+    doubt = _find_position_doubt(view, a, view.now.entities.get(b.name))
+    return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, doubt)
 
 
 def measure_speed(view: View, a: Entity) -> Reading:
     """Magnitude of its linear velocity [m/s]."""
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
+
+
+def measure_metric(view: View, name: str) -> Reading:
+    """A number that was measured during the session; unknown in a snapshot alone, and where nobody measured it."""
+    if name not in view.metrics:
+        raise FactUnknown(f"nothing measured {name}")
+    value = view.metrics[name]
+    return Reading(value, {name: round(value, 6)}, f"{name} is {value:.4g}")
 
 
 def measure_unstated(view: View) -> Reading:
@@ -197,10 +278,11 @@ def measure_unstated(view: View) -> Reading:
     raise FactUnknown("nobody has said yet what decides: write a predicate in the place of unstated()")
 
 
-def _read_tilt(a: Entity, limit_rad: float, sign: float) -> Reading:
+def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float) -> Reading:
     tilt_rad = compute_tilt(a.pose)
     because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees, the limit is {math.degrees(limit_rad):.0f}"
-    return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because)
+    doubt = _find_turn_doubt(view, a) / limit_rad
+    return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, doubt)
 
 
 def _get_joint(a: Entity) -> float:
@@ -250,6 +332,14 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
         lasting=False,
         by_name=True,
         description="Both fingers of the target touch it.",
+    ),
+    PredicateDefinition(
+        name="metric",
+        arguments=(Argument("name", Kind.METRIC),),
+        measure=measure_metric,
+        is_number=True,
+        lasting=False,
+        description=(measure_metric.__doc__ or "").splitlines()[0],
     ),
     PredicateDefinition(
         name="unstated",

@@ -120,6 +120,8 @@ def _evaluate_statement(call: Call, view: View) -> Evaluation:
     except FactUnknown as reason:
         return _unknown(str(reason))
     truth = Truth.TRUE if reading.value >= 0 else Truth.FALSE
+    if abs(reading.value) < reading.doubt:
+        return _doubt(reading)
     return Evaluation(truth, reading.measured, reading.because, reading.value)
 
 
@@ -129,6 +131,8 @@ def _evaluate_number(call: Call, relation: str, bound: float, view: View) -> Eva
     except FactUnknown as reason:
         return _unknown(str(reason))
     truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
+    if reading.doubt and abs(reading.value - bound) < reading.doubt:
+        return _doubt(reading)
     margin = _compute_margin(reading.value, relation, bound) / max(abs(bound), 0.01)
     because = f"{reading.because} (asked: {relation} {format_number(bound)})"
     return Evaluation(truth, reading.measured, because, margin)
@@ -195,7 +199,7 @@ def _resolve(definition: PredicateDefinition, terms: Sequence[Term], view: View)
                 resolved.append(view.target)
             case Kind.ENTITY, Name(text) if not definition.by_name:
                 resolved.append(get_entity(view, text, definition.max_age_s))
-            case ((Kind.ENTITY | Kind.CONTAINER | Kind.TARGET), Name(text)):
+            case ((Kind.ENTITY | Kind.CONTAINER | Kind.TARGET | Kind.METRIC), Name(text)):
                 resolved.append(text)
             case _, Variable(path):
                 raise FactUnknown(f"${{{path}}} was never substituted")
@@ -220,6 +224,11 @@ def _bind(formula: Formula, name: str, *, into_counts: bool = True) -> Formula:
         return replace(call, terms=tuple(Name(name) if isinstance(term, Star) else term for term in call.terms))
 
     return map_calls(formula, change, into_counts=into_counts) if name else formula
+
+
+def _doubt(reading: Reading) -> Evaluation:
+    because = f"{reading.because}, which is within what the measurement may be off"
+    return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0)
 
 
 def _unknown(because: str) -> Evaluation:

@@ -4,8 +4,9 @@ A plug-in is a `PredicateDefinition`; installed packages announce theirs by the 
 `phyagentos.predicates` (an iterable of definitions). Importing this module registers nothing.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from importlib.metadata import entry_points
@@ -31,6 +32,8 @@ class Kind(StrEnum):
     """A thing, a named region, or a point `(x, y, z)`."""
     TARGET = "target"
     """A target; the word `target` means the session's own."""
+    METRIC = "metric"
+    """The name of a number that was measured during the session."""
     NUMBER = "number"
     """A number in the unit that the argument's name carries."""
 
@@ -43,11 +46,15 @@ class View:
         now: The snapshot that is judged.
         initial: The snapshot that changes are measured against, None when there is none.
         target: What the word `target` means, None when nothing.
+        metrics: What was measured on the way, by name; units in the names.
+        max_age_s: How old a fact about a movable thing may be at most, whatever a predicate allows.
     """
 
     now: Environment
     initial: Environment | None = None
     target: str | None = None
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    max_age_s: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +81,14 @@ class Reading:
             (1 = as true as its tolerance is wide), so that samples can be ordered from worst to best.
         measured: The numbers that decided; units in the names.
         because: The finding as a fact, worded so that it stands whichever way the predicate is used.
+        doubt: How far the value may be off, in its own unit, by the stated uncertainty of what was measured; a value
+            that this could turn over is unknown.
     """
 
     value: float
     measured: dict[str, float | str | bool]
     because: str
+    doubt: float = 0.0
 
 
 Resolved = Entity | Place | str | float
@@ -176,11 +186,11 @@ def get_entity(view: View, name: str, max_age_s: float) -> Entity:
     if entity is None:
         raise FactUnknown(f"{name} is not in the snapshot")
     if entity.movable:
-        age_s = view.now.time_s - entity.observed_at_s
+        age_s, allowed_s = view.now.time_s - entity.observed_at_s, min(max_age_s, view.max_age_s)
         if not entity.visible:
             raise FactUnknown(f"{name} was not visible")
-        if age_s > max_age_s:
-            raise FactUnknown(f"{name} was last seen {age_s:.1f} s before, allowed are {max_age_s:g} s")
+        if age_s > allowed_s:
+            raise FactUnknown(f"{name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s")
     return entity
 
 

@@ -45,7 +45,10 @@ __all__ = [
     "Predicate",
     "Reference",
     "View",
+    "find_entities",
+    "has_metric",
     "iter_entities",
+    "iter_metrics",
     "parse_predicate",
     "substitute",
     "worse",
@@ -53,7 +56,7 @@ __all__ = [
 
 _REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
 _TAKES = {
-    Name: (Kind.ENTITY, Kind.CONTAINER, Kind.PLACE, Kind.TARGET),
+    Name: (Kind.ENTITY, Kind.CONTAINER, Kind.PLACE, Kind.TARGET, Kind.METRIC),
     Star: (Kind.ENTITY, Kind.CONTAINER, Kind.PLACE),
     Variable: tuple(Kind),
     Number: (Kind.NUMBER,),
@@ -98,11 +101,11 @@ class Predicate:
         return all(definition is not None and definition.lasting for definition in found)
 
     def iter_references(self) -> Iterator[Reference]:
-        """Every name it mentions, left to right."""
+        """Every name it mentions, left to right; names of metrics are none of the world's."""
         for call in iter_calls(self.formula):
             definition = get_predicate_library().find(call.name)
             for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
-                if isinstance(term, Name):
+                if isinstance(term, Name) and argument.kind is not Kind.METRIC:
                     yield Reference(term.text, argument.kind, term.column)
 
     def rename_targets(self, targets: Mapping[str, str]) -> "Predicate":
@@ -156,6 +159,27 @@ def iter_entities(predicate: Predicate) -> Iterator[str]:
     """Names of the things and places it mentions, left to right, each once."""
     names = (ref.name for ref in predicate.iter_references() if ref.kind is not Kind.TARGET)
     return iter(dict.fromkeys(names))
+
+
+def find_entities(text: str) -> tuple[str, ...]:
+    """Names of the things and places that a text mentions; none when it is no predicate, as what a model says."""
+    predicate, findings = _parse(text, False)
+    return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
+
+
+def iter_metrics(text: str) -> Iterator[str]:
+    """Names of the metrics that a predicate compares, left to right; none of text that is no predicate."""
+    predicate, _ = _parse(text, True)
+    for call in iter_calls(predicate.formula) if predicate is not None else ():
+        definition = get_predicate_library().find(call.name)
+        for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
+            if isinstance(term, Name) and argument.kind is Kind.METRIC:
+                yield term.text
+
+
+def has_metric(text: str) -> bool:
+    """Whether a predicate compares a metric."""
+    return any(True for _ in iter_metrics(text))
 
 
 def substitute(text: str, parameters: Mapping[str, Any]) -> str:

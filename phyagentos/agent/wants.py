@@ -1,0 +1,48 @@
+"""What should be looked at again before an objective that is unknown is called missed.
+
+Upstream: the verifier, whose criteria are unknown and none is false. Downstream: the replanner, which looks again
+(`Attempt.wants`). Only acceptance can be seen afterwards: what had to hold all through is over.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from phyagentos.agent.judges.predicates import FRESH_S
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.predicates.predicate import find_entities
+from phyagentos.protocol.verdicts import Criterion, Truth
+
+MOST = 8  # things; a child session looks at one, or at a few that stand together
+
+
+def find_wants(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:
+    """Things that acceptance speaks of and the last snapshot does not show well enough, in the order of the criteria.
+
+    Args:
+        criteria: Of one judgement.
+        after: The snapshot after the session, None when there is none.
+    """
+    if after is None:
+        return ()
+    unknown = [each for each in criteria if each.kind == "accept" and each.truth is Truth.UNKNOWN]
+    found = [name for criterion in unknown for name in _find_unseen(criterion, after)]
+    return tuple(dict.fromkeys(found))[:MOST]
+
+
+def _find_unseen(criterion: Criterion, after: Environment) -> list[str]:
+    named = list(find_entities(criterion.text))
+    if "*" in criterion.text:
+        named += [name for name, entity in after.entities.items() if entity.movable]
+    unseen = list(_iter_unseen(named, after))
+    if unseen or after.sensing == "truth":
+        return unseen
+    return [name for name in named if name in after.entities and after.entities[name].movable]  # seen, not sharply
+
+
+def _iter_unseen(names: Sequence[str], after: Environment) -> Iterator[str]:
+    for name in names:
+        entity = after.entities.get(name)
+        if entity is None:
+            if name not in after.regions:
+                yield name
+        elif entity.movable and (not entity.visible or after.time_s - entity.observed_at_s > FRESH_S):
+            yield name

@@ -1,0 +1,82 @@
+"""`paos verify`: another judgement of a session that has its verdict, by judges of one's choice."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from phyagentos.cli.outcome import ExitCode, print_result
+from phyagentos.protocol.verdicts import JudgeName, VerificationMode
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    app.command("verify")(verify)
+
+
+def verify(
+    session: Annotated[str, typer.Argument(help="Id of the session.")],
+    workspace: Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")],
+    with_: Annotated[
+        str | None,
+        typer.Option(
+            "--with", help=f"Judges, comma-separated: {', '.join(JudgeName)}. Those of the settings if left out."
+        ),
+    ] = None,
+    mode: Annotated[VerificationMode, typer.Option(help="What the judgement is for.")] = VerificationMode.ENFORCE,
+    as_json: Annotated[bool, typer.Option("--json", help="The judgement as JSON on stdout.")] = False,
+) -> int:
+    """Add a judgement to a session that has its verdict; erases none and changes no state."""
+    import msgspec
+
+    from phyagentos.agent.review import review_session
+    from phyagentos.assembly.verification import build_verifier
+    from phyagentos.cli.explaining import get_session
+    from phyagentos.cli.past import read_ledger
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.lifecycle import Side
+    from phyagentos.protocol.store.journal import Journal
+    from phyagentos.protocol.verdicts import Verdict
+    from phyagentos.protocol.workspace import Workspace
+
+    place, clock = Workspace.open(workspace), SystemClock()
+    verifier = build_verifier(place, clock, mode=mode, judges=_parse_judges(with_))
+    sessions = read_ledger(place.root, session).sessions
+    status = sessions[get_session(session, sessions)]
+    journal = Journal(place.root, side=Side.AGENT, by="paos verify", clock=clock)
+    try:
+        attempt = review_session(place, journal, status, verifier)
+    finally:
+        journal.close()
+    if as_json:
+        print_result(msgspec.json.encode(attempt).decode())
+    else:
+        print_result(f"{status.contract.id}: {attempt.verdict}  {attempt.reason}")
+        for criterion in attempt.criteria:
+            print_result(f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}")
+        decided = status.decision.verdict if status.decision is not None else "none"
+        print_result(f"  added as judgement {len(status.attempts) + 1}; the verdict stays {decided}")
+    return int(ExitCode.GOAL_MET if attempt.verdict is Verdict.SUCCESS else ExitCode.GOAL_NOT_MET)
+
+
+def _parse_judges(text: str | None) -> tuple[JudgeName, ...] | None:
+    from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+
+    if text is None:
+        return None
+    known = [judge.value for judge in JudgeName]
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    problems = [
+        Problem(
+            code="UNKNOWN_JUDGE",
+            address="--with",
+            found=repr(name),
+            expected=format_names(known),
+            hint=format_hint(name, known),
+        )
+        for name in names or [text]
+        if name not in known
+    ]
+    if problems:
+        raise DefinitionError(problems)
+    return tuple(JudgeName(name) for name in names)

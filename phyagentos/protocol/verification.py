@@ -1,0 +1,68 @@
+"""The block `verification` of runtime_contract.yaml: who judges sessions, and what a judgement is for.
+
+Upstream: a person. Downstream: the agent's verifier; every judgement records the mode and the judges that made it.
+Nothing leaves the machine unless `vision` is written down here and named among the judges.
+"""
+
+from typing import Self
+
+import pydantic
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.schema import Authored
+from phyagentos.protocol.verdicts import JudgeName, VerificationMode
+
+DEFAULT_JUDGES = (JudgeName.PREDICATES, JudgeName.HOLDS, JudgeName.METRICS, JudgeName.LOOKAHEAD)
+
+
+class VisionModel(Authored):
+    """A model that looks at pictures, behind an OpenAI-compatible endpoint.
+
+    Attributes:
+        url: Base of the endpoint, up to `/v1`.
+        model: As the endpoint calls it.
+        api_key_env: Environment variable that holds the key; empty when the endpoint wants none.
+        timeout_s: Longest wait for one answer, by the wall clock [s].
+        max_questions: Criteria of one session that are asked about; the others are unknown.
+    """
+
+    url: str = pydantic.Field(pattern=r"^https?://\S+$")
+    model: str = pydantic.Field(min_length=1)
+    api_key_env: str = pydantic.Field(default="", pattern=r"^([A-Za-z_][A-Za-z0-9_]*)?$")
+    timeout_s: float = pydantic.Field(default=20.0, gt=0)
+    max_questions: int = pydantic.Field(default=8, ge=1)
+
+
+class Verification(Authored):
+    """How sessions are judged.
+
+    Attributes:
+        mode: What a judgement is for.
+        judges: Asked in this order; `vision` only when nothing before it is false.
+        criteria: Predicates that every session must meet beside its own acceptance (`metric(interventions) <= 0`).
+        vision: The model that the judge `vision` asks.
+    """
+
+    mode: VerificationMode = VerificationMode.RECOVERY
+    judges: tuple[JudgeName, ...] = pydantic.Field(default=DEFAULT_JUDGES, min_length=1)
+    criteria: tuple[str, ...] = ()
+    vision: VisionModel | None = None
+
+    @pydantic.field_validator("criteria")
+    @classmethod
+    def _check_criteria(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
+        for text in texts:
+            try:
+                parse_predicate(text)
+            except DefinitionError as error:
+                raise ValueError(str(error)) from error
+        return texts
+
+    @pydantic.model_validator(mode="after")
+    def _check_judges(self) -> Self:
+        if JudgeName.VISION in self.judges and self.vision is None:
+            raise ValueError("the judge 'vision' needs a block 'vision' with url and model")
+        if self.criteria and JudgeName.METRICS not in self.judges:
+            raise ValueError("'criteria' are judged by 'metrics', which is not among the judges")
+        return self
