@@ -5,6 +5,7 @@ records do not tell: an agenda that is made anew from the fold asks for a look a
 """
 
 import heapq
+from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from phyagentos.agent.goal_graph import GoalGraph
@@ -43,6 +44,8 @@ class Agenda:
         self._changed = set(graph.order)
         self._live: dict[SessionId, None] = {}
         self._unjudged: dict[SessionId, None] = {}
+        self._queues: dict[str, set[SessionId]] = {}  # target -> live sessions that wait for it
+        self._shares: Counter[str] = Counter()  # target -> live sessions
         if goal in ledger.goals:
             for name, node in ledger.goals[goal].nodes.items():
                 self._follow_node(name, node.state)
@@ -79,6 +82,10 @@ class Agenda:
         """Whether any session is not final."""
         return bool(self._live)
 
+    def count_waiting(self) -> int:
+        """Sessions that wait for a target; of several targets for the one that has least to do."""
+        return min((len(self._queues[target]) for target, live in self._shares.items() if live), default=0)
+
     def iter_unjudged(self) -> Iterator[SessionId]:
         """Sessions that wait for a verdict, in the order in which they ended."""
         return iter(tuple(self._unjudged))
@@ -101,10 +108,18 @@ class Agenda:
 
     def _follow_session(self, status: SessionStatus) -> None:
         id = status.contract.id
-        if status.state in FINAL_STATES:
-            self._live.pop(id, None)
+        target = status.contract.target
+        queue = self._queues.setdefault(target, set())
+        if status.state == SessionState.PENDING:
+            queue.add(id)
         else:
+            queue.discard(id)
+        if status.state not in FINAL_STATES:
+            self._shares[target] += id not in self._live
             self._live[id] = None
+        elif id in self._live:
+            self._shares[target] -= 1
+            del self._live[id]
         if status.state in _UNJUDGED:
             self._unjudged[id] = None
         else:

@@ -18,6 +18,8 @@ from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace import Workspace
 
+_TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.UNVERIFIED: "skip"}
+
 
 def judge_by_hand(
     workspace: Workspace, journal: Journal, verifier: SessionVerifier | None = None
@@ -40,7 +42,7 @@ def judge_by_hand(
     judged = []
     for status in list(_iter_waiting(ledger)):
         attempt = verifier.judge(Evidence(workspace.root).read(status), History())
-        trigger = "accept" if attempt.verdict is Verdict.SUCCESS else "refuse"
+        trigger = _TRIGGERS.get(attempt.verdict, "refuse")
         verdict = Entry(status.contract.id, trigger, {"attempt": attempt}, status.epoch)
         begin = [] if status.state == SessionState.VERIFYING else [Entry(status.contract.id, "verify")]
         try:

@@ -11,15 +11,17 @@ from typing import Any
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.goal_expansion import iter_strings, substitute_value
 from phyagentos.agent.goal_graph import GoalGraph
-from phyagentos.agent.goal_spec import REFERENCE
-from phyagentos.agent.selector import ANY
+from phyagentos.agent.goal_spec import REFERENCE, NodeSpec
+from phyagentos.agent.selector import ANY, Choice
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.lookahead import LookaheadRequest
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.seeds import compute_seed
 from phyagentos.protocol.sessions import GoalId, Limits, Scene, Session, SessionId
 
 Outputs = Mapping[str, Mapping[str, Any]]  # node -> output -> value
+_NOTHING = NodeSpec(skill="")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,12 +33,20 @@ class Revision:
         strategy: For the skill: `avoid_grasps`, `avoid_sites`, `speed`.
         requires: Preconditions of the child; None keeps those of skill and node.
         reasons: One sentence for each change.
+        choice: Another skill, target or parameters than the node's own; None keeps these.
+        purpose: What it prepares (`inspect`, `clear`); empty when it pursues the node's objective.
+        lead: Added to the priority, so that nothing comes between.
+        threshold: Of its look-ahead, instead of the node's; 0 to try it whatever is foreseen.
     """
 
     parent: SessionId
     strategy: Mapping[str, Any]
     requires: tuple[str, ...] | None = None
     reasons: tuple[str, ...] = ()
+    choice: Choice | None = None
+    purpose: str = ""
+    lead: int = 0
+    threshold: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,8 +79,11 @@ class SessionCompiler:
         Raises:
             DefinitionError: When an output that a data edge needs is missing, or leads to an invalid predicate.
         """
-        node, choice = self.graph.nodes[name], self.graph.choices[name]
+        node, own = self.graph.nodes[name], self.graph.choices[name]
+        choice = revision.choice if revision and revision.choice else own
+        purpose = revision.purpose if revision else ""
         skill = self.catalogue.skills[choice.skill]
+        promiser = skill if purpose else self.catalogue.skills[own.skill]  # another skill must keep the same promise
         values = {
             f"{source}.outputs.{output}": value
             for source, found in (outputs or {}).items()
@@ -81,37 +94,57 @@ class SessionCompiler:
             _check_resolved(given, self.goal, name)
         defaults = {key: p.default for key, p in skill.parameters.items() if p.default is not None}
         parameters = {key: (defaults | given)[key] for key in skill.parameters if key in given or key in defaults}
-        known = {**node.spec.arguments, **parameters, **values, "target": choice.target}
-        omitted = tuple(key for key in skill.parameters if key not in parameters)
+        authored = {} if purpose else {**node.spec.arguments, **substitute_value(own.parameters, values)}
+        known = {**authored, **parameters, **values, "target": choice.target}
+        omitted = tuple(key for key in (*skill.parameters, *promiser.parameters) if key not in known)
         roles = {role: choice.target if target == ANY else target for role, target in self.graph.spec.targets.items()}
         roles["target"] = choice.target
         resolve = _Resolver(known, roles, omitted, f"{self.goal}.{name}", preview=outputs is None)
         defaults_of_goal = self.graph.spec.defaults
-        requires = resolve((*skill.requires, *node.spec.requires))
+        spec = node.spec if not purpose else _NOTHING  # what prepares a node does not pursue its objective
+        requires = resolve((*skill.requires, *spec.requires))
         return Session(
             id=SessionId(f"{self.goal}.{name}" + (f".r{attempt}" if attempt else "")),
             goal=self.goal,
             node=name,
             parent=revision.parent if revision else None,
             attempt=attempt,
-            objective=substitute(node.spec.objective, known) or _describe(choice.skill, parameters),
+            objective=substitute(spec.objective, known) or _describe(choice.skill, parameters),
             skill=choice.skill,
             target=choice.target,
             parameters=parameters,
             requires=requires if revision is None or revision.requires is None else revision.requires,
-            hold=resolve((*skill.hold, *node.spec.hold, *self.graph.spec.constraints)),
-            accept=resolve((*node.spec.accept, *skill.guarantees)),
+            hold=resolve((*skill.hold, *spec.hold, *self.graph.spec.constraints)),
+            accept=resolve((*spec.accept, *promiser.guarantees)),
             scene=Scene(name=self.graph.spec.scene, seed=self.seed, episode=self.goal),
             seed=compute_seed(self.seed, "node", name, "attempt", attempt),
             limits=Limits(
                 timeout_s=node.spec.timeout_s or defaults_of_goal.timeout_s,
                 wall_timeout_s=defaults_of_goal.wall_timeout_s,
                 queue_s=defaults_of_goal.queue_s,
+                preflight_s=defaults_of_goal.preflight_s,
                 heartbeat_s=defaults_of_goal.heartbeat_s,
+                stall_s=defaults_of_goal.stall_s,
+                think_s=defaults_of_goal.think_s,
+                policy_s=defaults_of_goal.policy_s,
             ),
             strategy=dict(revision.strategy) if revision else {},
-            priority=node.spec.priority,
+            priority=node.spec.priority + (revision.lead if revision else 0),
+            resources=tuple(dict.fromkeys((*skill.needs.resources, *spec.resources))),
+            reset_policy=defaults_of_goal.reset_policy,
+            purpose=purpose,
+            lookahead=self._ask_ahead(name, attempt, revision),
         )
+
+    def _ask_ahead(self, name: str, attempt: int, revision: Revision | None) -> LookaheadRequest | None:
+        """What is simulated before the session starts; what only prepares another is tried without."""
+        own = self.graph.nodes[name].spec.lookahead
+        asked = self.graph.spec.defaults.lookahead if own is None else own
+        if not asked or (revision and revision.purpose):
+            return None
+        threshold = asked.threshold if revision is None or revision.threshold is None else revision.threshold
+        seed = compute_seed(self.seed, "node", name, "attempt", attempt)
+        return LookaheadRequest(samples=asked.samples, threshold=threshold, seed=seed)
 
     def preview(self) -> tuple[Session, ...]:
         """The first session of every node, in the order of the graph; data edges stay as they are written."""

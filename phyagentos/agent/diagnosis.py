@@ -4,69 +4,27 @@ Upstream: the verifier, which has found a criterion that is not true. It reads t
 what changed in the world; never what the simulated world was told to do.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from phyagentos.agent.judges import evaluate_criterion
+from phyagentos.agent.causes import CLASSES, Cause, CauseClass
+from phyagentos.agent.course import Course, Stage, compute_move, find_failed_leaf
+from phyagentos.agent.judges.predicates import evaluate_criterion
 from phyagentos.codes import CODES, Retry
-from phyagentos.protocol.environment import Entity, Environment
-from phyagentos.protocol.evidence import Bundle, TraceEvent
-from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.evidence import Bundle
+from phyagentos.protocol.predicates.predicate import find_entities, iter_entities, parse_predicate
 from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.verdicts import Criterion, Truth
+from phyagentos.protocol.verdicts import Criterion, Support, Truth
 
 MOVED_M = 0.015  # as the predicate `moved`
-
-
-class Cause(StrEnum):
-    """What went wrong."""
-
-    OBJECT_GONE = "OBJECT_GONE"
-    """The object is not in the world any more."""
-    OBJECT_HIDDEN = "OBJECT_HIDDEN"
-    """The object is believed to exist and was not seen."""
-    OBJECT_MOVED = "OBJECT_MOVED"
-    """The object was not where it had been when the motion was planned."""
-    GRASP_MISSED = "GRASP_MISSED"
-    """The fingers closed without the object."""
-    GRASP_LOST = "GRASP_LOST"
-    """The object was held and lost."""
-    STILL_HELD = "STILL_HELD"
-    """The object did not leave the fingers."""
-    PLACED_WRONG = "PLACED_WRONG"
-    """The object was moved and is not where it was wanted."""
-    WITHOUT_EFFECT = "WITHOUT_EFFECT"
-    """The robot moved, the object did not."""
-    NOTHING_CHANGED = "NOTHING_CHANGED"
-    """No command was executed and nothing moved, although the skill reported success."""
-    NO_PLAN = "NO_PLAN"
-    """No motion was found."""
-    IMPOSSIBLE = "IMPOSSIBLE"
-    """No motion can exist (the object is too wide for the hand)."""
-    UNMET = "UNMET"
-    """A condition of the skill's tree was false or unknown."""
-    CONSTRAINT_VIOLATED = "CONSTRAINT_VIOLATED"
-    """A condition that had to hold all through did not."""
-    STALLED = "STALLED"
-    """A motor or the skill made no progress."""
-    TIMED_OUT = "TIMED_OUT"
-    """The time limit was reached."""
-    SAFETY_STOP = "SAFETY_STOP"
-    """A safety layer stopped the execution."""
-    RUNNER_LOST = "RUNNER_LOST"
-    """The worker or its planner died."""
-    TARGET_LOST = "TARGET_LOST"
-    """The target no longer answered."""
-    CANCELLED = "CANCELLED"
-    """Somebody asked for an end."""
-    EVIDENCE_MISSING = "EVIDENCE_MISSING"
-    """The evidence does not tell whether the objective was met."""
-    NO_CRITERIA = "NO_CRITERIA"
-    """The contract holds nothing that could be accepted."""
-    UNKNOWN = "UNKNOWN"
-    """None of the above."""
+DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
+GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
+FELL_M = 0.1  # nor is one that lies so much lower
+ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
+SURE = 0.7  # confidence of a pose from which it may be concluded that a thing cannot be had again
+STALE_S = 1.0  # older than this, a fact tells nothing about the end
 
 
 HOPELESS = frozenset(cause for cause in Cause if CODES[cause].retry is Retry.NEVER)
@@ -96,6 +54,22 @@ _OF_ENDS = {
     Ended.SAFETY_STOP: Cause.SAFETY_STOP,
     Ended.CANCELLED: Cause.CANCELLED,
 }
+_UNSEEN = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.OBJECT_GONE})
+_OF_MACHINE = frozenset({Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED})
+
+
+_OF_ADAPTERS = frozenset(
+    {
+        "TARGET_LIMIT",
+        "WRONG_SHAPE",
+        "NOT_FINITE",
+        "DISCONTINUOUS",
+        "ROTATION_INVALID",
+        "SET_POINTS_DISAGREE",
+        "CHUNK_LENGTH",
+        "RATE",
+    }
+)
 
 
 class Layer(StrEnum):
@@ -112,6 +86,8 @@ class Layer(StrEnum):
 
 _OF_LAYERS = {
     Cause.EVIDENCE_MISSING: Layer.EVIDENCE,
+    Cause.SENSOR_STALE: Layer.EVIDENCE,
+    Cause.UNDECIDABLE: Layer.EVIDENCE,
     Cause.NO_CRITERIA: Layer.EVIDENCE,
     Cause.OBJECT_GONE: Layer.WORLD,
     Cause.OBJECT_HIDDEN: Layer.WORLD,
@@ -140,6 +116,8 @@ class Diagnosis:
         fact: The deciding observation, in words, with its number.
         object: The thing that it is about, None when it cannot be told.
         is_hopeless: Whether another attempt cannot mend it.
+        stage: How far the skill had come.
+        support: The numbers of the evidence that it rests on.
     """
 
     cause: Cause
@@ -147,6 +125,15 @@ class Diagnosis:
     fact: str = ""
     object: str | None = None
     is_hopeless: bool = False
+    stage: Stage = Stage.BEFORE
+    support: tuple[Support, ...] = ()
+
+    @property
+    def kind(self) -> CauseClass:
+        """Of the cause; what was lost while it was being lifted had never been held well."""
+        if self.cause is Cause.GRASP_LOST and self.stage < Stage.LIFTED:
+            return CauseClass.GRASP
+        return CLASSES.get(self.cause, CauseClass.OTHER)
 
     @property
     def layer(self) -> Layer:
@@ -156,17 +143,34 @@ class Diagnosis:
 
 def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     """The cause why `criteria` are not all true on this evidence."""
-    cause, fact = _find_cause(bundle, criteria)
-    hopeless = cause in HOPELESS or bundle.after is None
+    course = Course.of(bundle, find_object(bundle, criteria))
+    cause, fact = _find_cause(bundle, criteria, course)
+    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(course)
     if cause is Cause.CONSTRAINT_VIOLATED:
         hopeless = hopeless or any(_is_still_violated(criterion, bundle) for criterion in criteria)
     return Diagnosis(
         cause=cause,
         leaf=bundle.execution.leaf,
         fact=fact,
-        object=find_object(bundle, criteria),
+        object=course.name,
         is_hopeless=hopeless,
+        stage=course.stage,
+        support=course.support,
     )
+
+
+def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
+    """The cause when it was looked for again in vain: a thing that alone is not seen among others that are is gone."""
+    diagnosis = diagnose(bundle, criteria)
+    world, name = bundle.after, diagnosis.object
+    if world is None or name is None or diagnosis.cause not in _UNSEEN:
+        return diagnosis
+    others = [entity for entity in world.entities.values() if entity.movable and entity.name != name]
+    seen = [each for each in others if each.visible and world.time_s - each.observed_at_s <= STALE_S]
+    if not seen or 2 * len(seen) < len(others):
+        return replace(diagnosis, cause=Cause.OBJECT_HIDDEN)
+    fact = f"{name} was looked for and not seen, {len(seen)} of {len(others)} other things were"
+    return replace(diagnosis, cause=Cause.OBJECT_GONE, fact=fact, is_hopeless=True)
 
 
 def find_object(bundle: Bundle, criteria: Sequence[Criterion] = ()) -> str | None:
@@ -176,54 +180,73 @@ def find_object(bundle: Bundle, criteria: Sequence[Criterion] = ()) -> str | Non
         return None
     parameters = bundle.session.parameters
     named = [parameters.get("object"), *parameters.values()]
-    named += [name for criterion in criteria for name in iter_entities(parse_predicate(criterion.text))]
+    named += [name for criterion in criteria for name in find_entities(criterion.text)]
     for name in named:
         if isinstance(name, str) and name in world.entities and world.entities[name].movable:
             return name
     return None
 
 
-def find_failed_leaf(bundle: Bundle) -> TraceEvent | None:
-    """The last failure of the leaf that decided the end of the execution."""
-    failures = (event for event in reversed(bundle.trace) if event.status == "FAILURE")
-    return next((event for event in failures if event.path == bundle.execution.leaf), None)
-
-
-def _find_cause(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Cause, str]:
-    execution, before, after = bundle.execution, bundle.before, bundle.after
+def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], course: Course) -> tuple[Cause, str]:
+    execution = bundle.execution
     if not criteria:
         return Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted"
-    if after is None:
+    if bundle.after is None:
         return Cause.EVIDENCE_MISSING, "the world was not observed after the session"
-    name = find_object(bundle, criteria)
-    now = after.entities.get(name) if name else None
-    was = before.entities.get(name) if name and before else None
-    if name and now is None:
-        return Cause.OBJECT_GONE, f"{name} is not in the world after the session"
-    if now is not None and not now.visible:
-        return Cause.OBJECT_HIDDEN, f"{name} was not seen after the session"
+    if execution.ended in _OF_MACHINE:
+        return _OF_ENDS[execution.ended], _describe_end(bundle)
+    if course.name and course.now is None and course.stage < Stage.GRASPED:
+        return Cause.OBJECT_GONE, f"{course.name} is not in the world after the session"
     violated = next((c for c in criteria if c.kind in {"hold", "constraint"} and c.truth is Truth.FALSE), None)
     if violated is not None:
         when = f" at {violated.at_s:.2f} s" if violated.at_s is not None else ""
         return Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}"
-    if execution.ended in _OF_ENDS:
+    if (disturbed := _find_disturbance(bundle, course)) is not None:
+        return disturbed
+    if execution.code in _OF_ADAPTERS:
+        return Cause.ADAPTER_REFUSED, _describe_end(bundle)
+    if execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
         return _OF_ENDS[execution.ended], _describe_end(bundle)
-    moved_m = _compute_move(was, now)
+    if course.now is not None and not course.now.visible:
+        return Cause.OBJECT_HIDDEN, f"{course.name} was not seen after the session"
     if execution.ended is Ended.SKILL_FAILED:
-        cause = _OF_CODES.get(execution.code, Cause.UNKNOWN)
-        if cause is Cause.GRASP_MISSED and moved_m > MOVED_M:
-            return Cause.OBJECT_MOVED, f"{name} moved {moved_m:.3f} m without being held; {_describe_end(bundle)}"
-        return cause, _describe_end(bundle)
-    return _judge_completed(bundle, criteria, name, moved_m)
+        if execution.code.startswith("POLICY_"):
+            return Cause.POLICY_FAILED, _describe_end(bundle)
+        return _OF_CODES.get(execution.code, Cause.UNKNOWN), _describe_end(bundle)
+    return _judge_completed(bundle, criteria, course)
 
 
-def _judge_completed(
-    bundle: Bundle, criteria: Sequence[Criterion], name: str | None, moved_m: float
-) -> tuple[Cause, str]:
+def _find_disturbance(bundle: Bundle, course: Course) -> tuple[Cause, str] | None:
+    """The thing moved although the robot had never taken hold of it, or had already let go of it."""
+    name, moved_m = course.name, course.moved_m
+    if course.now is None or not course.now.visible:
+        return None  # where it is now is not known
+    touched = course.stage >= Stage.GRASPED
+    if not touched and _is_out_of_reach(course):
+        return (
+            Cause.OBJECT_GONE,
+            f"{name} was carried off by {moved_m:.2f} m without being held; {_describe_end(bundle)}",
+        )
+    pushes = not course.grips  # a skill that only pushes moves things without holding them
+    if not touched and not pushes and moved_m > DISTURBED_M:
+        return Cause.OBJECT_MOVED, f"{name} moved {moved_m:.3f} m without being held; {_describe_end(bundle)}"
+    if course.stage is Stage.RELEASED and course.since_release_m > ROLLED_M:
+        text = f"{name} was put down and then moved {course.since_release_m:.3f} m without being held"
+        return Cause.OBJECT_MOVED, text
+    return None
+
+
+def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: Course) -> tuple[Cause, str]:
     """The skill reported success, yet a criterion is not true."""
+    name, moved_m = course.name, course.moved_m
     if not any(criterion.truth is Truth.FALSE for criterion in criteria):
         unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
-        return Cause.EVIDENCE_MISSING, f"{unknown.text} is unknown: {unknown.because}"
+        if bundle.after is not None and course.now is not None:
+            age_s = bundle.after.time_s - course.now.observed_at_s
+            if age_s > STALE_S and course.now.visible:
+                return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
+        cause = Cause.UNDECIDABLE if _is_all_seen(unknown, bundle) else Cause.EVIDENCE_MISSING
+        return cause, f"{unknown.text} is unknown: {unknown.because}"
     if bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
     wanted = [criterion.text for criterion in criteria if criterion.truth is Truth.FALSE]
@@ -232,6 +255,15 @@ def _judge_completed(
     if moved_m > MOVED_M:
         return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"
     return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {bundle.execution.ticks} commands"
+
+
+def _is_out_of_reach(course: Course) -> bool:
+    """Whether the thing fell off what it stood on, or was taken away."""
+    was, now = course.was, course.now
+    if was is None or now is None or now.confidence < SURE:
+        return False
+    fell_m = was.pose.position_m[2] - now.pose.position_m[2]
+    return fell_m > FELL_M or (course.moved_m > GONE_M and course.stage < Stage.LIFTED)
 
 
 def _describe_end(bundle: Bundle) -> str:
@@ -247,15 +279,24 @@ def _describe_end(bundle: Bundle) -> str:
     return f"{text} ({', '.join(numbers)})" if numbers else text
 
 
-def _compute_move(was: Entity | None, now: Entity | None) -> float:
-    return math.dist(was.pose.position_m, now.pose.position_m) if was and now else 0.0
-
-
 def _has_anything_moved(before: Environment | None, after: Environment | None) -> bool:
     if before is None or after is None:
         return True
     return before.entities.keys() != after.entities.keys() or any(
-        _compute_move(before.entities[name], entity) > MOVED_M for name, entity in after.entities.items()
+        compute_move(before.entities[name], entity) > MOVED_M for name, entity in after.entities.items()
+    )
+
+
+def _is_all_seen(criterion: Criterion, bundle: Bundle) -> bool:
+    """Whether every thing that a criterion names was seen at the end."""
+    if bundle.after is None or criterion.kind != "accept":
+        return False
+    after = bundle.after
+    names = [name for name in iter_entities(parse_predicate(criterion.text)) if name not in after.regions]
+    entities = [after.entities.get(name) for name in names]
+    return all(
+        each is not None and (not each.movable or (each.visible and after.time_s - each.observed_at_s <= STALE_S))
+        for each in entities
     )
 
 

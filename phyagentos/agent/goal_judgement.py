@@ -11,10 +11,10 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.agent.goal_graph import GoalGraph
-from phyagentos.agent.judges import evaluate_on
+from phyagentos.agent.judges.predicates import evaluate_on
 from phyagentos.agent.selector import ANY
-from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import Environment
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.environment import ENVIRONMENT, Environment, read_environment
 from phyagentos.protocol.evidence import AFTER, Bundle, read_bundle
 from phyagentos.protocol.lifecycle import FINAL_STATES
 from phyagentos.protocol.predicates.predicate import parse_predicate
@@ -32,13 +32,14 @@ class Evidence:
         root: The workspace.
 
     Attributes:
+        root: As given.
         initial: The world before the first session, None before any was observed.
         now: The world after the latest.
         now_file: Where that stands, relative to the workspace.
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
+        self.root = root
         self._ages: dict[str, tuple[int, str]] = {}
         self._oldest: tuple[int, str] | None = None
         self._latest: tuple[int, str] | None = None
@@ -71,12 +72,21 @@ class Evidence:
         if status.contract.id not in self._ages:
             self.read(status, with_course=False)
 
+    def find_latest(self) -> Environment | None:
+        """The latest snapshot that was judged; before the first, what ENVIRONMENT.md says."""
+        if self.now is not None:
+            return self.now
+        try:
+            return read_environment((self.root / ENVIRONMENT.file).read_text(encoding="utf-8"))
+        except (OSError, DefinitionError):
+            return None
+
     def _read(self, status: SessionStatus, with_course: bool) -> Bundle:
         execution = status.execution
         if execution is None:
             id = status.contract.id
             raise ExecutionError("EXECUTION_MISSING", f"session {id} is {status.state} and was never executed")
-        folder = self._root / execution.evidence
+        folder = self.root / execution.evidence
         try:
             return read_bundle(folder, status.contract, execution, with_course=with_course)
         except ExecutionError as error:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import pydantic
 
 from phyagentos.protocol.schema import Authored
+from phyagentos.protocol.sessions import ResetPolicy
 
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
 REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
@@ -21,6 +22,18 @@ class Promise(Authored):
     guarantees: str
 
 
+class LookaheadSpec(Authored):
+    """What is simulated before a session starts.
+
+    Attributes:
+        samples: Rollouts, each in a world of its own.
+        threshold: Least share of successful rollouts with which a session is worth a try.
+    """
+
+    samples: int = pydantic.Field(default=16, ge=1, le=1000)
+    threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
+
+
 class Defaults(Authored):
     """What holds for every node that does not say otherwise.
 
@@ -28,15 +41,39 @@ class Defaults(Authored):
         timeout_s: Longest execution in the target's time [s].
         wall_timeout_s: Longest execution by the wall clock, thinking included [s].
         queue_s: Longest wait for a free target, by the wall clock [s].
+        preflight_s: Longest check before a session starts, by the wall clock [s].
         heartbeat_s: Longest silence of a runner, by the wall clock [s].
+        stall_s: Longest time without a control period while a runner says that it acts, by the wall clock [s].
+        think_s: Longest time without a control period while it waits for a planner, by the wall clock [s].
+        policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
         max_replans: Children that a node may have.
+        reset_policy: When a target's world may be begun anew for this goal.
+        lookahead: What is simulated before a session starts; nothing when it is absent.
     """
 
     timeout_s: float = pydantic.Field(default=60.0, gt=0)
     wall_timeout_s: float = pydantic.Field(default=120.0, gt=0)
     queue_s: float = pydantic.Field(default=3600.0, gt=0)
+    preflight_s: float = pydantic.Field(default=120.0, gt=0)
     heartbeat_s: float = pydantic.Field(default=10.0, gt=0)
+    stall_s: float = pydantic.Field(default=20.0, gt=0)
+    think_s: float = pydantic.Field(default=90.0, gt=0)
+    policy_s: float = pydantic.Field(default=10.0, gt=0)
     max_replans: int = pydantic.Field(default=2, ge=0)
+    reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
+    lookahead: LookaheadSpec | None = None
+
+
+class Budget(Authored):
+    """What a whole goal may cost, first attempts included; nothing is submitted beyond it.
+
+    Attributes:
+        sessions: Sessions that may be submitted.
+        sim_time_s: Simulated time of all executions, after which no other session begins [s].
+    """
+
+    sessions: int | None = pydantic.Field(default=None, ge=1)
+    sim_time_s: float | None = pydantic.Field(default=None, gt=0)
 
 
 class NodeSpec(Authored):
@@ -54,7 +91,9 @@ class NodeSpec(Authored):
         objective: What a person would say; written from skill and arguments when empty.
         timeout_s: Overrides the default.
         max_replans: Overrides the default.
-        priority: Larger runs first.
+        priority: Larger runs first; a waiting session gains priority with time.
+        resources: What it must have for itself while it runs, beside those of the skill; see runtime_contract.yaml.
+        lookahead: Overrides the default; `false` for no look-ahead.
     """
 
     skill: str | Promise
@@ -69,6 +108,8 @@ class NodeSpec(Authored):
     timeout_s: float | None = pydantic.Field(default=None, gt=0)
     max_replans: int | None = pydantic.Field(default=None, ge=0)
     priority: int = 0
+    resources: tuple[str, ...] = ()
+    lookahead: LookaheadSpec | Literal[False] | None = None
 
 
 class GoalSpec(Authored):
@@ -79,6 +120,7 @@ class GoalSpec(Authored):
         constraints: Invariants, sampled all through every session.
         sessions: Nodes by name.
         accept: The goal's own acceptance, judged at the end against the goal's first snapshot.
+        budget: What the whole goal may cost; without end when empty.
     """
 
     version: Literal[1] = 1
@@ -90,3 +132,4 @@ class GoalSpec(Authored):
     defaults: Defaults = Defaults()
     sessions: dict[str, NodeSpec] = pydantic.Field(min_length=1)
     accept: tuple[str, ...] = ()
+    budget: Budget = Budget()

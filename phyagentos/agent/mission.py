@@ -12,13 +12,16 @@ from typing import Protocol
 
 import yaml
 
+from phyagentos.agent.advice import Advisor, Foresight, NoAdvice
 from phyagentos.agent.agenda import Agenda
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.compiler import SessionCompiler
 from phyagentos.agent.goal_graph import override_yaml, read_goal_graph
 from phyagentos.agent.goal_judgement import Evidence
+from phyagentos.agent.lookahead import LookaheadForesight
 from phyagentos.agent.mission_report import MissionReport, build_report
 from phyagentos.agent.progress import GoalRun
+from phyagentos.agent.repair.policies import GraphRepair, RepairPolicy
 from phyagentos.agent.verifier import SessionVerifier
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
@@ -36,7 +39,10 @@ from phyagentos.protocol.workspace import Workspace
 
 WAIT_S = 0.2  # longest time before a request to cancel is noticed
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
-PUBLISH_SHARE = 0.05  # of the time at most: with many goals TASK.md is long
+PUBLISH_SHARE = 0.02  # of the time at most: with many goals TASK.md is long
+SYNC_AFTER_S = 0.02  # without news; until then the runtime's next start, which waits for the disk, covers a verdict
+GATHER_S = 0.02  # so long may a verdict wait for others, while every target has more to do than that
+GATHER_FROM = 32  # sessions that wait for each target: at a millisecond a session there is no end within that time
 TRIES = 20  # at a batch that another writer made out of date
 
 _CANCEL_AT_ONCE = {SessionState.PENDING, SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING}
@@ -60,6 +66,9 @@ class Mission:
         clock: For waiting and for wall times of the report.
         verifier: Judges the sessions.
         observers: Told of every change.
+        advisor: Asked before a session is submitted.
+        foresight: Asked when look-ahead has refused one; by default the best way that it rehearsed is taken.
+        policy: Chooses what follows when a session did not meet its objective; graph repair by default.
         publishes_task: Whether TASK.md is rendered here; off where another process renders the views.
         is_runtime_alive: Asked while waiting; False ends the mission instead of waiting for ever.
     """
@@ -71,18 +80,24 @@ class Mission:
         *,
         clock: Clock,
         verifier: SessionVerifier | None = None,
+        advisor: Advisor | None = None,
+        foresight: Foresight | None = None,
+        policy: RepairPolicy | None = None,
         observers: Sequence[MissionObserver] = (),
         publishes_task: bool = True,
         is_runtime_alive: Callable[[], bool] = lambda: True,
     ) -> None:
         self._workspace, self._journal, self._clock = workspace, journal, clock
         self._verifier = verifier or SessionVerifier()
+        self._advisor, self._foresight = advisor or NoAdvice(), foresight or LookaheadForesight()
+        self._policy = policy or GraphRepair()
         self._observers = observers
         self._publishes_task = publishes_task
         self._is_runtime_alive = is_runtime_alive
         self._cancelled = threading.Event()
         self._next_publish_s = 0.0
         self._published_seq = -1
+        self._is_durable = True  # what was recorded last, as far as this process knows
         self.ledger = journal.open_ledger()
 
     def run(
@@ -149,6 +164,9 @@ class Mission:
             evidence=Evidence(self._workspace.root),
             verifier=self._verifier,
             agenda=Agenda(compiler.graph, compiler.goal, self.ledger),
+            advisor=self._advisor,
+            foresight=self._foresight,
+            policy=self._policy,
         )
 
     def _choose_id(self, name: str) -> GoalId:
@@ -172,10 +190,22 @@ class Mission:
                 if self._commit(run, lambda: self._decide(run)):
                     continue
                 self._publish()
-                if not watch.wait(WAIT_S) and not self._is_runtime_alive():
+                if not self._wait(watch) and not self._is_runtime_alive():
                     self._give_up(run)
+                if run.agenda.count_waiting() >= GATHER_FROM:
+                    self._clock.sleep(GATHER_S)
+        self._journal.sync()
         self._publish(at_once=True)
         return build_report(run.status, self.ledger, self._clock.now_s() - begin_s)
+
+    def _wait(self, watch: Watch) -> bool:
+        """Until something changes; whether anything did. Who has time for that waits for the disk, too."""
+        if not self._is_durable:
+            if watch.wait(SYNC_AFTER_S):
+                return True
+            self._journal.sync()
+            self._is_durable = True
+        return watch.wait(WAIT_S)
 
     def _decide(self, run: GoalRun) -> list[Entry]:
         if self._cancelled.is_set() or run.status.is_cancelled:
@@ -226,12 +256,13 @@ class Mission:
             if not entries:
                 return 0
             try:
-                self._journal.commit(entries)
+                self._journal.commit(entries, durable=run.goal not in self.ledger.goals)
             except (IllegalTransition, Fenced, IllegalEvent) as error:
                 refused = error
                 if not self._read(run):
                     raise
                 continue
+            self._is_durable = False
             self._read(run)
             return len(entries)
         raise refused

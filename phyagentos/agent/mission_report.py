@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import msgspec
 
+from phyagentos.agent.goal_facts import is_foreseen
 from phyagentos.protocol.lifecycle import SessionState
 from phyagentos.protocol.sessions import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.store.ledger import Ledger
@@ -54,11 +55,11 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
     """One goal, as it ended.
 
     Attributes:
-        verdict: `success`, `failure` or `cancelled`.
+        verdict: `success`, `failure`, `unverified` or `cancelled`.
         criteria: The goal's own acceptance.
         nodes: Node -> state.
         sessions: In the order of submission.
-        first_attempt_success: Node -> whether its first session succeeded.
+        first_attempt_success: Node -> whether its first session succeeded; what look-ahead refused is no attempt.
         replans: Budget spent.
         was_rejected: Whether preflight refused the first session of a node, for another reason than that the world
             had changed since the goal began (a thing was removed): that is an objective not met.
@@ -91,7 +92,10 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
 def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionReport:
     """The report of a goal that has ended."""
     sessions = [status for status in ledger.sessions.values() if status.contract.goal == goal.id]
-    firsts = {status.contract.node: status for status in sessions if status.contract.attempt == 0}
+    firsts: dict[str, SessionStatus] = {}
+    for status in sessions:
+        if not is_foreseen(status):  # which moved nothing and was revised
+            firsts.setdefault(status.contract.node, status)
     return MissionReport(
         goal=goal.id,
         graph=goal.graph,
@@ -121,7 +125,7 @@ def _was_refused(status: SessionStatus, sessions: Sequence[SessionStatus]) -> bo
 def report_session(status: SessionStatus) -> SessionReport:
     """One session as it stands."""
     contract, execution = status.contract, status.execution
-    attempt = status.attempts[-1] if status.attempts else None
+    attempt = status.decision
     return SessionReport(
         id=contract.id,
         node=contract.node,

@@ -6,32 +6,38 @@ is one batch, recorded whole or not. A step costs what has changed, however larg
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import msgspec
-import networkx as nx
 
+from phyagentos.agent.advice import Advisor, Foresight, NoAdvice, NoForesight, apply_advice
 from phyagentos.agent.agenda import Agenda
 from phyagentos.agent.compiler import Revision, SessionCompiler
+from phyagentos.agent.diagnosis import diagnose_after_looking
+from phyagentos.agent.goal_facts import GoalFacts, is_foreseen
 from phyagentos.agent.goal_graph import GoalGraph
 from phyagentos.agent.goal_judgement import Evidence, judge_goal
-from phyagentos.agent.replanner import find_lost_preconditions, find_undone, revise
+from phyagentos.agent.goal_spec import Budget
+from phyagentos.agent.recovery import Recovery, is_look, join, join_evidence
+from phyagentos.agent.repair.looking import LOOKS_MAX
+from phyagentos.agent.repair.policies import GraphRepair, RepairPolicy
+from phyagentos.agent.repair.undone import find_undone
 from phyagentos.agent.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
-from phyagentos.protocol.sessions import GoalId, Session, SessionId, SessionStatus
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.sessions import Ended, GoalId, Session, SessionStatus
 from phyagentos.protocol.store.admission import Entry, GoalEvent
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.records import Record
 from phyagentos.protocol.tasks import GoalStatus, NodeState
-from phyagentos.protocol.verdicts import Attempt, Verdict
+from phyagentos.protocol.verdicts import Attempt, Verdict, VerificationMode
 
 NODES_A_RECORD = 1000  # a record has an upper limit; a larger graph takes several
 BATCH = 64  # verdicts recorded as one: enough to share the wait for the disk, few enough that nobody waits for them
 
-_TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}
+_TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan", Verdict.UNVERIFIED: "skip"}
 _OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
 
 
@@ -45,6 +51,9 @@ class GoalRun:
         evidence: Reads the bundles of its sessions.
         verifier: Judges them.
         agenda: What has changed since the last look.
+        advisor: Asked before a session is submitted.
+        foresight: Asked when look-ahead has refused one.
+        policy: Chooses what follows when a session did not meet its objective.
     """
 
     compiler: SessionCompiler
@@ -52,6 +61,9 @@ class GoalRun:
     evidence: Evidence
     verifier: SessionVerifier
     agenda: Agenda
+    advisor: Advisor = field(default_factory=NoAdvice)
+    foresight: Foresight = field(default_factory=NoForesight)
+    policy: RepairPolicy = field(default_factory=GraphRepair)
 
     @property
     def graph(self) -> GoalGraph:
@@ -62,6 +74,22 @@ class GoalRun:
     def goal(self) -> GoalId:
         """Its id."""
         return self.compiler.goal
+
+    @property
+    def facts(self) -> GoalFacts:
+        """What the records tell."""
+        return GoalFacts(graph=self.graph, goal=self.goal, ledger=self.ledger)
+
+    @property
+    def recovery(self) -> Recovery:
+        """What follows for a miss."""
+        return Recovery(
+            facts=self.facts,
+            compiler=self.compiler,
+            evidence=self.evidence,
+            policy=self.policy,
+            compile=self._compile,
+        )
 
     @property
     def status(self) -> GoalStatus:
@@ -89,7 +117,7 @@ class GoalRun:
         return [
             self._say(GoalEvent.GOAL_SUBMITTED, asked),
             *(self._say(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
-            *self._start(first, {}),
+            *self._keep_to_budget(self._start(first, {})),
         ]
 
     def take_in(self, record: Record) -> None:
@@ -100,7 +128,7 @@ class GoalRun:
         """The next batch; empty when there is nothing to do but wait."""
         if self.status.verdict or self.status.is_cancelled:
             return []
-        return self._judge_ended() or self._look_at_changed() or self._finish()
+        return self._keep_to_budget(self._judge_ended() or self._look_at_changed() or self._finish())
 
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""
@@ -118,53 +146,44 @@ class GoalRun:
         entries: list[Entry] = []
         fresh: dict[str, Mapping[str, Any]] = {}
         for status in waiting[:BATCH]:
-            bundle = self.evidence.read(status, with_course=False)
             node = status.contract.node
-            history = History(replans=self._count_replans(node), max_replans=self.graph.max_replans(node))
-            attempt = self.verifier.judge(bundle, history)
-            if attempt.verdict is not Verdict.SUCCESS:  # now it matters what happened on the way
-                bundle = self.evidence.read(status)
-                attempt = self.verifier.judge(bundle, history)
-            if attempt.verdict is Verdict.SUCCESS:
+            bundle, attempt = self._judge(status)
+            finishes = not status.contract.purpose or is_look(status.contract)
+            if _lets_go_on(attempt, bundle) and finishes:
                 fresh[node] = bundle.execution.outputs
                 done = self._say_of(node, GoalEvent.NODE_DONE, attempt.reason)
                 freed = self._find_freed_by(node, fresh)
                 entries += [*_record_verdict(status, attempt), done, *self._start(freed, fresh)]
             elif not entries:
-                return [*_record_verdict(status, attempt), *self._follow_miss(node, bundle, attempt)]
+                attempt, follow = self.recovery.follow(status, bundle, attempt)
+                return [*_record_verdict(status, attempt), *follow]
             else:
                 break
         return entries
 
-    def _follow_miss(self, node: str, bundle: Bundle, attempt: Attempt) -> list[Entry]:
-        """Consequences of a verdict that is no success."""
-        if attempt.verdict is Verdict.FAILURE:
-            return [self._say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
-        spent = self._say_of(node, GoalEvent.BUDGET_SPENT, f"{attempt.cause}: {bundle.session.id}")
-        return [spent, *self._continue(node, bundle, attempt)]
+    def _judge(self, status: SessionStatus) -> tuple[Bundle, Attempt]:
+        """The judgement of a session, and the evidence that it rests on.
 
-    def _continue(self, node: str, bundle: Bundle, attempt: Attempt, *, restores: bool = True) -> list[Entry]:
-        """The child of a session, or first the restoration of what it needs and an earlier node had achieved."""
-        revision = revise(bundle, attempt)
-        child = self._compile(node, {}, revision)
-        if isinstance(child, str):
-            return [self._say_of(node, GoalEvent.NODE_BLOCKED, child)]
-        restorers = self._find_restorers(child, bundle) if restores else {}
-        if restorers:
-            return self._reopen(restorers)
-        return self._submit_child(child, "; ".join(reason.rstrip(".") for reason in revision.reasons))
-
-    def _find_restorers(self, child: Session, bundle: Bundle) -> dict[str, str]:
-        """Finished nodes before this one that had achieved what the child needs and lacks now -> the lack."""
-        if bundle.after is None:
-            return {}
-        lost = {predicate.text for predicate in find_lost_preconditions(child, bundle.after)}
-        before = nx.ancestors(self.graph.dag, child.node)
-        return {
-            name: f"{child.node} needs {', '.join(sorted(lost & set(session.accept)))} again"
-            for name, session in self._finished().items()
-            if name in before and lost & set(session.accept) and self._has_budget(name)
-        }
+        A session that only looked is judged by the criteria of the one for whose sake it did, on what it saw.
+        """
+        facts, node = self.facts, status.contract.node
+        history = History(replans=facts.count_replans(node), max_replans=self.graph.max_replans(node))
+        judges_another = is_look(status.contract) and not self.recovery.prepares(status)
+        subject = facts.find_subject(status.contract) if judges_another else status
+        looks = subject is not status
+        seen = self.evidence.read(status, with_course=False)
+        bundle = join_evidence(self.evidence.read(subject, with_course=False), seen) if looks else seen
+        attempt = self.verifier.judge(bundle, history)
+        if attempt.found is not Verdict.SUCCESS:  # now it matters what happened on the way
+            course = self.evidence.read(subject)
+            bundle = join_evidence(course, seen) if looks else course
+            attempt = self.verifier.judge(bundle, history)
+        if looks:
+            told = f"{subject.contract.id}, on what {status.contract.id} saw: {attempt.reason}"
+            attempt = msgspec.structs.replace(attempt, reason=told)
+            if attempt.wants and facts.count_looks(subject.contract) >= LOOKS_MAX:
+                attempt = _settle(bundle, attempt)
+        return bundle, attempt
 
     # -- nodes ---------------------------------------------------------------------------------------------------------
 
@@ -189,11 +208,13 @@ class GoalRun:
         is_open = node.state in _OPEN
         is_free = self.agenda.count_missing(name) == 0
         latest = self.ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
-        if latest is not None and latest.state in {SessionState.REJECTED, SessionState.CANCELLED}:
+        if latest is not None and latest.state == SessionState.REJECTED:
+            return self._follow_refusal(latest)
+        if latest is not None and latest.state == SessionState.CANCELLED:
             return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
         if latest is not None and waits_for_restoration and is_free:
-            return self._continue(name, self.evidence.read(latest), latest.attempts[-1], restores=False)
+            return self.recovery.go_on(latest)
         if is_open and is_free:
             return self._start((name,), {})
         if is_open or waits_for_restoration:
@@ -202,46 +223,87 @@ class GoalRun:
                     return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
         return []
 
+    def _follow_refusal(self, refused: SessionStatus) -> list[Entry]:
+        """Preflight refused a session: revise it when look-ahead says how, go on when it only prepared, else stop."""
+        name, contract = refused.contract.node, refused.contract
+        if contract.purpose:
+            return self.recovery.go_on(refused)
+        if is_foreseen(refused):
+            advice = self.foresight.revise(refused, self.evidence.root / "evidence" / contract.id)
+            if advice is not None:
+                reasons = (refused.reason, *advice.reasons)
+                revision = Revision(
+                    parent=contract.id,
+                    strategy=advice.strategy,
+                    requires=contract.requires,
+                    reasons=reasons,
+                    threshold=advice.threshold,
+                )
+                child = self._compile(name, {}, revision)
+                if isinstance(child, Session):
+                    return self.recovery.submit_child(child, reasons)
+        return self.recovery.follow_refusal(refused)
+
     def _start(self, names: Iterable[str], fresh: Mapping[str, Mapping[str, Any]]) -> list[Entry]:
         """Sessions for nodes that wait for nothing any more; `fresh` are outputs not yet in the records."""
         entries: list[Entry] = []
         for name in names:
-            again = self._get_sessions(name)
+            again = self.facts.get_ids(name)
             revision = Revision(parent=again[-1], strategy={}) if again else None
             session = self._compile(name, fresh, revision)
             if isinstance(session, str):
                 entries.append(self._say_of(name, GoalEvent.NODE_BLOCKED, session))
                 continue
-            entries.append(self._say_of(name, GoalEvent.NODE_READY, "everything before it is done"))
+            ready = join(("everything before it is done", *session.advice))
+            entries.append(self._say_of(name, GoalEvent.NODE_READY, ready))
             if revision:
-                entries += self._submit_child(session, "what it had achieved was undone")
+                entries += self.recovery.submit_child(session, ("it has to be done again",))
             else:
                 entries.append(Entry(session.id, "submit", _to_body(session)))
         return entries
 
-    def _reopen(self, undone: Mapping[str, str]) -> list[Entry]:
-        """Finished nodes that must be done again, each at the price of one replan."""
-        entries: list[Entry] = []
-        for name, reason in undone.items():
-            entries.append(self._say_of(name, GoalEvent.INVALIDATED, reason))
-            entries.append(self._say_of(name, GoalEvent.BUDGET_SPENT, reason))
-        return entries
-
     # -- the goal ------------------------------------------------------------------------------------------------------
+
+    def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
+        """The same records, without the sessions that the goal's budget does not pay for: these block their nodes."""
+        budget = self.graph.spec.budget
+        if budget == Budget() or not any(entry.ev == "submit" for entry in entries):
+            return entries
+        left = self.facts.compute_left()
+        kept: list[Entry] = []
+        submitted = 0
+        for entry in entries:
+            why = replace(left, sessions=left.sessions - submitted).find_end() if entry.ev == "submit" else ""
+            if not why:
+                kept.append(entry)
+                submitted += entry.ev == "submit"
+                continue
+            node = str((entry.body or {}).get("node"))
+            id = f"node:{self.goal}/{node}"
+            kept = [each for each in kept if each.id != id or each.ev not in {GoalEvent.NODE_READY, GoalEvent.CHILD_OF}]
+            kept.append(self._say_of(node, GoalEvent.NODE_BLOCKED, why))
+        return kept
 
     def _finish(self) -> list[Entry]:
         """The verdict of the goal, or the nodes that the world has undone; empty while a session lives."""
         if self.agenda.has_live():
             return []
-        for status in self._get_finished_sessions():
+        for status in self.facts.find_ended():
             self.evidence.take_in(status)
         blocked = {name: n.reason for name, n in self.status.nodes.items() if n.state is NodeState.BLOCKED}
         outcome = judge_goal(self.graph, self.evidence, blocked)
-        if outcome.now is not None and not blocked and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
-            undone = find_undone(self._finished(), self.graph.order, outcome.now, outcome.initial)
-            payable = {name: reason for name, reason in undone.items() if self._has_budget(name)}
+        mode = self.verifier.mode
+        if mode is VerificationMode.OFF and not blocked:
+            told = "verification is off: every execution completed, and nobody judged"
+            outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=told)
+        restores = (
+            self.policy.restores and mode is VerificationMode.RECOVERY and outcome.now is not None and not blocked
+        )
+        if restores and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
+            undone = find_undone(self.facts.find_finished(), self.graph.order, outcome.now, outcome.initial)
+            payable = {name: reason for name, reason in undone.items() if self.facts.has_replans(name)}
             if payable:
-                return self._reopen(payable)
+                return self.recovery.reopen(payable)
             if undone:
                 outcome = replace(outcome, verdict=Verdict.FAILURE, reason=next(iter(undone.values())))
         body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
@@ -253,22 +315,16 @@ class GoalRun:
         """The next session of a node, or why it cannot be compiled."""
         sources = {edge.node for edge in self.graph.nodes[name].data}
         outputs = {
-            source: fresh[source] if source in fresh else self._get_outputs(source)
+            source: fresh[source] if source in fresh else self.facts.find_outputs(source)
             for source in sources
             if source in fresh or self._get_state(source) is NodeState.DONE
         }
-        attempt = len(self._get_sessions(name))
+        attempt = len(self.facts.get_ids(name))
         try:
-            return self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
+            session = self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
         except DefinitionError as error:
             return str(error)
-
-    def _submit_child(self, child: Session, reason: str) -> list[Entry]:
-        relation = {"child": child.id, "parent": child.parent, "reason": reason}
-        return [
-            Entry(f"node:{self.goal}/{child.node}", GoalEvent.CHILD_OF, relation),
-            Entry(child.id, "submit", _to_body(child)),
-        ]
+        return apply_advice(session, self.advisor.advise(session, self.evidence.now))
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""
@@ -280,41 +336,34 @@ class GoalRun:
             and all(b in fresh or self._get_state(b) is NodeState.DONE for b in self.graph.nodes[name].after)
         ]
 
-    def _finished(self) -> dict[str, Session]:
-        """Nodes that are done -> their latest succeeded session."""
-        goal = self.ledger.goals.get(self.goal)
-        return {
-            name: self.ledger.sessions[node.sessions[-1]].contract
-            for name, node in (goal.nodes.items() if goal else ())
-            if node.state is NodeState.DONE
-        }
-
-    def _get_outputs(self, node: str) -> Mapping[str, Any]:
-        execution = self.ledger.sessions[self._get_sessions(node)[-1]].execution
-        return execution.outputs if execution else {}
-
-    def _get_finished_sessions(self) -> list[SessionStatus]:
-        sessions = [self.ledger.sessions[id] for node in self.status.nodes.values() for id in node.sessions]
-        return [status for status in sessions if status.execution and status.state in FINAL_STATES]
-
     def _get_state(self, name: str) -> NodeState:
         return self.status.nodes[name].state
-
-    def _get_sessions(self, name: str) -> tuple[SessionId, ...]:
-        goal = self.ledger.goals.get(self.goal)
-        return goal.nodes[name].sessions if goal else ()
-
-    def _count_replans(self, name: str) -> int:
-        return max(0, len(self._get_sessions(name)) - 1)
-
-    def _has_budget(self, name: str) -> bool:
-        return self._count_replans(name) < self.graph.max_replans(name)
 
     def _say(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
         return Entry(f"goal:{self.goal}", event, body)
 
     def _say_of(self, node: str, event: GoalEvent, reason: str) -> Entry:
         return Entry(f"node:{self.goal}/{node}", event, {"reason": reason})
+
+
+def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
+    """Whether what waits for the session may begin; where nobody judges, because its execution completed."""
+    is_completed = bundle.execution.ended is Ended.COMPLETED
+    return attempt.verdict is Verdict.SUCCESS or (attempt.verdict is Verdict.UNVERIFIED and is_completed)
+
+
+def _settle(bundle: Bundle, attempt: Attempt) -> Attempt:
+    """The same judgement when no look is left: the cause is what can be told without one."""
+    diagnosis = diagnose_after_looking(bundle, attempt.criteria)
+    return msgspec.structs.replace(
+        attempt,
+        verdict=Verdict.FAILURE if diagnosis.is_hopeless else attempt.verdict,
+        cause=diagnosis.cause.value,
+        kind=diagnosis.kind.value,
+        support=diagnosis.support,
+        reason=f"{attempt.reason} It was looked for {LOOKS_MAX} times: {diagnosis.fact}.",
+        wants=(),
+    )
 
 
 def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:

@@ -80,7 +80,7 @@ def select(
     candidates = []
     for score, runtime, parameters, reasons in skills:
         for name in targets:
-            lacks = list(_iter_lacks(runtime, catalogue.targets[name])) if name in catalogue.targets else ["a profile"]
+            lacks = list(find_lacks(runtime, catalogue.targets[name])) if name in catalogue.targets else ["a profile"]
             if lacks:
                 rejected[f"{runtime.skill} on {name}"] = f"{name} lacks {', '.join(lacks)}"
             else:
@@ -210,7 +210,8 @@ def _held(predicate: Predicate) -> Term | None:
     return calls[0].terms[1] if calls and isinstance(predicate.formula, Call) else None
 
 
-def _iter_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:
+def find_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:
+    """What a skill needs and a target does not offer, in words."""
     needs = runtime.needs
     for what, needed, offered in (
         ("observation", needs.observations, target.observations),

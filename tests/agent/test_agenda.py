@@ -25,6 +25,8 @@ def compare(monkeypatch):
             assert read_all(run.agenda)[:2] == read_all(anew)[:2], record
             assert sorted(read_all(run.agenda)[2]) == sorted(read_all(anew)[2]), record
             assert sorted(read_all(run.agenda)[3]) == sorted(read_all(anew)[3]), record
+            pending = [status for status in run.iter_live() if status.state == "pending"]
+            assert run.agenda.count_waiting() == anew.count_waiting() == len(pending), record
             compared.append(record.ev)
 
     monkeypatch.setattr(GoalRun, "take_in", take_in_and_compare)

@@ -6,7 +6,7 @@ from phyagentos.agent.compiler import Revision, SessionCompiler
 from phyagentos.agent.goal_graph import read_goal_graph
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.seeds import compute_seed
-from phyagentos.protocol.sessions import GoalId, SessionId
+from phyagentos.protocol.sessions import GoalId, ResetPolicy, SessionId
 
 GRAPH = """
     goal: g
@@ -51,6 +51,18 @@ def test_a_contract_holds_what_skill_node_and_goal_say_each_once(compiler):
     assert (session.scene.name, session.scene.seed, session.scene.episode) == ("table", 7, "g-7")
     assert session.parameters == {"object": "red_cube", "destination": "red_tray", "speed": 1.0}
     assert session.objective == "Pick and place: object red_cube, destination red_tray, speed 1."
+
+
+def test_limits_of_supervision_resources_and_resets_reach_the_contract(write_graph, catalogue):
+    text = GRAPH.replace("max_replans: 1}", "stall_s: 3, think_s: 9, preflight_s: 40, reset_policy: between_goals}")
+    graph = read_goal_graph(write_graph(text.replace("timeout_s: 20", "resources: [tray]")), catalogue)
+    session = SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7).compile_node(
+        "red", outputs={}
+    )
+
+    assert (session.limits.stall_s, session.limits.think_s, session.limits.preflight_s) == (3, 9, 40)
+    assert session.resources == ("tray",)
+    assert session.reset_policy is ResetPolicy.BETWEEN_GOALS
 
 
 def test_the_word_target_becomes_the_target_of_the_session(compiler):

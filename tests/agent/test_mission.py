@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from phyagentos.agent.mission import SYNC_AFTER_S, WAIT_S
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.environment import Pose
@@ -324,3 +325,54 @@ def test_task_md_shows_the_verdict(make_stage, tidy):
     text = stage.workspace.task.read_text()
     assert "tidy-7" in text
     assert "success" in text
+
+
+def test_verdicts_are_covered_by_what_the_runtime_waits_for_and_the_end_is_waited_for_here(
+    make_stage, tidy, monkeypatch
+):
+    calls: list[tuple[str, bool]] = []
+    commit, sync = Journal.commit, Journal.sync
+
+    def note_commit(journal, entries, *, durable=True):
+        if journal._side is Side.AGENT:
+            calls.extend((entry.ev, durable) for entry in entries)
+        return commit(journal, entries, durable=durable)
+
+    def note_sync(journal):
+        calls.append(("sync", True))
+        sync(journal)
+
+    monkeypatch.setattr(Journal, "commit", note_commit)
+    monkeypatch.setattr(Journal, "sync", note_sync)
+    assert make_stage().pursue(tidy).verdict == "success"
+
+    assert calls[0] == ("goal_submitted", True)
+    assert ("accept", False) in calls
+    assert calls.index(("goal_verdict", False)) < len(calls) - 1
+    assert calls[-1] == ("sync", True)
+
+
+class Silence:
+    """A watch that is told nothing."""
+
+    def __init__(self) -> None:
+        self.waited_s: list[float] = []
+
+    def wait(self, timeout_s: float) -> bool:
+        self.waited_s.append(timeout_s)
+        return False
+
+
+def test_an_agent_without_news_waits_for_the_disk_once(make_stage, monkeypatch):
+    mission, synced, silence = make_stage().make_mission(), [], Silence()
+
+    def note(journal) -> None:
+        synced.append(journal)
+
+    monkeypatch.setattr(Journal, "sync", note)
+    mission._is_durable = False
+
+    assert [mission._wait(silence), mission._wait(silence)] == [False, False]
+
+    assert len(synced) == 1
+    assert silence.waited_s == [SYNC_AFTER_S, WAIT_S, WAIT_S]

@@ -5,9 +5,11 @@ from typing import Any
 
 import pytest
 
-from phyagentos.agent.diagnosis import Cause, Layer, diagnose
-from phyagentos.agent.judges import PredicateJudge
-from phyagentos.agent.replanner import find_label, find_undone, revise
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.diagnosis import Layer, diagnose
+from phyagentos.agent.judges.predicates import PredicateJudge
+from phyagentos.agent.repair.retrying import find_label, revise
+from phyagentos.agent.repair.undone import find_undone
 from phyagentos.agent.verifier import History, SessionVerifier
 from phyagentos.protocol.evidence import Bundle, TraceEvent
 from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
@@ -97,7 +99,7 @@ def test_a_hold_condition_without_a_sample_is_unknown():
         (put(make_world(), "red_cube", AWAY), failed("GRASP_MISSED"), Cause.OBJECT_MOVED, Layer.WORLD, Verdict.REPLAN),
         (remove(make_world(), "red_cube"), failed("GRASP_MISSED"), Cause.OBJECT_GONE, Layer.WORLD, Verdict.FAILURE),
         (make_world(), failed("NO_PATH_FOUND"), Cause.NO_PLAN, Layer.PLANNING, Verdict.REPLAN),
-        (make_world(), failed("TOO_WIDE"), Cause.IMPOSSIBLE, Layer.PLANNING, Verdict.FAILURE),
+        (make_world(), failed("TOO_WIDE"), Cause.IMPOSSIBLE, Layer.PLANNING, Verdict.REPLAN),
         (make_world(), failed("SOMETHING_OF_A_PLUGIN"), Cause.UNKNOWN, Layer.EXECUTION, Verdict.REPLAN),
         (make_world(), {"ended": Ended.STALLED, "leaf": "pick/move"}, Cause.STALLED, Layer.EXECUTION, Verdict.REPLAN),
         (make_world(), {"ended": Ended.TIMED_OUT}, Cause.TIMED_OUT, Layer.RUNTIME, Verdict.REPLAN),
@@ -167,13 +169,15 @@ def test_a_violated_constraint_is_replanned_slower_when_the_world_has_recovered(
 
 def test_judges_of_others_are_weighed_like_the_own_ones():
     class Sceptic:
+        name = "sceptic/1"
+
         def judge(self, bundle: Bundle) -> list[Criterion]:
             return [Criterion(text="upright(bottle)", kind="accept", truth=Truth.FALSE, because="the picture shows it")]
 
     verifier = SessionVerifier(judges=(PredicateJudge(), Sceptic()), name="sceptic/1")
     attempt = verifier.judge(make_bundle(put(make_world(), "red_cube", IN_TRAY)), BUDGET)
     assert attempt.verdict is not Verdict.SUCCESS
-    assert attempt.verifier == "sceptic/1"
+    assert (attempt.verifier, attempt.judges) == ("sceptic/1", ("predicates/2", "sceptic/1"))
 
 
 # -- revisions ---------------------------------------------------------------------------------------------------------
@@ -220,7 +224,7 @@ def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
             {"speed": 0.3, "avoid_grasps": ["yaw+000"]},
             {"avoid_grasps": ["yaw+000", "yaw+090"], "speed": 0.25},
         ),
-        (Cause.PLACED_WRONG, {}, {"avoid_sites": ["site1.yaw+000"], "speed": 0.5}),
+        (Cause.PLACED_WRONG, {}, {"avoid_sites": ["site1"], "speed": 0.5}),
         (Cause.OBJECT_MOVED, {}, {}),
         (Cause.NO_PLAN, {"avoid_grasps": ["yaw+000"], "speed": 0.5}, {"speed": 0.5}),
         (Cause.TIMED_OUT, {}, {}),

@@ -1,0 +1,1 @@
+"""Goals, faults and judging eyes of the benchmark of recovery."""

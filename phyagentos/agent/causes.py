@@ -1,0 +1,126 @@
+"""Causes of an objective that was not met, and the classes that benchmarks count them in. Paper section 4.4.
+
+Upstream: nothing. Downstream: `diagnosis`, the repair, memory. Each cause is also an error code (see `codes`).
+"""
+
+from enum import StrEnum
+
+from phyagentos.codes import CODES
+
+
+class Cause(StrEnum):
+    """What went wrong."""
+
+    OBJECT_GONE = "OBJECT_GONE"
+    """The object is not in the world any more."""
+    OBJECT_HIDDEN = "OBJECT_HIDDEN"
+    """The object is believed to exist and was not seen."""
+    OBJECT_MOVED = "OBJECT_MOVED"
+    """The object was not where it had been when the motion was planned."""
+    GRASP_MISSED = "GRASP_MISSED"
+    """The fingers closed without the object."""
+    GRASP_LOST = "GRASP_LOST"
+    """The object was held and lost."""
+    STILL_HELD = "STILL_HELD"
+    """The object did not leave the fingers."""
+    PLACED_WRONG = "PLACED_WRONG"
+    """The object was moved and is not where it was wanted."""
+    WITHOUT_EFFECT = "WITHOUT_EFFECT"
+    """The robot moved, the object did not."""
+    NOTHING_CHANGED = "NOTHING_CHANGED"
+    """No command was executed and nothing moved, although the skill reported success."""
+    NO_PLAN = "NO_PLAN"
+    """No motion was found."""
+    IMPOSSIBLE = "IMPOSSIBLE"
+    """No motion can exist (the object is too wide for the hand)."""
+    UNMET = "UNMET"
+    """A condition of the skill's tree was false or unknown."""
+    CONSTRAINT_VIOLATED = "CONSTRAINT_VIOLATED"
+    """A condition that had to hold all through did not."""
+    STALLED = "STALLED"
+    """A motor or the skill made no progress."""
+    TIMED_OUT = "TIMED_OUT"
+    """The time limit was reached."""
+    SAFETY_STOP = "SAFETY_STOP"
+    """A safety layer stopped the execution."""
+    RUNNER_LOST = "RUNNER_LOST"
+    """The worker or its planner died."""
+    TARGET_LOST = "TARGET_LOST"
+    """The target no longer answered."""
+    CANCELLED = "CANCELLED"
+    """Somebody asked for an end."""
+    POLICY_FAILED = "POLICY_FAILED"
+    """The policy gave no usable action."""
+    ADAPTER_REFUSED = "ADAPTER_REFUSED"
+    """A command did not fit the target: an adapter or the target itself refused it."""
+    SENSOR_STALE = "SENSOR_STALE"
+    """The latest measurement is too old to tell how the world stands."""
+    EVIDENCE_MISSING = "EVIDENCE_MISSING"
+    """The evidence does not tell whether the objective was met."""
+    UNDECIDABLE = "UNDECIDABLE"
+    """Everything was seen, and still a criterion cannot be decided."""
+    NO_CRITERIA = "NO_CRITERIA"
+    """The contract holds nothing that could be accepted."""
+    UNKNOWN = "UNKNOWN"
+    """None of the above."""
+
+
+_REFUSALS = {
+    "OBSERVATION_": "perception",
+    "SENSOR_": "perception",
+    "POLICY_": "policy",
+    "OUT_OF_REACH": "planning",
+    "TOO_WIDE": "planning",
+    "NO_SPACE": "planning",
+    "NO_FREE_SITE": "planning",
+    "START_OUTSIDE": "safety",
+    "LIMIT_": "safety",
+    "TARGET_UNAVAILABLE": "machine",
+    "TARGET_LOST": "machine",
+    "PRECONDITION_UNMET": "external disturbance",
+}
+
+
+class CauseClass(StrEnum):
+    """The kind of a cause, as benchmarks count them. Paper section 4.4."""
+
+    PERCEPTION = "perception"
+    PLANNING = "planning"
+    GRASP = "grasp"
+    TRANSPORT = "transport"
+    PLACEMENT = "placement"
+    POLICY = "policy"
+    ADAPTER = "adapter"
+    TIMEOUT = "timeout"
+    SAFETY = "safety"
+    DISTURBANCE = "external disturbance"
+    VERIFIER = "verifier"
+    MACHINE = "machine"
+    """A worker, a target or a motor failed."""
+    OTHER = "other"
+
+
+_CLASSES = {
+    CauseClass.PERCEPTION: (Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.EVIDENCE_MISSING),
+    CauseClass.PLANNING: (Cause.NO_PLAN, Cause.IMPOSSIBLE, Cause.UNMET),
+    CauseClass.GRASP: (Cause.GRASP_MISSED,),
+    CauseClass.TRANSPORT: (Cause.GRASP_LOST,),
+    CauseClass.PLACEMENT: (Cause.PLACED_WRONG, Cause.STILL_HELD),
+    CauseClass.POLICY: (Cause.POLICY_FAILED, Cause.NOTHING_CHANGED, Cause.WITHOUT_EFFECT),
+    CauseClass.ADAPTER: (Cause.ADAPTER_REFUSED,),
+    CauseClass.TIMEOUT: (Cause.TIMED_OUT,),
+    CauseClass.SAFETY: (Cause.SAFETY_STOP, Cause.CONSTRAINT_VIOLATED),
+    CauseClass.DISTURBANCE: (Cause.OBJECT_GONE, Cause.OBJECT_MOVED),
+    CauseClass.VERIFIER: (Cause.NO_CRITERIA, Cause.UNDECIDABLE),
+    CauseClass.MACHINE: (Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.STALLED),
+}
+CLASSES = {cause: kind for kind, causes in _CLASSES.items() for cause in causes}
+
+
+def classify_refusal(reason: str) -> CauseClass:
+    """The class of what preflight refused, by the first code in its reason; what does not fit is the adapters'."""
+    code = next((word.rstrip(":") for word in reason.split() if word.rstrip(":") in CODES), "")
+    for prefix, kind in _REFUSALS.items():
+        if code.startswith(prefix):
+            return CauseClass(kind)
+    return CauseClass.ADAPTER if code else CauseClass.OTHER

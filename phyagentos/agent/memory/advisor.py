@@ -1,0 +1,80 @@
+"""The advisor: before a session is submitted, what verified experience says about it. Paper section 4.3 (retrieval).
+
+Upstream: a compiled contract, and memory. Downstream: `apply_advice`, which writes the advice into the contract with
+the lessons that it rests on. Only the first attempt of a node is advised: what a repair has chosen rests on fresher
+evidence.
+"""
+
+from typing import Any
+
+from phyagentos.agent.advice import NOTHING, Advice
+from phyagentos.agent.memory.features import Features, Surroundings
+from phyagentos.agent.memory.memory import Case, Found, Memory
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.memory_entries import Scope
+from phyagentos.protocol.sessions import Session
+
+REMEMBERED = 4096  # answers that are kept until memory changes
+
+
+class MemoryAdvisor:
+    """Advises from memory; see `Advisor`.
+
+    Args:
+        memory: What is asked.
+        surroundings: In which words.
+    """
+
+    def __init__(self, memory: Memory, surroundings: Surroundings) -> None:
+        self._memory, self._surroundings = memory, surroundings
+        self._answers: dict[Scope, Advice] = {}
+        self._seq = -1
+
+    def advise(self, session: Session, world: Environment | None) -> Advice:
+        """What was verified to help in this case; nothing for a child, or where nothing is known."""
+        del world  # kinds are known from the inventory before anything was seen
+        experience = self._memory.experience
+        if session.parent is not None or session.purpose or not (experience.corrections or experience.patterns):
+            return NOTHING
+        if self._seq != experience.seq or len(self._answers) > REMEMBERED:
+            self._answers, self._seq = {}, experience.seq
+        features = self._surroundings.describe(session)
+        scope = make_scope(session, features, self._surroundings)
+        if scope not in self._answers:
+            self._answers[scope] = self._find(Case(scope=scope))
+        return self._answers[scope]
+
+    def _find(self, case: Case) -> Advice:
+        found = self._memory.recall(case)
+        promoted = self._memory.find_promoted(case.scope)
+        strategy: dict[str, Any] = {}
+        used: list[Found] = []
+        for each in found:
+            if not strategy.keys() & each.lesson.advice.keys():  # of two that disagree the better one
+                strategy |= each.lesson.advice
+                used.append(each)
+        reasons = [f"{_tell(each.lesson.advice)}: lesson {each.lesson.id}, {each.because}" for each in used]
+        sources = [each.lesson.id for each in used]
+        if promoted is not None and not strategy.keys() & promoted.strategy.keys():
+            strategy |= promoted.strategy
+            reasons.append(f"{_tell(promoted.strategy)}: promoted, {promoted.count} ({promoted.id})")
+            sources.append(promoted.id)
+        if not used and promoted is None:
+            return NOTHING
+        return Advice(strategy=strategy, reasons=(*reasons, f"as of {self._memory.version}"), sources=tuple(sources))
+
+
+def make_scope(session: Session, features: Features, surroundings: Surroundings) -> Scope:
+    """The case of a contract, in the words of memory."""
+    return Scope(
+        scene=session.scene.name,
+        skill=session.skill,
+        target=session.target,
+        object=features.object_kind,
+        destination=features.destination_kind,
+        body=surroundings.describe_target(session.target),
+    )
+
+
+def _tell(strategy: dict[str, Any]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in strategy.items())

@@ -1,0 +1,104 @@
+"""The episodic level: one compact record a session that has ended, as its verdict tells.
+
+Upstream: the fold of the journal, after a verdict. Downstream: the lane of memory, from which everything else is
+computed. An episode repeats nothing that stands in the evidence; it points there. Paper section 4.3.
+"""
+
+from typing import Any
+
+import msgspec
+
+from phyagentos.agent.memory.features import Features, Surroundings
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.memory_entries import Embodiment
+from phyagentos.protocol.sessions import Session, SessionStatus
+from phyagentos.protocol.verdicts import Verdict
+
+JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
+
+
+class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One session, ended and judged.
+
+    Attributes:
+        session: Its id.
+        goal: Its goal.
+        node: Its node of the goal graph.
+        parent: The session that it revises, None for the first of a node.
+        objective: What a person would say.
+        skill: Name of the skill.
+        target: Name of the target.
+        body: Of the target.
+        scene: Name of the scene.
+        seed: Of the scene: sessions of one seed begin from the same start.
+        features: What it was about.
+        strategy: What was done differently from the skill's own way.
+        advised_by: Entries of memory that asked for that.
+        verdict: As judged.
+        cause: Coded cause of what went wrong.
+        purpose: As the contract has it: `inspect` or `clear` when it prepared another attempt, empty for an attempt.
+        sensing: What the judgement rests on, `truth` or `perceived`.
+        evidence: Bundle, relative to the workspace.
+    """
+
+    session: str
+    goal: str
+    node: str
+    objective: str
+    skill: str
+    target: str
+    scene: str
+    seed: int
+    verdict: Verdict
+    parent: str | None = None
+    body: Embodiment = Embodiment()
+    features: Features = Features()
+    strategy: dict[str, Any] = {}
+    advised_by: tuple[str, ...] = ()
+    cause: str = ""
+    purpose: str = ""
+    sensing: str = ""
+    evidence: str = ""
+
+    @property
+    def is_success(self) -> bool:
+        """Whether its verdict is success."""
+        return self.verdict is Verdict.SUCCESS
+
+    @property
+    def is_first(self) -> bool:
+        """Whether it is the first attempt of its node."""
+        return self.parent is None and not self.purpose
+
+
+def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode | None:
+    """The episode of a session; None while its verdict is open, or when it serves no goal.
+
+    Args:
+        status: As the journal tells it; nothing but the judgement that decided says whether it succeeded.
+        surroundings: Of the workspace.
+    """
+    decision = status.decision
+    if status.state not in JUDGED or decision is None or not status.contract.goal:
+        return None
+    contract: Session = status.contract
+    return Episode(
+        session=contract.id,
+        goal=contract.goal,
+        node=contract.node,
+        parent=contract.parent,
+        objective=contract.objective,
+        skill=contract.skill,
+        target=contract.target,
+        body=surroundings.describe_target(contract.target),
+        scene=contract.scene.name,
+        seed=contract.scene.seed,
+        features=surroundings.describe(contract),
+        strategy=contract.strategy,
+        advised_by=contract.advised_by,
+        verdict=decision.verdict,
+        cause=decision.cause,
+        purpose=status.contract.purpose,
+        sensing=decision.sensing,
+        evidence=status.execution.evidence if status.execution else "",
+    )

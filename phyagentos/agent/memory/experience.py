@@ -1,0 +1,176 @@
+"""Experience: what follows from the records of memory, computed record by record and never written by hand.
+
+Upstream: the lane of memory. Downstream: retrieval and the two documents. It is a function of the records alone, so it
+may be computed anew at any time; and it stays small however many episodes there are: what was not confirmed for longest
+is let go first.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Any, TypeVar
+
+import msgspec
+
+from phyagentos.agent.memory import methodological, semantic
+from phyagentos.agent.memory.episodes import Episode
+from phyagentos.agent.memory.identity import compute_id
+from phyagentos.agent.memory.intervals import Count
+from phyagentos.agent.memory.lane import Edit, Event
+from phyagentos.agent.memory.methodological import Correction, Failure
+from phyagentos.agent.memory.scopes import compute_scope, widen
+from phyagentos.agent.memory.semantic import Pattern
+from phyagentos.protocol.knowledge import Fact
+from phyagentos.protocol.memory_entries import Scope, Standing
+
+CORRECTIONS_KEPT = 2_000
+PATTERNS_KEPT = 4_000
+FAILURES_KEPT = 2_000  # that a child may still follow
+SESSIONS_KEPT = 10_000  # that are known to be in
+_OF_THINGS: dict[str, Any] = {"speed": 1.0}  # these two stand for the two ways to widen a scope
+_OF_PLACES: dict[str, Any] = {"avoid_sites": []}
+
+_ValueT = TypeVar("_ValueT")
+
+
+class Experience(msgspec.Struct, kw_only=True):
+    """What memory knows after its records up to `seq`.
+
+    Attributes:
+        seq: The latest record.
+        patterns: By id.
+        corrections: By id.
+        facts: Added by people, by id.
+        failures: By session.
+        known: Session -> its record, for those that were taken in last.
+        baselines: Id of a scope -> first attempts in it, the skill's own way.
+    """
+
+    seq: int = 0
+    patterns: dict[str, Pattern] = msgspec.field(default_factory=dict)
+    corrections: dict[str, Correction] = msgspec.field(default_factory=dict)
+    facts: dict[str, Fact] = msgspec.field(default_factory=dict)
+    failures: dict[str, Failure] = msgspec.field(default_factory=dict)
+    known: dict[str, int] = msgspec.field(default_factory=dict)
+    baselines: dict[str, Count] = msgspec.field(default_factory=dict)
+
+    def extend(self, events: Iterable[tuple[int, Event]]) -> set[str]:
+        """Take in records, in order; ids of the entries that changed."""
+        changed: set[str] = set()
+        for seq, event in events:
+            self.seq = seq
+            changed.update(self._edit(event) if isinstance(event, Edit) else self._remember(event))
+            _let_go(self.failures, FAILURES_KEPT)
+            _let_go(self.known, SESSIONS_KEPT)
+            _let_go(self.baselines, 3 * PATTERNS_KEPT)
+        return changed
+
+    def find_baseline(self, correction: Correction) -> Count:
+        """First attempts in the scope of a correction, without any."""
+        return self.baselines.get(_name(correction.scope), Count())
+
+    def _remember(self, episode: Episode) -> Iterator[str]:
+        if episode.session in self.known:  # a session is experienced once
+            return
+        self.known[episode.session] = self.seq
+        if (id := semantic.find_pattern_id(episode)) is not None:
+            self.patterns[id] = semantic.extend(self.patterns.pop(id, None), episode, id, self.seq)
+            self._shrink_patterns()
+            yield id
+        if episode.is_first and not episode.strategy:
+            self._count_baselines(episode)
+        if episode.is_first:
+            yield from self._apply(episode)
+        yield from self._follow(episode)
+
+    def _apply(self, episode: Episode) -> Iterator[str]:
+        """A first attempt speaks for or against the lessons that advised it."""
+        for id in episode.advised_by:
+            if (lesson := self.corrections.get(id)) is not None:
+                self.corrections[id] = msgspec.structs.replace(
+                    lesson,
+                    applied=lesson.applied.add(success=episode.is_success),
+                    last_seq=self.seq if episode.is_success else lesson.last_seq,
+                )
+                yield id
+
+    def _follow(self, episode: Episode) -> Iterator[str]:
+        """A child speaks for or against what it did differently from the failure that it follows."""
+        before = self.failures.get(episode.parent) if episode.parent else None
+        if before is not None and episode.purpose:  # it prepared the next attempt: that follows the same failure
+            if (before.goal, before.node) == (episode.goal, episode.node):
+                cause = episode.cause or before.cause  # a second look may tell more than the first
+                self.failures[episode.session] = msgspec.structs.replace(before, session=episode.session, cause=cause)
+            return
+        if before is not None:
+            for proposed in methodological.propose(before, episode):
+                known = self.corrections.pop(proposed.id, proposed)  # to the end: the order is that of the last use
+                self.corrections[proposed.id] = methodological.test(known, before, episode, self.seq)
+                self._shrink_corrections()
+                yield proposed.id
+        if not episode.is_success:
+            is_same = before is not None and (before.goal, before.node) == (episode.goal, episode.node)
+            self.failures[episode.session] = Failure(
+                session=episode.session,
+                goal=episode.goal,
+                node=episode.node,
+                root=before.root if before and is_same else episode.session,
+                cause=before.cause if before and is_same else episode.cause,
+                strategy=episode.strategy,
+            )
+
+    def _count_baselines(self, episode: Episode) -> None:
+        scope = compute_scope(episode)
+        for each in {scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES)}:
+            name = _name(each)
+            self.baselines[name] = self.baselines.pop(name, Count()).add(success=episode.is_success)
+
+    def _edit(self, edit: Edit) -> Iterator[str]:
+        yield edit.entry
+        if (lesson := self.corrections.get(edit.entry)) is not None:
+            amended = edit.scope or lesson.amended
+            self.corrections[edit.entry] = msgspec.structs.replace(lesson, amended=amended, **_compute_changes(edit))
+        elif (pattern := self.patterns.get(edit.entry)) is not None:
+            self.patterns[edit.entry] = msgspec.structs.replace(pattern, **_compute_changes(edit))
+        elif (fact := self.facts.get(edit.entry)) is not None:
+            self.facts[edit.entry] = msgspec.structs.replace(fact, **_compute_changes(edit))
+        elif edit.statement:
+            self.facts[edit.entry] = Fact(
+                id=edit.entry,
+                statement=edit.statement,
+                scope=edit.scope or Scope(),
+                source=edit.source,
+                note=edit.note,
+                by=edit.by,
+            )
+
+    def _shrink_patterns(self) -> None:
+        if len(self.patterns) > PATTERNS_KEPT:
+            _let_go_of_one(self.patterns, lambda pattern: pattern.state is Standing.RETRACTED)
+
+    def _shrink_corrections(self) -> None:
+        if len(self.corrections) > CORRECTIONS_KEPT:
+            _let_go_of_one(self.corrections, lambda lesson: lesson.state is Standing.RETRACTED)
+
+
+def _compute_changes(edit: Edit) -> dict[str, Any]:
+    changes: dict[str, Any] = {"by": edit.by}
+    if edit.retracts:
+        changes |= {"state": Standing.RETRACTED, "reason": edit.reason}
+    if edit.note:
+        changes["note"] = edit.note
+    return changes
+
+
+def _let_go(entries: dict[str, _ValueT], kept: int) -> None:
+    while len(entries) > kept:
+        del entries[next(iter(entries))]
+
+
+def _let_go_of_one(entries: dict[str, Any], is_kept: Any) -> None:
+    """The first that a person has not retracted: a retraction that is forgotten would let the entry rise again."""
+    victim = next((id for id, entry in entries.items() if not is_kept(entry)), None)
+    if victim is not None:
+        del entries[victim]
+
+
+def _name(scope: Scope) -> str:
+    return compute_id("scope", scope, "", {})

@@ -1,0 +1,105 @@
+"""What a session is about, in words that come back in other sessions: kinds of things, not their names.
+
+Upstream: contracts, the scene's inventory and the target's profile, all known before anything is observed. Downstream:
+episodes, and the question that is asked of memory before a session is submitted. Both use these functions, so that what
+was learned is looked for in the same words.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.memory_entries import Embodiment
+from phyagentos.protocol.scenes import Body, SceneSpec, read_scene
+from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.targets import TargetProfile
+
+SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large
+DESTINATIONS = ("destination", "onto", "support", "to")  # names of parameters that say where something goes
+
+
+class Features(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a session is about.
+
+    Attributes:
+        object: Name of the thing that is acted on.
+        object_kind: Its kind.
+        object_color: Its colour.
+        object_size: `small`, `medium` or `large`.
+        destination: Name of the place where it goes.
+        destination_kind: Its kind; `region` for a named region.
+    """
+
+    object: str = ""
+    object_kind: str = ""
+    object_color: str = ""
+    object_size: str = ""
+    destination: str = ""
+    destination_kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Inventories of scenes and bodies of targets, each read once.
+
+    Attributes:
+        scenes: Name -> file.
+        targets: Name -> profile.
+    """
+
+    scenes: Mapping[str, Path]
+    targets: Mapping[str, TargetProfile]
+    _read: dict[str, SceneSpec | None] = field(default_factory=dict)
+
+    def describe(self, session: Session) -> Features:
+        """The features of a contract; what the inventory does not know stays empty."""
+        scene = self._find_scene(session.scene.name)
+        parameters = session.parameters
+        thing = parameters.get("object")
+        place = next((parameters[name] for name in DESTINATIONS if isinstance(parameters.get(name), str)), None)
+        body = scene.bodies.get(thing) if scene and isinstance(thing, str) else None
+        return Features(
+            object=thing if isinstance(thing, str) else "",
+            object_kind=body.kind if body else "",
+            object_color=body.color if body else "",
+            object_size=_compute_size(body) if body else "",
+            destination=place or "",
+            destination_kind=_find_kind(scene, place),
+        )
+
+    def describe_target(self, name: str) -> Embodiment:
+        """The body of a target, as far as experience depends on it."""
+        profile = self.targets.get(name)
+        if profile is None:
+            return Embodiment()
+        gripper = profile.gripper
+        return Embodiment(
+            kind=profile.embodiment,
+            grip_width_m=gripper.max_width_m,
+            grip_force_n=gripper.force_n,
+            control_period_s=profile.control_period_s,
+        )
+
+    def _find_scene(self, name: str) -> SceneSpec | None:
+        if name not in self._read:
+            try:
+                self._read[name] = read_scene(self.scenes[name]) if name in self.scenes else None
+            except (DefinitionError, OSError):  # reported where the goal is linted
+                self._read[name] = None
+        return self._read[name]
+
+
+def _compute_size(body: Body) -> str:
+    longest_m = max(max(solid.size_m) for solid in body.shapes)
+    return "small" if longest_m < SMALL_M else "large" if longest_m > LARGE_M else "medium"
+
+
+def _find_kind(scene: SceneSpec | None, place: str | None) -> str:
+    if scene is None or place is None:
+        return ""
+    if place in scene.bodies:
+        return scene.bodies[place].kind
+    return "region" if place in scene.regions else ""

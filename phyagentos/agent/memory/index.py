@@ -1,0 +1,139 @@
+"""The cache of memory: what was computed from its records, and a full-text index of the lessons; may be deleted.
+
+Upstream: `experience`. Downstream: `recall`. `.cache/memory-<lane>.sqlite` holds nothing that the lane does not tell:
+one that is missing, damaged or of another version is made anew from the records.
+"""
+
+import contextlib
+import sqlite3
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.agent.memory.experience import Experience
+from phyagentos.agent.memory.lane import Place
+from phyagentos.agent.memory.methodological import Correction
+
+VERSION = 1  # of what stands in it: another one is thrown away
+_WAIT_S = 10.0
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS state (version INTEGER, place BLOB, experience BLOB);
+CREATE VIRTUAL TABLE IF NOT EXISTS lesson
+    USING fts5 (id UNINDEXED, skill, things, words, tokenize = "unicode61 tokenchars '_'");
+"""
+_ROTTEN = (sqlite3.Error, OSError, msgspec.MsgspecError, TypeError, ValueError)
+
+
+class LessonIndex:
+    """The cache of one lane of memory.
+
+    Args:
+        path: Its file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._connection: sqlite3.Connection | None = None
+
+    def load(self) -> tuple[Experience, Place] | None:
+        """What was saved last, None when there is nothing that can be trusted."""
+        try:
+            row = self._connect().execute("SELECT version, place, experience FROM state").fetchone()
+            if row is None or row[0] != VERSION:
+                return None
+            return msgspec.json.decode(row[2], type=Experience), msgspec.json.decode(row[1], type=Place)
+        except _ROTTEN:
+            self.discard()
+            return None
+
+    def save(self, experience: Experience, place: Place, changed: Iterable[str] | None) -> None:
+        """Keep what was computed; a cache that cannot be written is done without.
+
+        Args:
+            experience: All of it.
+            place: How far the records were read.
+            changed: Entries that changed, None when all did.
+        """
+        try:
+            connection = self._connect()
+            with contextlib.closing(connection.cursor()) as cursor:
+                cursor.execute("BEGIN IMMEDIATE")
+                cursor.execute("DELETE FROM state")
+                encoded = msgspec.json.encode(place), msgspec.json.encode(experience)
+                cursor.execute("INSERT INTO state VALUES (?, ?, ?)", (VERSION, *encoded))
+                _write_lessons(cursor, experience.corrections, changed)
+                cursor.execute("COMMIT")
+        except _ROTTEN:
+            self.discard()
+
+    def find(self, skill: str, words: Iterable[str], limit: int) -> list[str] | None:
+        """Ids of lessons about a skill and any of the words, the best match first; None where that cannot be told.
+
+        Args:
+            skill: Empty for any.
+            words: Kinds of things, causes, words of the objective.
+            limit: So many at most.
+        """
+        wanted = " OR ".join(_quote(word) for word in dict.fromkeys(words) if word.strip())
+        parts = [f"skill: {_quote(skill)}"] if skill else []
+        parts += [f"{{things words}}: ({wanted})"] if wanted else []
+        if not parts:
+            return None
+        query = "SELECT id FROM lesson WHERE lesson MATCH ? ORDER BY bm25(lesson, 1.0, 4.0, 4.0, 1.0), id LIMIT ?"
+        try:
+            return [row[0] for row in self._connect().execute(query, (" AND ".join(parts), limit))]
+        except _ROTTEN:
+            return None
+
+    def discard(self) -> None:
+        """Throw it away."""
+        self.close()
+        with contextlib.suppress(OSError):
+            for suffix in ("", "-wal", "-shm"):
+                self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _connect(self) -> sqlite3.Connection:
+        if self._connection is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            connection = sqlite3.connect(self._path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
+            try:
+                connection.executescript(f"PRAGMA journal_mode = WAL; PRAGMA synchronous = OFF; {_SCHEMA}")
+            except BaseException:
+                connection.close()
+                raise
+            self._connection = connection
+        return self._connection
+
+
+def _write_lessons(
+    cursor: sqlite3.Cursor, corrections: Mapping[str, Correction], changed: Iterable[str] | None
+) -> None:
+    if changed is None:
+        cursor.execute("DELETE FROM lesson")
+        changed = corrections.keys()
+    else:
+        known = {row[0] for row in cursor.execute("SELECT id FROM lesson")}
+        changed = {*changed, *(known - corrections.keys()), *(corrections.keys() - known)}
+        cursor.executemany("DELETE FROM lesson WHERE id = ?", [(id,) for id in changed])
+    cursor.executemany(
+        "INSERT INTO lesson VALUES (?, ?, ?, ?)",
+        [_to_row(corrections[id]) for id in changed if id in corrections],
+    )
+
+
+def _to_row(correction: Correction) -> tuple[str, str, str, str]:
+    scope = correction.where
+    things = " ".join(filter(None, (scope.object, scope.destination, scope.scene, *scope.entities)))
+    words = " ".join((correction.cause, correction.objective, correction.note, *correction.advice))
+    return correction.id, scope.skill, things, words
+
+
+def _quote(word: str) -> str:
+    return '"' + word.replace('"', '""') + '"'

@@ -1,0 +1,50 @@
+"""Counts of successes and what they allow to say: the Wilson interval and the mean under a flat prior.
+
+Upstream: patterns and lessons. Downstream: their ranking, KNOWLEDGE.md, LESSONS.md.
+"""
+
+import math
+
+import msgspec
+
+Z_95 = 1.959964  # two-sided 95 % of the normal distribution
+
+
+class Count(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Successes among trials.
+
+    Attributes:
+        successes: Trials that the verifier judged a success.
+        trials: All of them.
+    """
+
+    successes: int = 0
+    trials: int = 0
+
+    def add(self, *, success: bool) -> "Count":
+        """One more trial."""
+        return Count(successes=self.successes + success, trials=self.trials + 1)
+
+    @property
+    def mean(self) -> float:
+        """Mean of the Beta posterior under a flat prior; 0.5 without trials."""
+        return (self.successes + 1) / (self.trials + 2)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % score interval of Wilson (1927), doi:10.1080/01621459.1927.10502953."""
+        if not self.trials:
+            return 0.0, 1.0
+        n, share = self.trials, self.successes / self.trials
+        scale = 1.0 + Z_95**2 / n
+        centre = (share + Z_95**2 / (2 * n)) / scale
+        half = Z_95 * math.sqrt(share * (1.0 - share) / n + Z_95**2 / (4 * n * n)) / scale
+        return max(0.0, centre - half), min(1.0, centre + half)
+
+    def __str__(self) -> str:
+        """`19 of 20 (95 % [76, 99])`."""
+        if not self.trials:
+            return "none yet"
+        low, high = self.interval
+        share = 100 * self.successes / self.trials
+        return f"{self.successes} of {self.trials} ({share:.0f} % [{100 * low:.0f}, {100 * high:.0f}])"

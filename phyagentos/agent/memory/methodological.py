@@ -1,0 +1,228 @@
+"""The methodological level: corrections of failures, from hypothesis to verified lesson. Paper section 4.3.
+
+Upstream: episodes in the order execute, verify, diagnose, revise, re-verify. Downstream: LESSONS.md, retrieval. A
+lesson cannot be written: it follows from episodes alone. It is born as a hypothesis when a session with another
+strategy follows a failure of the same node, and is verified only by the verdict on such a session.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from phyagentos.agent.memory.episodes import Episode
+from phyagentos.agent.memory.identity import compute_id
+from phyagentos.agent.memory.intervals import Count
+from phyagentos.agent.memory.scopes import compute_scope, measure_width, name_left_out, widen
+from phyagentos.protocol.lessons import Lesson
+from phyagentos.protocol.memory_entries import Scope, Standing
+
+CHAINS_KEPT = 5  # of failure and verified correction, the latest
+CASES_KEPT = 16  # different cases that a widened lesson was verified in
+CASES_NEEDED = 2  # before a widened lesson counts
+EXPIRES_AFTER = 20_000  # records of memory without a confirmation
+DOUBTED_BELOW, DOUBTED_FROM = 0.4, 3  # share of outcomes that speak for it, once there are so many
+
+
+class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A session that was not a success, and how it began: what a child may correct.
+
+    Attributes:
+        session: Its id.
+        goal: Its goal.
+        node: Its node.
+        root: The first session of the same node, and its cause.
+        cause: Coded cause of the first failure.
+        strategy: What it did.
+    """
+
+    session: str
+    goal: str
+    node: str
+    root: str
+    cause: str
+    strategy: dict[str, Any] = {}
+
+
+class Chain(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure and the session that corrected it, by whose verdict the lesson is verified."""
+
+    failed: str
+    corrected: str
+
+
+class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A lesson while it is learned.
+
+    Attributes:
+        id: Of its entry in LESSONS.md.
+        scope: Where it holds.
+        objective: What was wanted.
+        cause: Of the failure.
+        values: Parts of the strategy that were the same every time.
+        labels: Lists of the strategy: key -> label -> in how many verified corrections it stood.
+        tried: Children that followed a failure with it; a success verifies it.
+        applied: First attempts that it advised.
+        cases: What is left open by the scope, as far as it was verified.
+        chains: The latest corrections.
+        evidence: The latest bundles that verify it.
+        last_seq: Record of memory that confirmed it last, or at which it was born.
+        state: As people left it.
+        reason: Why it was retracted.
+        note: What a person added.
+        amended: Scope that a person gave it instead.
+        by: Who changed it last.
+    """
+
+    id: str
+    scope: Scope
+    objective: str
+    cause: str
+    values: dict[str, Any] = {}
+    labels: dict[str, dict[str, int]] = {}
+    tried: Count = Count()
+    applied: Count = Count()
+    cases: tuple[str, ...] = ()
+    chains: tuple[Chain, ...] = ()
+    evidence: tuple[str, ...] = ()
+    last_seq: int = 0
+    state: Standing = Standing.ACTIVE
+    reason: str = ""
+    note: str = ""
+    amended: Scope | None = None
+    by: str = ""
+
+    @property
+    def where(self) -> Scope:
+        """Its scope, a person's word first."""
+        return self.amended or self.scope
+
+    @property
+    def outcomes(self) -> Count:
+        """Every verdict that speaks for or against it."""
+        return Count(
+            successes=self.tried.successes + self.applied.successes, trials=self.tried.trials + self.applied.trials
+        )
+
+    @property
+    def advice(self) -> dict[str, Any]:
+        """What to do differently; of a list only what stood in half of the verified corrections."""
+        wanted = dict(self.values)
+        for key, counted in self.labels.items():
+            common = [label for label, count in counted.items() if 2 * count >= self.tried.successes]
+            if common:
+                wanted[key] = sorted(common)
+        return wanted
+
+
+def propose(failure: Failure, child: Episode) -> tuple[Correction, ...]:
+    """The lessons that a child of a failure speaks about, new and without any count: its own case, and that widened.
+
+    Nothing when the child is of another node, or did nothing that its parent had not done.
+    """
+    if (child.goal, child.node) != (failure.goal, failure.node) or child.parent != failure.session:
+        return ()
+    if not child.strategy or child.strategy == failure.strategy:
+        return ()
+    scope = compute_scope(child)
+    wide = widen(scope, child.strategy)
+    return tuple(_begin(each, failure, child) for each in dict.fromkeys((scope, wide)))
+
+
+def test(correction: Correction, failure: Failure, child: Episode, seq: int) -> Correction:
+    """The lesson after the verdict on a child that followed it."""
+    tried = correction.tried.add(success=child.is_success)
+    if not child.is_success:
+        return msgspec.structs.replace(correction, tried=tried, last_seq=correction.last_seq or seq)
+    labels = {key: dict(counted) for key, counted in correction.labels.items()}
+    for key, items in _split(child.strategy)[1].items():
+        counted = labels.setdefault(key, {})
+        for label in items:
+            counted[label] = counted.get(label, 0) + 1
+    case = name_left_out(compute_scope(child), correction.scope)
+    return msgspec.structs.replace(
+        correction,
+        tried=tried,
+        labels=labels,
+        cases=tuple(dict.fromkeys((*correction.cases, case)))[-CASES_KEPT:],
+        chains=(*correction.chains, Chain(failed=failure.root, corrected=child.session))[-CHAINS_KEPT:],
+        evidence=tuple(dict.fromkeys((*correction.evidence, *filter(None, (child.evidence,)))))[-CHAINS_KEPT:],
+        last_seq=seq,
+    )
+
+
+def judge(correction: Correction, seq: int) -> tuple[Standing, str]:
+    """Whether the lesson counts now, and why not when not.
+
+    Args:
+        correction: The lesson.
+        seq: The latest record of memory.
+    """
+    if correction.state is Standing.RETRACTED:
+        return Standing.RETRACTED, correction.reason
+    if not correction.tried.successes:
+        return Standing.HYPOTHESIS, ""
+    outcomes = correction.outcomes
+    if outcomes.trials >= DOUBTED_FROM and outcomes.mean < DOUBTED_BELOW:
+        return Standing.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
+    if seq - correction.last_seq > EXPIRES_AFTER:
+        return Standing.EXPIRED, f"nothing confirmed it in the last {EXPIRES_AFTER} episodes"
+    if correction.amended is None and measure_width(correction.scope) and len(correction.cases) < CASES_NEEDED:
+        return Standing.HYPOTHESIS, "verified in one case only, not yet beyond it"
+    return Standing.ACTIVE, ""
+
+
+def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
+    """The lesson as an entry of LESSONS.md.
+
+    Args:
+        correction: The lesson.
+        baseline: First attempts in its scope without any correction.
+        seq: The latest record of memory.
+    """
+    state, reason = judge(correction, seq)
+    where, advice = correction.where, correction.advice
+    told = ", ".join(f"{name} {value}" for name, value in (advice or _all_labels(correction)).items())
+    what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
+    verb = "helps" if state is Standing.ACTIVE else "was tried"
+    return Lesson(
+        id=correction.id,
+        statement=f"When {where.skill} of {what} ends with {correction.cause}, {told} {verb}.",
+        scope=where,
+        evidence=correction.evidence,
+        supported=correction.outcomes.successes,
+        contradicted=correction.outcomes.trials - correction.outcomes.successes,
+        confidence=round(correction.outcomes.interval[0], 3),
+        state=state,
+        reason=reason,
+        note=correction.note,
+        by=correction.by or "memory",
+        objective=correction.objective,
+        cause=correction.cause,
+        advice=advice,
+        verified_by=correction.chains[-1].corrected if correction.chains else "",
+        baseline=str(baseline),
+    )
+
+
+def _begin(scope: Scope, failure: Failure, child: Episode) -> Correction:
+    values, lists = _split(child.strategy)
+    shape = {**values, **dict.fromkeys(lists, "*")}  # what stands in the lists is counted, not part of its name
+    return Correction(
+        id=compute_id("lesson", scope, failure.cause, shape),
+        scope=scope,
+        objective=child.objective,
+        cause=failure.cause,
+        values=values,
+        labels={key: {} for key in lists},
+    )
+
+
+def _split(strategy: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, list[str]]]:
+    """Single values, and lists of labels."""
+    lists = {key: [str(item) for item in value] for key, value in strategy.items() if isinstance(value, list | tuple)}
+    return {key: value for key, value in strategy.items() if key not in lists}, lists
+
+
+def _all_labels(correction: Correction) -> dict[str, Any]:
+    return {**correction.values, **{key: sorted(counted) for key, counted in correction.labels.items()}}

@@ -1,0 +1,70 @@
+"""Promotion: when a way of doing something has proved itself well enough to become the default of its scope.
+
+Upstream: first attempts, one a start. Downstream: SKILLRUNTIME.md, the advisor. A sequential test of p <= 0.8 against
+p >= 0.95 on the likelihood ratio (Wald 1945, doi:10.1214/aoms/1177731118). The upper bound is 1/alpha instead of Wald's
+approximate (1 - beta)/alpha, so that by Ville's inequality a way with p <= 0.8 is ever promoted with probability alpha
+at most, however long one looks on. A promoted way is watched by Page's cumulative sum of the opposite ratio (Page 1954,
+doi:10.1093/biomet/41.1-2.100) and demoted when that crosses the same bound.
+"""
+
+import math
+from enum import StrEnum
+
+import msgspec
+
+P_BAD, P_GOOD = 0.8, 0.95  # share of first attempts: not good enough, and good enough
+ALPHA, BETA = 0.05, 0.1  # chance to promote a bad one, to turn down a good one
+STARTS_MIN = 8  # different starts that any promotion needs
+STARTS_REMEMBERED = 512  # seeds; a start counts once
+
+GAIN = math.log(P_GOOD / P_BAD)  # of a success, in favour of "good"
+LOSS = math.log((1.0 - P_GOOD) / (1.0 - P_BAD))  # of a failure
+PROMOTES = math.log(1.0 / ALPHA)
+TURNS_DOWN = math.log(BETA / (1.0 - ALPHA))
+
+
+class Rank(StrEnum):
+    """How far a way of doing something has come."""
+
+    TRIAL = "trial"
+    """Not decided yet."""
+    PROMOTED = "promoted"
+    """The default of its scope."""
+    TURNED_DOWN = "turned_down"
+    """Not good enough, for good."""
+    DEMOTED = "demoted"
+    """It was the default and became worse, for good."""
+
+
+class Trial(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The test of one way in one scope.
+
+    Attributes:
+        rank: Its outcome so far.
+        ratio: Logarithm of the likelihood ratio, good over bad; after promotion the cumulative sum against it.
+        starts: Seeds of the scenes that it has been tried on.
+    """
+
+    rank: Rank = Rank.TRIAL
+    ratio: float = 0.0
+    starts: tuple[int, ...] = ()
+
+    def add(self, seed: int, *, success: bool) -> "Trial":
+        """The test after one more first attempt; the same start counts once, until the way is promoted.
+
+        Args:
+            seed: Of the scene.
+            success: As the verifier judged.
+        """
+        step = GAIN if success else LOSS
+        if self.rank is Rank.PROMOTED:
+            against = max(0.0, self.ratio - step)
+            rank = Rank.DEMOTED if against >= PROMOTES else Rank.PROMOTED
+            return Trial(rank=rank, ratio=against, starts=self.starts)
+        if self.rank is not Rank.TRIAL or seed in self.starts:
+            return self
+        ratio, starts = self.ratio + step, (*self.starts, seed)[-STARTS_REMEMBERED:]
+        if ratio >= PROMOTES and len(starts) >= STARTS_MIN:
+            return Trial(rank=Rank.PROMOTED, ratio=0.0, starts=starts)
+        rank = Rank.TURNED_DOWN if ratio <= TURNS_DOWN else Rank.TRIAL
+        return Trial(rank=rank, ratio=ratio, starts=starts)

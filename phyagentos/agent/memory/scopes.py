@@ -1,0 +1,82 @@
+"""Scopes: where experience holds, from the case it was made in to what that was widened to, and where it may be used.
+
+Upstream: episodes. Downstream: lessons, patterns, retrieval. A scope is widened only along what its correction is
+about: a place to avoid is a matter of the destination, speed and grasp are matters of the thing.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from phyagentos.agent.memory.episodes import Episode
+from phyagentos.protocol.memory_entries import Embodiment, Scope
+
+OF_PLACES = frozenset({"avoid_sites"})  # corrections about the destination; they do not depend on the hand
+FORCE_TOLERANCE = 0.1  # grippers whose forces differ by less hold alike
+
+
+def compute_scope(episode: Episode) -> Scope:
+    """The case of one episode: everything that is known to narrow it."""
+    return Scope(
+        scene=episode.scene,
+        skill=episode.skill,
+        target=episode.target,
+        object=episode.features.object_kind,
+        destination=episode.features.destination_kind,
+        body=episode.body,
+    )
+
+
+def widen(scope: Scope, strategy: Mapping[str, Any]) -> Scope:
+    """The scope without what the correction is not about; the same when there is nothing to leave out."""
+    if OF_PLACES & strategy.keys():
+        return msgspec.structs.replace(scope, object="") if scope.destination else scope
+    return msgspec.structs.replace(scope, scene="", destination="") if scope.object else scope
+
+
+def name_left_out(narrow: Scope, wide: Scope) -> str:
+    """What a case has where the wider scope leaves it open: two different ones are needed to believe in the wider."""
+    pairs = ((narrow.scene, wide.scene), (narrow.object, wide.object), (narrow.destination, wide.destination))
+    return "/".join(case for case, general in pairs if case != general)
+
+
+def find_mismatch(scope: Scope, case: Scope, strategy: Mapping[str, Any]) -> str:
+    """Why experience of `scope` must not be used in `case`; empty when it may.
+
+    Args:
+        scope: Of the experience; what is empty does not narrow it.
+        case: Of a session.
+        strategy: What would be done differently: what concerns the hand needs a hand alike.
+    """
+    for field in ("skill", "scene", "object", "destination"):
+        wanted, found = getattr(scope, field), getattr(case, field)
+        if wanted and wanted != found:
+            return f"{field} {found or 'unknown'}, not {wanted}"
+    if scope.entities and not {case.object, case.destination} & set(scope.entities):
+        return f"it is about {', '.join(scope.entities)}"
+    if not scope.target or scope.target == case.target:
+        return ""
+    return _compare_bodies(scope.body, case.body, strategy)
+
+
+def measure_width(scope: Scope) -> int:
+    """How many of its dimensions a scope leaves open: the fewer, the more it is about this very case."""
+    return sum(not getattr(scope, field) for field in ("scene", "object", "destination"))
+
+
+def _compare_bodies(known: Embodiment | None, found: Embodiment | None, strategy: Mapping[str, Any]) -> str:
+    """Why what one target learned may not be used on another; empty when it may."""
+    if known is None or found is None or not known.kind:
+        return "another target, and it is not known in which body this was learned"
+    if known.kind != found.kind:
+        return f"learned with a body of kind {known.kind}, not {found.kind}"
+    if not strategy.keys() - OF_PLACES:
+        return ""
+    if abs(known.grip_width_m - found.grip_width_m) > 1e-6:
+        return f"learned with a gripper of {known.grip_width_m} m, not {found.grip_width_m} m"
+    if abs(known.grip_force_n - found.grip_force_n) > FORCE_TOLERANCE * known.grip_force_n:
+        return f"learned with {known.grip_force_n} N a finger, not {found.grip_force_n} N"
+    if known.control_period_s != found.control_period_s:
+        return f"learned at a control period of {known.control_period_s} s, not {found.control_period_s} s"
+    return ""

@@ -1,0 +1,96 @@
+"""The semantic level: how often which way of doing something succeeds at the first attempt, by scope.
+
+Upstream: episodes. Downstream: KNOWLEDGE.md, promotion, and the baseline that every lesson has to beat. Section 4.3.
+"""
+
+from typing import Any
+
+import msgspec
+
+from phyagentos.agent.memory.episodes import Episode
+from phyagentos.agent.memory.identity import compute_id
+from phyagentos.agent.memory.intervals import Count
+from phyagentos.agent.memory.promotion import Rank, Trial
+from phyagentos.agent.memory.scopes import compute_scope
+from phyagentos.protocol.knowledge import Fact
+from phyagentos.protocol.memory_entries import Scope, Standing
+
+EVIDENCE_KEPT = 5  # the latest bundles that are named
+
+
+class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One way of doing something in one scope.
+
+    Attributes:
+        id: Of its entry in KNOWLEDGE.md.
+        scope: Where.
+        strategy: What was done differently; empty for the skill's own way.
+        count: First attempts.
+        trial: Whether it has proved itself.
+        causes: Coded cause of a failure -> how often.
+        evidence: The latest bundles.
+        last_seq: Record of memory that touched it last.
+        state: Whether it counts.
+        reason: Why it was retracted.
+        note: What a person added.
+        by: Who changed it last.
+    """
+
+    id: str
+    scope: Scope
+    strategy: dict[str, Any] = {}
+    count: Count = Count()
+    trial: Trial = Trial()
+    causes: dict[str, int] = {}
+    evidence: tuple[str, ...] = ()
+    last_seq: int = 0
+    state: Standing = Standing.ACTIVE
+    reason: str = ""
+    note: str = ""
+    by: str = ""
+
+
+def find_pattern_id(episode: Episode) -> str | None:
+    """The pattern that an episode counts for; None for a child, which starts from a world that its parent disturbed."""
+    return compute_id("way", compute_scope(episode), "", episode.strategy) if episode.is_first else None
+
+
+def extend(pattern: Pattern | None, episode: Episode, id: str, seq: int) -> Pattern:
+    """The pattern with one more episode."""
+    known = pattern or Pattern(id=id, scope=compute_scope(episode), strategy=episode.strategy)
+    causes = dict(known.causes)
+    if not episode.is_success:
+        causes[episode.cause] = causes.get(episode.cause, 0) + 1
+    return msgspec.structs.replace(
+        known,
+        count=known.count.add(success=episode.is_success),
+        trial=known.trial.add(episode.seed, success=episode.is_success),
+        causes=causes,
+        evidence=(*known.evidence, *([episode.evidence] if episode.evidence else []))[-EVIDENCE_KEPT:],
+        last_seq=seq,
+    )
+
+
+def describe(pattern: Pattern) -> Fact:
+    """The pattern as an entry of KNOWLEDGE.md."""
+    scope = pattern.scope
+    what = " ".join(filter(None, (scope.object or "anything", f"to {scope.destination}" if scope.destination else "")))
+    way = ", ".join(f"{name} {value}" for name, value in pattern.strategy.items()) or "the skill's own way"
+    worst = max(pattern.causes, key=lambda cause: (pattern.causes[cause], cause), default="")
+    failing = f"; most often {worst}" if worst else ""
+    return Fact(
+        id=pattern.id,
+        statement=f"{scope.skill} of {what} by {scope.target}, {way}: {pattern.count} first attempts succeed{failing}.",
+        scope=scope,
+        evidence=pattern.evidence,
+        supported=pattern.count.successes,
+        contradicted=pattern.count.trials - pattern.count.successes,
+        confidence=round(pattern.count.interval[0], 3),
+        state=pattern.state,
+        reason=pattern.reason,
+        note=pattern.note,
+        by=pattern.by or "memory",
+        strategy=pattern.strategy,
+        rate=str(pattern.count),
+        promoted=pattern.trial.rank is Rank.PROMOTED and pattern.state is Standing.ACTIVE,
+    )

@@ -1,0 +1,290 @@
+"""What follows when a session did not finish its node: a child, a preparation, a restoration, or the end of the node.
+
+Upstream: `progress`, with a judgement. Downstream: the records it returns. The choice is made by a `RepairPolicy`; only
+the affected part of the graph is touched: finished work is kept unless the world undid it.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import networkx as nx
+
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.compiler import Revision, SessionCompiler
+from phyagentos.agent.goal_facts import GoalFacts
+from phyagentos.agent.goal_judgement import Evidence
+from phyagentos.agent.repair import clearing, looking
+from phyagentos.agent.repair.alternative import Decision, Kind
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.policies import RepairPolicy
+from phyagentos.agent.repair.retrying import keep_means, revise_requires
+from phyagentos.agent.repair.undone import find_lost_preconditions
+from phyagentos.protocol.evidence import AFTER, Bundle
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.sessions import Ended, Execution, Session, SessionStatus
+from phyagentos.protocol.store.admission import Entry, GoalEvent
+from phyagentos.protocol.tasks import NodeState
+from phyagentos.protocol.verdicts import Attempt, Verdict, VerificationMode
+
+Compile = Callable[[str, Mapping[str, Mapping[str, Any]], Revision | None], Session | str]
+
+_REFUSALS = {  # of preflight: what a repair can answer
+    "TOO_WIDE": Cause.IMPOSSIBLE,
+    "NO_SPACE": Cause.IMPOSSIBLE,
+    "OUT_OF_REACH": Cause.IMPOSSIBLE,
+    "NO_FREE_SITE": Cause.NO_PLAN,
+    "TARGET_UNAVAILABLE": Cause.TARGET_LOST,
+}
+_CANCEL = {
+    SessionState.PENDING: "cancel",
+    SessionState.AWAITING_VERIFICATION: "cancel",
+    SessionState.VERIFYING: "cancel",
+    SessionState.CLAIMED: "request_cancel",
+    SessionState.PREFLIGHT: "request_cancel",
+    SessionState.RUNNING: "request_cancel",
+    SessionState.HALTING: "request_cancel",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recovery:
+    """Decides how a node goes on.
+
+    Attributes:
+        facts: Of the goal.
+        compiler: Of its graph.
+        evidence: Reads bundles.
+        policy: Chooses.
+        compile: The next session of a node, advice included, or why there is none.
+    """
+
+    facts: GoalFacts
+    compiler: SessionCompiler
+    evidence: Evidence
+    policy: RepairPolicy
+    compile: Compile
+
+    def follow(self, status: SessionStatus, bundle: Bundle, attempt: Attempt) -> tuple[Attempt, list[Entry]]:
+        """The judgement as it is to be recorded, and what follows for the node.
+
+        Args:
+            status: The session that has ended.
+            bundle: What its judgement rests on.
+            attempt: The judgement; no success, or that of a session which only prepared.
+        """
+        node = status.contract.node
+        if self.prepares(status):
+            return self._follow_preparation(status, bundle, attempt)
+        wants = attempt.wants if attempt.mode is VerificationMode.RECOVERY else ()
+        if attempt.verdict is Verdict.FAILURE and wants and (entries := self._look_once_more(node, bundle, attempt)):
+            why = f"{attempt.reason} To look again costs no replan."
+            return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries
+        if attempt.verdict is not Verdict.REPLAN:
+            return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+        entries = self._repair(node, bundle, attempt)
+        if _is_end(entries):  # no revision is worth its budget
+            why = str((entries[-1].body or {}).get("reason", ""))
+            attempt = msgspec.structs.replace(attempt, verdict=Verdict.FAILURE, reason=f"{attempt.reason} {why}")
+        return attempt, entries
+
+    def prepares(self, status: SessionStatus) -> bool:
+        """Whether a session cannot finish its node: it clears the way, or looks for something before the first try."""
+        purpose = status.contract.purpose
+        looked_first = purpose == looking.PURPOSE and self.facts.find_subject(status.contract).execution is None
+        return purpose == clearing.PURPOSE or looked_first
+
+    def follow_refusal(self, refused: SessionStatus) -> list[Entry]:
+        """What follows when preflight refused a session that pursued the objective of its node."""
+        node = refused.contract.node
+        blocked = [self.say_of(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
+        missed = self._find_miss(refused)
+        if missed is None or not self.policy.restores:
+            return blocked
+        entries = self._repair(node, *missed)
+        return blocked if _is_end(entries) else entries
+
+    def go_on(self, latest: SessionStatus) -> list[Entry]:
+        """Go on with a node whose latest session is over: what it waited for is restored, or preflight refused it."""
+        node = latest.contract.node
+        subject = self.facts.find_subject(latest.contract)
+        missed = self._find_miss(subject)
+        if missed is None:
+            return [self.say_of(node, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+        bundle, decided = missed
+        if latest.execution is not None and latest.contract.id != subject.contract.id:
+            bundle = join_evidence(bundle, self.evidence.read(latest))
+            if is_look(latest.contract) and latest.decision is not None:
+                decided = latest.decision
+        return self._repair(node, bundle, decided, restores=latest.state != SessionState.REPLANNED)
+
+    def reopen(self, undone: Mapping[str, str]) -> list[Entry]:
+        """Finished nodes that must be done again, each at the price of one replan."""
+        entries: list[Entry] = []
+        for name, reason in undone.items():
+            entries.append(self.say_of(name, GoalEvent.INVALIDATED, reason))
+            entries.append(self.say_of(name, GoalEvent.BUDGET_SPENT, reason))
+        return entries
+
+    def submit_child(self, child: Session, reasons: Iterable[str]) -> list[Entry]:
+        """The record of the relation, with the reasons of the choice, and the contract."""
+        relation = {"child": child.id, "parent": child.parent, "reason": join((*reasons, *child.advice))}
+        return [
+            Entry(f"node:{self.facts.goal}/{child.node}", GoalEvent.CHILD_OF, relation),
+            Entry(child.id, "submit", dict(msgspec.to_builtins(child))),
+        ]
+
+    def say_of(self, node: str, event: GoalEvent, reason: str) -> Entry:
+        """A record about a node."""
+        return Entry(f"node:{self.facts.goal}/{node}", event, {"reason": reason})
+
+    # -- one miss ------------------------------------------------------------------------------------------------------
+
+    def _repair(self, node: str, bundle: Bundle, attempt: Attempt, *, restores: bool = True) -> list[Entry]:
+        """What the policy chooses; the last record blocks the node when it gives up."""
+        decision = self.policy.choose(self._make_case(node, bundle, attempt))
+        revision = decision.chosen.revision
+        if decision.chosen.kind is Kind.RESTART:
+            return self._restart(node, attempt, decision)
+        if revision is None:
+            return [self.say_of(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
+        child = self.compile(node, {}, revision)
+        if isinstance(child, str):
+            return [self.say_of(node, GoalEvent.NODE_BLOCKED, child)]
+        return self._submit(child, bundle, attempt, decision.reasons, restores=restores)
+
+    def _look_once_more(self, node: str, bundle: Bundle, attempt: Attempt) -> list[Entry]:
+        """A look for the sake of a session that cannot be replanned any more; nothing when the policy has none."""
+        decision = self.policy.choose(self._make_case(node, bundle, attempt))
+        if decision.chosen.kind is not Kind.LOOK or decision.chosen.revision is None:
+            return []
+        child = self.compile(node, {}, decision.chosen.revision)
+        return [] if isinstance(child, str) else self.submit_child(child, decision.reasons)
+
+    def _submit(
+        self, child: Session, bundle: Bundle, attempt: Attempt, reasons: Iterable[str], *, restores: bool
+    ) -> list[Entry]:
+        """The child, or first the restoration of what it needs and an earlier node had achieved."""
+        if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
+            return self.submit_child(child, reasons)
+        spent = self.say_of(child.node, GoalEvent.BUDGET_SPENT, f"{attempt.cause}: {bundle.session.id}")
+        restorers = self._find_restorers(child, bundle) if restores and self.policy.restores else {}
+        if restorers:
+            return [spent, *self.reopen(restorers)]
+        return [spent, *self.submit_child(child, reasons)]
+
+    def _follow_preparation(
+        self, status: SessionStatus, bundle: Bundle, attempt: Attempt
+    ) -> tuple[Attempt, list[Entry]]:
+        """It is prepared: the same objective again. It is not: another way."""
+        node, subject = status.contract.node, self.facts.find_subject(status.contract)
+        missed = self._find_miss(subject)
+        if missed is None:
+            return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+        joint, decided = join_evidence(missed[0], bundle), missed[1]
+        if attempt.verdict is Verdict.SUCCESS:
+            revision = Revision(
+                parent=status.contract.id,
+                strategy=subject.contract.strategy,
+                requires=revise_requires(joint)[0],
+                choice=keep_means(self.facts.graph.choices[node], subject.contract),
+                reasons=(f"{decided.cause}: {decided.reason}", f"{status.contract.id} has prepared it"),
+            )
+            child = self.compile(node, {}, revision)
+            if isinstance(child, str):
+                return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, child)]
+            return attempt, self._submit(child, joint, decided, revision.reasons, restores=True)
+        entries = self._repair(node, joint, decided)
+        verdict = Verdict.FAILURE if _is_end(entries) else Verdict.REPLAN
+        return msgspec.structs.replace(attempt, verdict=verdict), entries
+
+    def _find_miss(self, subject: SessionStatus) -> tuple[Bundle, Attempt] | None:
+        """Evidence and judgement of a session that missed; what preflight refused never ran, its reason is told."""
+        if subject.execution is not None:
+            return (self.evidence.read(subject), subject.decision) if subject.decision is not None else None
+        cause = next((cause for code, cause in _REFUSALS.items() if code in subject.reason), None)
+        world = self.evidence.find_latest()
+        if world is None:
+            return None
+        if "PRECONDITION_UNMET" in subject.reason and "visible(" in subject.reason:
+            thing = world.entities.get(str(subject.contract.parameters.get("object")))
+            cause = Cause.OBJECT_HIDDEN if thing is not None and not thing.visible else None
+        if cause is None:
+            return None
+        bundle = Bundle(
+            folder=self.evidence.root / "evidence" / subject.contract.id,
+            session=subject.contract,
+            execution=Execution(ended=Ended.CANCELLED, evidence=""),
+            before=world,
+            after=world,
+            holds=(),
+            trace=(),
+            events=(),
+        )
+        return bundle, Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value, reason=subject.reason)
+
+    def _restart(self, node: str, attempt: Attempt, decision: Decision) -> list[Entry]:
+        """Every node that was begun is open again; what is still under way is called off."""
+        why = f"{decision.chosen.effect}: {attempt.cause} of {node}"
+        nodes = self.facts.ledger.goals[self.facts.goal].nodes
+        entries = [self.say_of(node, GoalEvent.BUDGET_SPENT, why)]
+        for name, each in nodes.items():
+            if each.state in {NodeState.ACTIVE, NodeState.DONE}:
+                entries.append(self.say_of(name, GoalEvent.INVALIDATED, why))
+                entries += [
+                    Entry(status.contract.id, trigger, {"reason": why})
+                    for status in self.facts.get_sessions(name)
+                    if name != node and (trigger := _CANCEL.get(SessionState(status.state)))
+                ]
+        return entries
+
+    def _make_case(self, node: str, bundle: Bundle, attempt: Attempt) -> Case:
+        facts = self.facts
+        return Case(
+            bundle=bundle,
+            attempt=attempt,
+            choice=facts.graph.choices[node],
+            catalogue=self.compiler.catalogue,
+            lineage=facts.get_sessions(node),
+            replans_left=facts.graph.max_replans(node) - facts.count_replans(node),
+            left=facts.compute_left(node),
+            protected=facts.find_protected(),
+            time_of=facts.compute_times(),
+        )
+
+    def _find_restorers(self, child: Session, bundle: Bundle) -> dict[str, str]:
+        """Finished nodes before this one that had achieved what the child needs and lacks now -> the lack."""
+        if bundle.after is None:
+            return {}
+        lost = {predicate.text for predicate in find_lost_preconditions(child, bundle.after)}
+        before = nx.ancestors(self.facts.graph.dag, child.node)
+        return {
+            name: f"{child.node} needs {', '.join(sorted(lost & set(session.accept)))} again"
+            for name, session in self.facts.find_finished().items()
+            if name in before and lost & set(session.accept) and self.facts.has_replans(name)
+        }
+
+
+def join_evidence(subject: Bundle, look: Bundle) -> Bundle:
+    """The evidence of a session, its end as a later look saw it."""
+    if look.after is None:
+        return subject
+    references = {each.file: each for each in subject.references} | {
+        each.file: each for each in look.references if each.file == AFTER
+    }
+    return msgspec.structs.replace(subject, after=look.after, references=tuple(references.values()))
+
+
+def is_look(session: Session) -> bool:
+    """Whether a session only looks, so that another one is judged on what it saw."""
+    return session.purpose == looking.PURPOSE
+
+
+def join(sentences: Iterable[str]) -> str:
+    """One text of several sentences."""
+    return "; ".join(sentence.rstrip(".") for sentence in sentences)
+
+
+def _is_end(entries: list[Entry]) -> bool:
+    return bool(entries) and entries[-1].ev == GoalEvent.NODE_BLOCKED

@@ -1,0 +1,1 @@
+"""Graph repair: what follows when a session did not meet its objective. Paper section 4.2."""

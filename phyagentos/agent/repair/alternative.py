@@ -1,0 +1,119 @@
+"""One way to go on, told by its effect, and the choice among several.
+
+Upstream: `retrying`, `other_skill`, `clearing`, `other_target`, `looking`. Downstream: the policy. Ways are tried in
+falling order of chance per cost, which is the order of least expected cost when each may fail on its own (Simon and
+Kadane 1975, doi:10.1016/0004-3702(75)90002-3).
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from phyagentos.agent.compiler import Revision
+from phyagentos.agent.repair.case import Case
+
+SESSION_S = 12.0  # declared simulated time of a session of manipulation, until one of the goal has told better [s]
+CHANCE_MIN = 0.05  # what is less likely to help is not worth a session
+
+
+class Kind(StrEnum):
+    """What is done next."""
+
+    RETRY = "retry"
+    """The same skill again, its parameters changed."""
+    OTHER_GRASP = "another grasp"
+    """The same skill by another grasp or at another site."""
+    OTHER_SKILL = "another skill"
+    """A skill that promises the same."""
+    CLEAR = "clear the obstruction"
+    """Move away what is in the way, then the same again."""
+    OTHER_TARGET = "another target"
+    """The same skill by another arm."""
+    LOOK = "look again"
+    """More evidence before anything else is decided."""
+    RESTART = "restart"
+    """Everything from the beginning."""
+    GIVE_UP = "give up"
+    """The node cannot be done."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alternative:
+    """One way to go on.
+
+    Attributes:
+        kind: What is done.
+        effect: What it changes, in words.
+        chance: That the node's objective is met by it, 0..1.
+        sessions: That it takes.
+        sim_time_s: That it takes [s].
+        because: Why it is possible, or why it is not likely.
+        revision: Of the child; None where there is none.
+    """
+
+    kind: Kind
+    effect: str
+    chance: float
+    sessions: int = 1
+    sim_time_s: float = SESSION_S
+    because: str = ""
+    revision: Revision | None = None
+
+    @property
+    def risk(self) -> float:
+        """That it does not help, 0..1."""
+        return 1.0 - self.chance
+
+    @property
+    def worth(self) -> float:
+        """Chance per second."""
+        return self.chance / max(self.sim_time_s, 1e-9)
+
+    def __str__(self) -> str:
+        """`retry (chance 0.75, 1 session, 12 s): at 0.5 of the speed`."""
+        sessions = f"{self.sessions} session{'s' if self.sessions != 1 else ''}"
+        return f"{self.kind} (chance {self.chance:.2f}, {sessions}, {self.sim_time_s:.0f} s): {self.effect}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What was chosen.
+
+    Attributes:
+        chosen: The way.
+        passed: Others, in the order of their worth, each with the reason why not.
+    """
+
+    chosen: Alternative
+    passed: tuple[tuple[Alternative, str], ...] = ()
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """One sentence for each thing that a person should know."""
+        own = self.chosen.revision.reasons if self.chosen.revision else ()
+        because = (f"{self.chosen}; {self.chosen.because}" if self.chosen.because else str(self.chosen),)
+        over = tuple(f"rather than {other.kind} (chance {other.chance:.2f}): {why}" for other, why in self.passed)
+        return (*own, *because, *over)
+
+
+def choose_by_worth(case: Case, alternatives: list[Alternative]) -> Decision:
+    """The way of least expected cost among those that can be paid for; giving up when there is none."""
+    ranked = sorted(alternatives, key=lambda each: (-each.worth, each.kind))
+    passed: list[tuple[Alternative, str]] = []
+    chosen: Alternative | None = None
+    for each in ranked:
+        excess = case.left.find_excess(each.sessions, each.sim_time_s)
+        if each.chance < CHANCE_MIN:
+            passed.append((each, each.because or "it is not likely to help"))
+        elif excess:
+            passed.append((each, excess))
+        elif chosen is None:
+            chosen = each
+        else:
+            passed.append((each, f"{each.worth / chosen.worth:.2f} of the chance per second"))
+    if chosen is None:
+        why = "; ".join(f"{other.kind}: {reason}" for other, reason in passed) or "no other way is known"
+        chosen = Alternative(
+            kind=Kind.GIVE_UP, effect="the node is blocked", chance=0.0, sessions=0, sim_time_s=0.0, because=why
+        )
+        passed = []
+    return Decision(chosen=chosen, passed=tuple(passed))

@@ -1,0 +1,143 @@
+"""Clear the obstruction first: a child that moves what is in the way to a free spot; then the same objective again.
+
+Upstream: the planner's reasons in the trace, which name the pairs that would have touched. Downstream: `policies`. What
+a finished node has put where it belongs is left alone.
+"""
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator
+
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.compiler import Revision
+from phyagentos.agent.course import find_failed_leaf
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.free_spot import find_free_spot, find_support
+from phyagentos.agent.selector import Choice, find_lacks
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.evidence import Bundle
+from phyagentos.protocol.predicates.geometry import Vector, to_child
+from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.syntax import Call, Number, Variable
+from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.protocol.verdicts import Attempt
+
+PURPOSE = "clear"
+CLEARED_MAX = 3  # things that are moved for one session
+_CHANCE = 0.7  # that moving it away works, and that it was the reason
+_CHANCE_NARROW = 0.5  # by a skill that must be exact: a push needs a straight way
+_EASY_M = 0.1  # a skill that may miss by so much finds a place
+_CHANCE_TRIED = 0.3  # it was moved before, and something is still in the way
+
+
+def propose_clearing(case: Case) -> Iterator[Alternative]:
+    """One way for each skill that can move the first thing in the way."""
+    world = case.world
+    cleared = case.find_prepared(PURPOSE)
+    if case.cause is not Cause.NO_PLAN or world is None or len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
+        return
+    blockers = [name for name in find_blockers(case.bundle, case.attempt) if name not in case.protected]
+    for name in blockers:
+        tried = {session.skill for session in cleared if session.parameters.get("object") == name}
+        here = world.entities[name].pose.position_m
+        spot = find_free_spot(world, name, (here, *_find_needed(case, world)), _find_base(case))
+        if spot is None:
+            continue
+        found = list(_iter_ways(case, world, name, spot, tried))
+        if found:
+            yield from found
+            return
+
+
+def find_blockers(bundle: Bundle, attempt: Attempt) -> list[str]:
+    """Movable things that the planner met in the way, or that fill the destination; the commonest first."""
+    world, event = bundle.after, find_failed_leaf(bundle)
+    if world is None:
+        return []
+    own = bundle.session.parameters.get("object")
+    counted: Counter[str] = Counter()
+    for pair, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
+        counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
+    if "NO_FREE_SITE" in attempt.reason:
+        counted.update(_find_inside(world, str(bundle.session.parameters.get("destination", ""))))
+    movable = {name for name, entity in world.entities.items() if entity.movable and entity.visible and name != own}
+    return [name for name, _ in sorted(counted.items(), key=lambda each: (-each[1], each[0])) if name in movable]
+
+
+def _iter_ways(case: Case, world: Environment, name: str, spot: Vector, tried: set[str]) -> Iterator[Alternative]:
+    target = case.catalogue.targets.get(case.session.target)
+    for skill, keys, tolerance_m in iter_movers(case):
+        if target is None or next(find_lacks(skill, target), None):
+            continue
+        parameters = {keys[0]: name, keys[1]: [round(value, 4) for value in spot]}
+        support = find_support(world, name)
+        parameters |= {"support": support.name} if "support" in skill.parameters and support else {}
+        needed = (k for k, p in skill.parameters.items() if not p.optional and p.default is None)
+        if any(key not in parameters for key in needed):
+            continue
+        chance = _CHANCE if tolerance_m >= _EASY_M else _CHANCE_NARROW
+        because = f"the planner met {name} in the way"
+        yield Alternative(
+            kind=Kind.CLEAR,
+            effect=f"{skill.skill} moves {name} to ({spot[0]:.2f}, {spot[1]:.2f}), then {case.session.skill} again",
+            chance=_CHANCE_TRIED * chance if skill.skill in tried else chance,
+            sessions=2,
+            sim_time_s=sum(case.time_of.get(each, SESSION_S) for each in (skill.skill, case.session.skill)),
+            because=because,
+            revision=Revision(
+                parent=case.latest.id,
+                strategy={},
+                reasons=(f"{case.cause}: {case.attempt.reason}", because),
+                choice=Choice(skill=skill.skill, target=case.session.target, parameters=parameters),
+                purpose=PURPOSE,
+                lead=1,
+            ),
+        )
+
+
+def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], float]]:
+    """Skills that promise `at(<a thing>, <a point>, tolerance)`: the skill, its two parameters, the tolerance [m]."""
+    for _, skill in sorted(case.catalogue.skills.items()):
+        for text in skill.guarantees:
+            match parse_predicate(text, template=True).formula:
+                case Call("at", (Variable(thing), Variable(point), Number(tolerance_m))):
+                    if thing in skill.parameters and point in skill.parameters:
+                        yield skill, (thing, point), tolerance_m
+
+
+def _find_inside(world: Environment, destination: str) -> dict[str, int]:
+    """Movable things in a region or vessel."""
+    region, vessel = world.regions.get(destination), world.entities.get(destination)
+    if region is not None:
+        pose, center, half = region.pose, (0.0, 0.0, 0.0), region.half_m
+    elif vessel is not None and vessel.interior is not None:
+        pose, center, half = vessel.pose, vessel.interior.center_m, vessel.interior.half_m
+    else:
+        return {}
+    return {
+        name: 1
+        for name, entity in world.entities.items()
+        if entity.movable
+        and all(
+            abs(p - c) <= h + 0.02  # a thing on the rim fills it too
+            for p, c, h in zip(to_child(pose, entity.pose.position_m), center, half, strict=True)
+        )
+    }
+
+
+def _find_needed(case: Case, world: Environment) -> tuple[Vector, ...]:
+    """Places that must become free: of the things and points that the session is about, and straight between them."""
+    places: list[Vector] = []
+    for value in case.session.parameters.values():
+        if isinstance(value, str) and (thing := world.entities.get(value) or world.regions.get(value)) is not None:
+            places.append(thing.pose.position_m)
+        elif isinstance(value, list | tuple) and len(value) == 3:
+            places.append((float(value[0]), float(value[1]), float(value[2])))
+    between = [(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])) for a, b in itertools.pairwise(places)]
+    return (*places, *between)
+
+
+def _find_base(case: Case) -> tuple[float, ...]:
+    target = case.catalogue.targets.get(case.session.target)
+    return target.mount_position_m if target is not None else (0.0, 0.0, 0.0)

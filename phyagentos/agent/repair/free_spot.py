@@ -1,0 +1,115 @@
+"""A free spot for a thing that is in the way: on what it stands on, within reach, away from everything else.
+
+Upstream: the believed world. Downstream: `clearing`. Plain geometry on snapshots; whether the arm can really put it
+there is for the planner of the session to find out.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+
+from phyagentos.protocol.environment import Entity, Environment, Shape, ShapeKind
+from phyagentos.protocol.predicates.geometry import Vector, to_child, to_parent
+
+STEP_M = 0.04  # between spots that are looked at
+ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand and half a cube
+AWAY_M = 0.16  # from the thing that it is in the way of: a hand's breadth and a half
+EDGE_M = 0.06  # from the edge of the support
+REACH_M = (0.34, 0.66)  # from the base of the arm, where both postures for grasping exist
+TOUCH_M = 0.02  # a top this far from the bottom of a thing carries it
+
+
+def find_support(world: Environment, name: str) -> Entity | None:
+    """What a thing stands on: the fixed entity of the largest top right under its middle."""
+    x, y, _ = world.entities[name].pose.position_m
+    bottom_m = _compute_bottom(world.entities[name])
+    under = [
+        (area, entity)
+        for entity in world.entities.values()
+        if not entity.movable
+        for area, top_m in _iter_tops(entity, x, y)
+        if abs(top_m - bottom_m) <= TOUCH_M
+    ]
+    return max(under, key=lambda each: each[0])[1] if under else None
+
+
+def find_free_spot(
+    world: Environment, name: str, away_from: tuple[Vector, ...], base_m: tuple[float, ...]
+) -> Vector | None:
+    """The free spot that is nearest to where a thing stands now, None when there is none.
+
+    Args:
+        world: As it was seen last.
+        name: The thing.
+        away_from: Places that must become free, world frame [m].
+        base_m: (3,) where the arm stands.
+    """
+    thing, support = world.entities[name], find_support(world, name)
+    if support is None:
+        return None
+    x0, y0, z = thing.pose.position_m
+    others = [e for e in world.entities.values() if e.name not in {name, support.name} and e.shapes]
+    spots = sorted(((x, y, z) for x, y in _iter_grid(support)), key=lambda spot: (math.dist(spot[:2], (x0, y0)), spot))
+    for spot in spots:
+        if not REACH_M[0] <= math.dist(spot[:2], base_m[:2]) <= REACH_M[1]:
+            continue
+        if any(math.dist(spot[:2], place[:2]) < AWAY_M for place in away_from):
+            continue
+        if any(_is_in_region(region.half_m, to_child(region.pose, spot)) for region in world.regions.values()):
+            continue
+        if all(compute_distance(other, spot) >= ROOM_M for other in others):
+            return spot
+    return None
+
+
+def compute_distance(entity: Entity, point: Vector) -> float:
+    """From a point of the world to the nearest solid of an entity; 0 inside [m]."""
+    local = to_child(entity.pose, point)
+    return min((_distance_to(shape, to_child(shape.pose, local)) for shape in entity.shapes), default=math.inf)
+
+
+def _distance_to(shape: Shape, point: Vector) -> float:
+    return math.hypot(*(max(abs(p) - h, 0.0) for p, h in zip(point, _half(shape), strict=True)))
+
+
+def _half(shape: Shape) -> Vector:
+    """Half extents of the box around a solid."""
+    size = shape.size_m
+    if shape.kind is ShapeKind.BOX:
+        return (size[0], size[1], size[2])
+    if shape.kind is ShapeKind.SPHERE:
+        return (size[0], size[0], size[0])
+    along = size[1] + (size[0] if shape.kind is ShapeKind.CAPSULE else 0.0)
+    return (size[0], size[0], along)
+
+
+def _compute_bottom(entity: Entity) -> float:
+    corners = (
+        to_parent(entity.pose, to_parent(shape.pose, tuple(s * h for s, h in zip(signs, _half(shape), strict=True))))
+        for shape in entity.shapes
+        for signs in itertools.product((-1.0, 1.0), repeat=3)
+    )
+    return min((corner[2] for corner in corners), default=entity.pose.position_m[2])
+
+
+def _iter_tops(entity: Entity, x: float, y: float) -> Iterator[tuple[float, float]]:
+    """Area and height of every level box under a point; a fixed thing is taken to stand upright."""
+    for shape in entity.shapes:
+        cx, cy, cz = to_parent(entity.pose, shape.pose.position_m)
+        hx, hy, hz = _half(shape)
+        if abs(x - cx) <= hx and abs(y - cy) <= hy:
+            yield hx * hy, cz + hz
+
+
+def _iter_grid(support: Entity) -> Iterator[tuple[float, float]]:
+    shape = max(support.shapes, key=lambda each: _half(each)[0] * _half(each)[1])
+    cx, cy, _ = to_parent(support.pose, shape.pose.position_m)
+    hx, hy, _ = _half(shape)
+    for i, j in itertools.product(range(int(2 * hx / STEP_M)), range(int(2 * hy / STEP_M))):
+        x, y = cx - hx + EDGE_M + i * STEP_M, cy - hy + EDGE_M + j * STEP_M
+        if x <= cx + hx - EDGE_M and y <= cy + hy - EDGE_M:
+            yield round(x, 4), round(y, 4)
+
+
+def _is_in_region(half_m: tuple[float, ...], point: Vector) -> bool:
+    return all(abs(p) <= h + ROOM_M for p, h in zip(point, half_m, strict=True))

@@ -1,0 +1,51 @@
+"""Look again: a child that moves the arm out of the way and observes, before anything else is decided.
+
+Upstream: a judgement that could not tell. Downstream: `policies`; `progress` judges the parent's criteria anew on what
+the child saw. It goes before everything else that waits for the target.
+"""
+
+from collections.abc import Iterator
+
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.compiler import Revision
+from phyagentos.agent.diagnosis import find_object
+from phyagentos.agent.goal_spec import Promise
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.selector import select
+from phyagentos.errors import DefinitionError
+
+PURPOSE = "inspect"
+LOOKS_MAX = 2  # for one session
+LEAD = 1000  # before whatever else waits for the target
+_CHANCE = 0.8  # the arm is out of the way, and most of what is unknown was hidden behind it
+_UNTOLD = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN})
+
+
+def propose_looking(case: Case) -> Iterator[Alternative]:
+    """One way, when what is unknown can be looked at."""
+    looks = len(case.find_prepared(PURPOSE))
+    wanted = case.attempt.wants or ((name,) if (name := find_object(case.bundle, case.attempt.criteria)) else ())
+    if case.cause not in _UNTOLD or looks >= LOOKS_MAX or not wanted:
+        return
+    name = wanted[looks % len(wanted)]
+    try:
+        choice = select(Promise(guarantees=f"visible({name})"), case.session.target, {}, case.catalogue)
+    except DefinitionError:
+        return  # no skill looks
+    yield Alternative(
+        kind=Kind.LOOK,
+        effect=f"{choice.skill} looks for {name}, then the same criteria are judged again",
+        chance=_CHANCE * 0.5**looks,
+        sim_time_s=case.time_of.get(choice.skill, SESSION_S / 3),
+        because=f"it cannot be told whether the objective was met, look {looks + 1} of {LOOKS_MAX}",
+        revision=Revision(
+            parent=case.latest.id,
+            strategy={},
+            requires=(),  # it is there to find out
+            reasons=(f"{case.cause}: {case.attempt.reason}",),
+            choice=choice,
+            purpose=PURPOSE,
+            lead=LEAD,
+        ),
+    )

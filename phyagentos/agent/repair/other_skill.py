@@ -1,0 +1,120 @@
+"""Another skill with the same guarantee: what was promised is kept by other means (a push for a pick and place).
+
+Upstream: the promises in SKILLRUNTIME.md. Downstream: `policies`. A promise covers another when they are equal after
+unification, or when the place that is reached lies inside the region that was asked for, tolerance included.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.compiler import Revision
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.retrying import revise_requires
+from phyagentos.agent.selector import Choice, find_lacks, unify
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Number, Variable, iter_calls
+from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.protocol.verdicts import Truth
+
+_CHANCE = 0.6
+_FITTING = frozenset(
+    {Cause.IMPOSSIBLE, Cause.NO_PLAN, Cause.GRASP_MISSED, Cause.GRASP_LOST, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}
+)
+
+
+def propose_other_skill(case: Case) -> Iterator[Alternative]:
+    """One way for each skill that promises the same and has not been tried."""
+    world, target = case.world, case.catalogue.targets.get(case.session.target)
+    if case.cause not in _FITTING or world is None or target is None or case.replans_left <= 0:
+        return
+    tried = {status.contract.skill for status in case.lineage} | {case.session.skill, case.choice.skill}
+    promised = _find_promises(case)
+    for name, skill in sorted(case.catalogue.skills.items()):
+        if name in tried or not promised or next(find_lacks(skill, target), None):
+            continue
+        parameters = _cover(promised, skill, world)
+        if parameters is None or _find_false(skill, parameters, world, case.session.target):
+            continue
+        because = f"{name} promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
+        requires = tuple(
+            parse_predicate(substitute(text, {**parameters, "target": case.session.target})).text
+            for text in skill.requires
+        )
+        yield Alternative(
+            kind=Kind.OTHER_SKILL,
+            effect=f"{name} instead of {case.session.skill}",
+            chance=_CHANCE,
+            sim_time_s=case.time_of.get(name, SESSION_S),
+            because=because,
+            revision=Revision(
+                parent=case.latest.id,
+                strategy={},
+                requires=tuple(dict.fromkeys((*requires, *_keep(case)))),
+                reasons=(f"{case.cause}: {case.attempt.reason}", because),
+                choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),
+            ),
+        )
+
+
+def _find_promises(case: Case) -> tuple[str, ...]:
+    """What the node's own skill guarantees, with its arguments."""
+    values = {**case.session.parameters, "target": case.session.target}
+    if case.session.skill != case.choice.skill:  # an earlier repair took another skill: its arguments are others
+        values = {**case.choice.parameters, "target": case.session.target}
+    texts = [substitute(text, values) for text in case.catalogue.skills[case.choice.skill].guarantees]
+    return tuple(text for text in texts if "${" not in text)
+
+
+def _keep(case: Case) -> tuple[str, ...]:
+    """Preconditions of the node that are still worth asking for."""
+    own = case.catalogue.skills[case.session.skill].requires
+    of_skill = {substitute(text, {**case.session.parameters, "target": case.session.target}) for text in own}
+    return tuple(text for text in revise_requires(case.bundle)[0] if text not in of_skill)
+
+
+def _cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
+    """Arguments with which a skill keeps every promise, None when it cannot."""
+    parameters: dict[str, Any] = {}
+    for wanted in promised:
+        formula = parse_predicate(wanted).formula
+        for text in skill.guarantees:
+            bound = _bind(formula, parse_predicate(text, template=True).formula, world)
+            if bound is not None and all(parameters.get(key, value) == value for key, value in bound.items()):
+                parameters.update(bound)
+                break
+        else:
+            return None
+    parameters.pop("target", None)
+    needed = {key for key, p in skill.parameters.items() if not p.optional and p.default is None}
+    return parameters if needed <= parameters.keys() <= skill.parameters.keys() else None
+
+
+def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, Any] | None:
+    match wanted, offered:
+        case Call("inside", (Name(thing), Name(place))), Call("at", (Variable(key), Variable(point), Number(tol_m))):
+            center = _find_middle(world, place, tol_m)
+            return None if center is None or thing not in world.entities else {key: thing, point: center}
+    return unify(wanted, offered)
+
+
+def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[float] | None:
+    """The middle of a region without walls, when whatever ends that near to it is inside."""
+    region = world.regions.get(place)
+    if region is None or min(region.half_m[:2]) < tolerance_m:
+        return None
+    return [round(value, 4) for value in region.pose.position_m]
+
+
+def _find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, target: str) -> str:
+    """A precondition of the skill that is false now, empty when there is none."""
+    view = View(now=world, initial=world, target=target)
+    for text in skill.requires:
+        predicate = parse_predicate(substitute(text, {**parameters, "target": target}))
+        holds = any(call.name == "holding" for call in iter_calls(predicate.formula))
+        truth = predicate.evaluate(view).truth
+        if truth is Truth.FALSE or (holds and truth is not Truth.TRUE):
+            return predicate.text
+    return ""

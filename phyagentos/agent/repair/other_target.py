@@ -1,0 +1,44 @@
+"""Another target: an arm that can do the same, when the one that was to do it is lost or broken.
+
+Upstream: TARGETS.md. Downstream: `policies`.
+"""
+
+from collections.abc import Iterator
+
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.compiler import Revision
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.retrying import revise_requires
+from phyagentos.agent.selector import Choice, find_lacks
+
+_CHANCE = 0.5
+_BROKEN = frozenset({Cause.TARGET_LOST, Cause.RUNNER_LOST, Cause.STALLED, Cause.SAFETY_STOP})
+
+
+def propose_other_target(case: Case) -> Iterator[Alternative]:
+    """One way for each target that offers what the skill needs and stands in the same world."""
+    if case.cause not in _BROKEN or case.replans_left <= 0:
+        return
+    skill = case.catalogue.skills[case.session.skill]
+    tried = {status.contract.target for status in case.lineage} | {case.session.target}
+    there = case.world.targets if case.world is not None else {}
+    for name, profile in sorted(case.catalogue.targets.items()):
+        if name in tried or name not in there or next(find_lacks(skill, profile), None):
+            continue
+        because = f"{name} offers what {skill.skill} needs, and {case.session.target} ended with {case.cause}"
+        parameters = case.session.parameters
+        yield Alternative(
+            kind=Kind.OTHER_TARGET,
+            effect=f"{skill.skill} on {name} instead of {case.session.target}",
+            chance=_CHANCE,
+            sim_time_s=case.time_of.get(skill.skill, SESSION_S),
+            because=because,
+            revision=Revision(
+                parent=case.latest.id,
+                strategy=dict(case.session.strategy),
+                requires=revise_requires(case.bundle)[0],
+                reasons=(f"{case.cause}: {case.attempt.reason}", because),
+                choice=Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(because,)),
+            ),
+        )

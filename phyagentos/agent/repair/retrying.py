@@ -1,0 +1,157 @@
+"""The same skill once more, differently: slower, by another grasp, at another site.
+
+Upstream: the cause, and the trace that tells what was tried. Downstream: `policies`. The parent is never touched; the
+child begins with the world as it is.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.compiler import Revision
+from phyagentos.agent.diagnosis import find_object
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.undone import find_lost_preconditions
+from phyagentos.agent.selector import Choice
+from phyagentos.protocol.evidence import Bundle
+from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.verdicts import Attempt
+
+SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
+SLOWEST = 0.25
+AGAIN = 0.5  # each time that the same has failed with the same cause, it is half as likely to help
+
+_AVOID_GRASP = frozenset({Cause.GRASP_MISSED, Cause.GRASP_LOST})
+_AVOID_SITE = frozenset({Cause.PLACED_WRONG, Cause.STILL_HELD})
+_GO_SLOWER = frozenset({Cause.GRASP_LOST, Cause.PLACED_WRONG, Cause.CONSTRAINT_VIOLATED, Cause.SAFETY_STOP})
+_CHANCES = {
+    Cause.OBJECT_MOVED: 0.9,
+    Cause.RUNNER_LOST: 0.9,
+    Cause.STALLED: 0.85,
+    Cause.GRASP_MISSED: 0.8,
+    Cause.GRASP_LOST: 0.75,
+    Cause.PLACED_WRONG: 0.75,
+    Cause.STILL_HELD: 0.7,
+    Cause.TARGET_LOST: 0.7,
+    Cause.SAFETY_STOP: 0.6,
+    Cause.CONSTRAINT_VIOLATED: 0.6,
+    Cause.TIMED_OUT: 0.4,
+    Cause.OBJECT_HIDDEN: 0.3,
+    Cause.NO_PLAN: 0.15,  # the world is the same and so is the planner, but for its seed
+    Cause.IMPOSSIBLE: 0.0,
+}
+_CHANCE = 0.5  # declared for any other cause
+_CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts had ruled out
+
+
+def propose_retry(case: Case) -> Iterator[Alternative]:
+    """One way: the same skill, as its cause asks for."""
+    revision = revise(case.bundle, case.attempt)
+    chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN ** case.count_same()
+    if case.cause is Cause.NO_PLAN and any(case.session.strategy.get(key) for key in ("avoid_grasps", "avoid_sites")):
+        chance = _CHANCE_OF_RETURN
+    before = case.session.strategy
+    grew = [key for key in ("avoid_grasps", "avoid_sites") if revision.strategy.get(key) != before.get(key)]
+    same = case.count_same()
+    yield Alternative(
+        kind=Kind.OTHER_GRASP if grew and case.cause is not Cause.NO_PLAN else Kind.RETRY,
+        effect=f"{case.session.skill} again"
+        if not revision.strategy
+        else f"{case.session.skill} with {_say(revision)}",
+        chance=chance if case.replans_left > 0 else 0.0,
+        sim_time_s=case.time_of.get(case.session.skill, SESSION_S),
+        because=_explain(case, same),
+        revision=_continue(case, revision),
+    )
+
+
+def revise(bundle: Bundle, attempt: Attempt) -> Revision:
+    """The revision that answers a cause with the same skill.
+
+    Args:
+        bundle: Evidence of the session that is continued.
+        attempt: Its judgement.
+    """
+    parent, cause = bundle.session, Cause(attempt.cause)
+    strategy: dict[str, Any] = dict(parent.strategy)
+    reasons = [f"{cause.value}: {attempt.reason}"]
+    if cause in _AVOID_GRASP and (grasp := find_label(bundle, "plan_grasp")):
+        strategy["avoid_grasps"] = _extend(strategy.get("avoid_grasps", ()), grasp)
+        reasons.append(f"another grasp than {grasp}")
+    if cause in _AVOID_SITE and (label := find_label(bundle, "plan_place")):
+        site = label.partition(".")[0]  # the place is at fault, whichever way the hand was turned
+        strategy["avoid_sites"] = _extend(strategy.get("avoid_sites", ()), site)
+        reasons.append(f"another site than {site}")
+    if cause in _GO_SLOWER:
+        strategy["speed"] = max(SLOWEST, float(strategy.get("speed", 1.0)) * SLOWER)
+        reasons.append(f"at {strategy['speed']:g} of the speed")
+    if cause is Cause.NO_PLAN:
+        given_up = [key for key in ("avoid_grasps", "avoid_sites") if strategy.pop(key, None)]
+        reasons += [f"{key} given up: nothing else was found" for key in given_up]
+    requires, changes = revise_requires(bundle)
+    return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
+
+
+def find_label(bundle: Bundle, planner: str) -> str | None:
+    """Label of the approach that was last carried out, of those that a planning leaf had found.
+
+    Args:
+        bundle: Where the trace is.
+        planner: Type of the planning leaf (`plan_grasp`, `plan_place`).
+    """
+    found: set[str] = set()
+    chosen = None
+    for event in bundle.trace:
+        if event.leaf == planner and event.status == "SUCCESS":
+            found = set(event.numbers.get("labels", ()))
+        elif event.numbers.get("label") in found:
+            chosen = str(event.numbers["label"])
+    return chosen
+
+
+def revise_requires(bundle: Bundle) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Preconditions of the child: where things stood before no longer matters, that the object is seen does."""
+    session = bundle.session
+    lost = find_lost_preconditions(session, bundle.after) if bundle.after else ()
+    dropped = tuple(predicate.text for predicate in lost if predicate.is_lasting)
+    reasons = [f"{text} is no longer required: it was true before the parent and is not now" for text in dropped]
+    requires = [text for text in session.requires if text not in dropped]
+    name = find_object(bundle)
+    if name and f"visible({name})" not in requires:
+        requires.append(f"visible({name})")
+        reasons.append(f"visible({name}) is required: the child locates it anew")
+    return tuple(requires), tuple(reasons)
+
+
+def keep_means(own: Choice, session: Session) -> Choice | None:
+    """Skill, target and parameters of a session where they are not those of its node; None where they are."""
+    if (own.skill, own.target) == (session.skill, session.target):
+        return None
+    return Choice(skill=session.skill, target=session.target, parameters=session.parameters)
+
+
+def _continue(case: Case, revision: Revision) -> Revision:
+    """The child of whatever came last, by the means of the session that is judged."""
+    choice = keep_means(case.choice, case.session)
+    return Revision(
+        parent=case.latest.id,
+        strategy=revision.strategy,
+        requires=revision.requires,
+        reasons=revision.reasons,
+        choice=choice,
+    )
+
+
+def _explain(case: Case, same: int) -> str:
+    if case.replans_left <= 0:
+        return "the node's budget of replans is spent"
+    return f"it has failed {same} time{'s' if same != 1 else ''} before with {case.cause}" if same else ""
+
+
+def _say(revision: Revision) -> str:
+    return ", ".join(f"{key} {value}" for key, value in revision.strategy.items())
+
+
+def _extend(labels: Sequence[str], label: str) -> list[str]:
+    return [*labels, label] if label not in labels else list(labels)

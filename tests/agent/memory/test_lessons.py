@@ -1,0 +1,207 @@
+"""From failure to lesson: only in this order, only by a verdict, only where it holds."""
+
+import msgspec
+import pytest
+
+from phyagentos.agent.memory import methodological
+from phyagentos.agent.memory.intervals import Count
+from phyagentos.agent.memory.memory import Case
+from phyagentos.agent.memory.views import list_lessons
+from phyagentos.protocol.memory_entries import Embodiment, Standing
+from phyagentos.protocol.verdicts import Verdict
+
+from .conftest import PANDA, SLOW, ask, make_correction, make_episode
+
+
+def find_lesson(memory, **wanted):
+    """The lesson of the very case, not its widened form."""
+    lessons = [each for each in list_lessons(memory.experience) if each.scope.scene and each.scope.object]
+    return next(each for each in lessons if all(getattr(each, key) == value for key, value in wanted.items()))
+
+
+def test_a_correction_that_the_verifier_confirmed_is_recalled(memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    (found,) = memory.recall(ask(failed))
+    assert found.lesson.advice == SLOW
+    lesson = find_lesson(memory, cause="GRASP_LOST")
+    assert (lesson.state, lesson.verified_by, lesson.supported) == (Standing.ACTIVE, corrected.session, 1)
+    assert lesson.evidence == (corrected.evidence,)
+
+
+@pytest.mark.parametrize("verdict", [Verdict.REPLAN, Verdict.FAILURE])
+def test_a_correction_that_was_not_confirmed_stays_a_hypothesis_and_is_never_recalled(memory, verdict):
+    failed = make_episode(ok=False)
+    child = make_episode(ok=False, parent=failed, strategy=SLOW, verdict=verdict)
+    memory.record([failed, child])
+    assert memory.recall(ask(failed)) == ()
+    lesson = find_lesson(memory, cause="GRASP_LOST")
+    assert (lesson.state, lesson.verified_by, lesson.contradicted) == (Standing.HYPOTHESIS, "", 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"node": "other"}, "of another node"),
+        ({"goal": "other"}, "of another goal"),
+        ({"parent": "nobody"}, "of no failure"),
+        ({"strategy": {}}, "that did nothing differently"),
+        ({"parent": None}, "that continues nothing"),
+    ],
+)
+def test_a_success_outside_the_line_of_the_failure_verifies_nothing(memory, change, why):
+    failed = make_episode(ok=False)
+    stranger = make_episode(parent=failed, strategy=SLOW)
+    memory.record([failed, msgspec.structs.replace(stranger, **change)])
+    assert memory.experience.corrections == {}, why
+    assert memory.recall(ask(failed)) == ()
+
+
+def test_a_child_before_its_failure_verifies_nothing(memory):
+    failed, corrected = make_correction()
+    memory.record([corrected, failed])
+    assert memory.experience.corrections == {}
+
+
+def test_a_success_corrects_nothing(memory):
+    first = make_episode(ok=True)
+    memory.record([first, make_episode(parent=first, strategy=SLOW)])
+    assert memory.experience.corrections == {}
+
+
+def test_the_same_session_counts_once(memory):
+    pair = make_correction()
+    memory.record(pair)
+    memory.record(pair)
+    assert find_lesson(memory, cause="GRASP_LOST").supported == 1
+
+
+def test_a_correction_after_two_failures_belongs_to_the_first_cause(memory):
+    first = make_episode(ok=False, cause="GRASP_LOST")
+    second = make_episode(ok=False, parent=first, strategy=SLOW, cause="PLACED_WRONG")
+    third = make_episode(ok=True, parent=second, strategy={"speed": 0.25})
+    memory.record([first, second, third])
+    (found,) = memory.recall(ask(first))
+    assert (found.lesson.advice, found.lesson.cause) == ({"speed": 0.25}, "GRASP_LOST")
+    assert found.lesson.chains[0].failed == first.session
+
+
+def test_a_look_between_failure_and_correction_belongs_to_the_chain_and_is_no_attempt(memory):
+    failed = make_episode(ok=False, cause="EVIDENCE_MISSING")
+    look = make_episode(
+        ok=False, parent=failed, purpose="inspect", cause="GRASP_MISSED", session=f"{failed.session}.r1"
+    )
+    corrected = make_episode(parent=look, strategy={"avoid_grasps": ["yaw+090"]}, session=f"{failed.session}.r2")
+    memory.record([failed, look, corrected])
+    (found,) = memory.recall(ask(failed))
+    assert (found.lesson.cause, found.lesson.chains[0].failed) == ("GRASP_MISSED", failed.session)
+    assert sum(pattern.count.trials for pattern in memory.experience.patterns.values()) == 1
+
+
+def test_what_differed_from_case_to_case_is_left_out(memory):
+    for grasp in ("yaw+000", "yaw+090", "yaw+180"):
+        memory.record(make_correction(strategy={"speed": 0.5, "avoid_grasps": [grasp]}))
+    (found, *_) = memory.recall(ask(make_episode()))
+    assert found.lesson.advice == {"speed": 0.5}
+
+
+def test_what_was_the_same_in_every_case_stays(memory):
+    for _ in range(3):
+        memory.record(make_correction(strategy={"avoid_sites": ["site0"]}, cause="PLACED_WRONG"))
+    (found, *_) = memory.recall(ask(make_episode()))
+    assert found.lesson.advice == {"avoid_sites": ["site0"]}
+
+
+def test_a_lesson_about_one_thing_is_not_told_about_another(memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    assert memory.recall(ask(make_episode(thing="cube"))) == ()
+
+
+def test_a_lesson_is_widened_once_it_was_verified_in_two_cases(memory):
+    memory.record(make_correction(place="tray"))
+    elsewhere = ask(make_episode(place="shelf"))
+    assert memory.recall(elsewhere) == ()
+    memory.record(make_correction(place="box"))
+    (found,) = memory.recall(elsewhere)
+    assert (found.lesson.scope.destination, found.lesson.scope.object) == ("", "soap")
+
+
+def test_a_place_to_avoid_is_widened_to_other_things_and_not_to_other_places(memory):
+    strategy = {"avoid_sites": ["site0"]}
+    for thing in ("tin", "soap"):
+        memory.record(make_correction(thing=thing, place="rack", strategy=strategy, cause="PLACED_WRONG"))
+    assert memory.recall(ask(make_episode(thing="cube", place="rack")))
+    assert not memory.recall(ask(make_episode(thing="tin", place="shelf")))
+
+
+def test_a_lesson_about_the_hand_needs_a_hand_alike(memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    same = ask(failed, target="ur5e", body=PANDA)
+    wider = ask(failed, target="ur5e", body=msgspec.structs.replace(PANDA, grip_width_m=0.14))
+    slower = ask(failed, target="ur5e", body=msgspec.structs.replace(PANDA, control_period_s=0.1))
+    unknown = ask(failed, target="ur5e", body=None)
+    assert [bool(memory.recall(case)) for case in (same, wider, slower, unknown)] == [True, False, False, False]
+
+
+def test_a_lesson_about_a_place_holds_for_any_arm_and_for_no_base(memory):
+    failed, corrected = make_correction(strategy={"avoid_sites": ["site0"]}, cause="PLACED_WRONG")
+    memory.record([failed, corrected])
+    other_arm = Embodiment(kind="arm", grip_width_m=0.14, grip_force_n=10.0, control_period_s=0.1)
+    assert memory.recall(ask(failed, target="ur5e", body=other_arm))
+    assert not memory.recall(ask(failed, target="cart", body=Embodiment(kind="base")))
+
+
+def test_what_succeeds_anyway_needs_no_lesson(memory):
+    memory.record([make_episode() for _ in range(30)])
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    assert memory.recall(ask(failed)) == ()
+
+
+def test_a_lesson_that_later_verdicts_contradict_is_no_longer_told(memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    id = memory.recall(ask(failed))[0].lesson.id
+    memory.record([make_episode(ok=False, strategy=SLOW, advised_by=(id,)) for _ in range(4)])
+    assert memory.recall(ask(failed)) == ()
+    lesson = find_lesson(memory, id=id)
+    assert lesson.state is Standing.EXPIRED
+    assert "contradicted" in lesson.reason
+
+
+def test_of_two_corrections_the_one_that_helps_more_often_comes_first(memory):
+    for ok in (True, False, False, True):
+        memory.record(make_correction(ok=ok, strategy=SLOW))
+    for _ in range(3):
+        memory.record(make_correction(strategy={"speed": 0.25}))
+    first, second = memory.recall(ask(make_episode()))
+    assert (first.lesson.advice, second.lesson.advice) == ({"speed": 0.25}, SLOW)
+
+
+def test_a_feared_cause_comes_first(memory):
+    for _ in range(3):
+        memory.record(make_correction(strategy=SLOW, cause="GRASP_LOST"))
+    memory.record(make_correction(strategy={"avoid_sites": ["site0"]}, cause="PLACED_WRONG"))
+    case = ask(make_episode())
+    assert memory.recall(case)[0].lesson.cause == "GRASP_LOST"
+    feared = Case(scope=case.scope, risks=("PLACED_WRONG",))
+    assert memory.recall(feared)[0].lesson.cause == "PLACED_WRONG"
+
+
+def test_a_lesson_that_nothing_confirms_expires(memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    correction = memory.recall(ask(failed))[0].lesson
+    late = memory.experience.seq + methodological.EXPIRES_AFTER + 1
+    state, reason = methodological.judge(correction, late)
+    assert state is Standing.EXPIRED
+    assert "nothing confirmed it" in reason
+
+
+def test_the_interval_is_wilsons():
+    low, high = Count(successes=19, trials=20).interval
+    assert (round(low, 3), round(high, 3)) == (0.764, 0.991)
+    assert Count().interval == (0.0, 1.0)
+    assert str(Count(successes=19, trials=20)) == "19 of 20 (95 % [76, 99])"

@@ -1,0 +1,164 @@
+"""The records are the truth; everything beside them may be lost."""
+
+import shutil
+
+import msgspec
+import pytest
+
+from phyagentos.agent.memory import experience, views
+from phyagentos.agent.memory.experience import Experience
+from phyagentos.agent.memory.lane import Edit
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.memory_entries import Scope, Standing
+
+from .conftest import ask, make_correction, make_episode
+
+
+def encode(memory):
+    return msgspec.json.encode(memory.experience, order="deterministic")
+
+
+def find_segment(tmp_path):
+    return next((tmp_path / "memory").glob("*/*.md"))
+
+
+def find_cache(tmp_path):
+    return next((tmp_path / ".cache").glob("memory-*.sqlite"))
+
+
+def test_another_process_knows_what_was_recorded(memory, open_memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    assert [each.lesson.id for each in open_memory().recall(ask(failed))] == [
+        each.lesson.id for each in memory.recall(ask(failed))
+    ]
+
+
+def test_a_deleted_cache_loses_nothing(memory, open_memory, tmp_path):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected, *(make_episode() for _ in range(20))])
+    memory.close()
+    shutil.rmtree(tmp_path / ".cache")
+    again = open_memory()
+    assert encode(again) == encode(memory)
+    assert again.recall(ask(failed)) == memory.recall(ask(failed))
+    assert again.version == memory.version
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a database at all", b"SQLite format 3\0" + bytes(200)])
+def test_a_damaged_cache_is_made_anew(memory, open_memory, tmp_path, damage):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    memory.close()
+    find_cache(tmp_path).write_bytes(damage)
+    assert open_memory().recall(ask(failed))
+
+
+def test_a_cache_of_other_records_is_not_believed(memory, open_memory, tmp_path):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    memory.close()
+    shutil.rmtree(tmp_path / "memory")
+    emptied = open_memory()
+    assert emptied.recall(ask(failed)) == ()
+    assert emptied.version.startswith("memory/0-")
+    emptied.record([make_episode(thing="cube")])
+    assert open_memory().recall(ask(failed)) == ()
+
+
+def test_what_is_recorded_bit_by_bit_is_known_as_what_is_recorded_at_once(open_memory):
+    events = [event for thing in ("soap", "tin", "cube") for event in (*make_correction(thing=thing), make_episode())]
+    one, all_at_once = open_memory("one"), open_memory("other")
+    for event in events:
+        one.record([event])
+    all_at_once.record(events)
+    assert encode(one) == encode(all_at_once)
+
+
+def test_a_torn_tail_is_cut_and_what_was_told_stands(memory, open_memory, tmp_path):
+    failed, corrected = make_correction()
+    memory.record([failed])
+    memory.close()
+    with find_segment(tmp_path).open("ab") as file:
+        file.write(b"<!-- phy1 00000000")
+    again = open_memory()
+    again.record([corrected])
+    assert open_memory().recall(ask(failed))
+
+
+def test_a_changed_record_is_noticed(memory, open_memory, tmp_path):
+    memory.record(make_correction(ok=False))
+    memory.close()
+    shutil.rmtree(tmp_path / ".cache")
+    segment = find_segment(tmp_path)
+    forged = segment.read_bytes().replace(b'"verdict":"replan"', b'"verdict":"succes"')
+    segment.write_bytes(forged)
+    with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
+        open_memory()
+
+
+def test_two_writers_take_turns(open_memory):
+    one, other = open_memory(), open_memory()
+    failed, corrected = make_correction()
+    one.record([failed])
+    other.record([corrected])
+    one.refresh()
+    assert one.recall(ask(failed))
+    assert encode(one) == encode(other)
+
+
+def test_what_is_forgotten_is_kept_with_the_reason_and_used_no_more(memory, open_memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    id = memory.recall(ask(failed))[0].lesson.id
+    memory.record([Edit(entry=id, retracts=True, reason="the soap was replaced", by="a person")])
+    memory.record(make_correction())  # later verdicts do not raise it again
+    again = open_memory()
+    assert id not in {each.lesson.id for each in again.recall(ask(failed))}
+    lesson = next(each for each in views.list_lessons(again.experience) if each.id == id)
+    assert (lesson.state, lesson.reason) == (Standing.RETRACTED, "the soap was replaced")
+    assert len(again.read_all()) == 5
+
+
+def test_a_person_may_say_where_a_lesson_holds(memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    id = memory.recall(ask(failed))[0].lesson.id
+    wider = Scope(skill="pick_and_place", target="panda", object="soap")
+    memory.record([Edit(entry=id, scope=wider, by="a person")])
+    assert memory.recall(ask(make_episode(place="shelf")))
+    narrower = Scope(skill="pick_and_place", target="panda", object="soap", scene="elsewhere")
+    memory.record([Edit(entry=id, scope=narrower, by="a person")])
+    assert memory.recall(ask(failed)) == ()
+
+
+def test_words_find_lessons_for_people(memory):
+    memory.record([*make_correction(thing="soap"), *make_correction(thing="tin", place="rack")])
+    assert {each.scope.object for each in memory.search("rack")} == {"tin"}
+    assert memory.search('" OR') == ()
+
+
+def test_it_stays_small_however_much_is_remembered(monkeypatch):
+    monkeypatch.setattr(experience, "CORRECTIONS_KEPT", 20)
+    monkeypatch.setattr(experience, "PATTERNS_KEPT", 20)
+    monkeypatch.setattr(experience, "FAILURES_KEPT", 20)
+    monkeypatch.setattr(experience, "SESSIONS_KEPT", 20)
+    monkeypatch.setattr(views, "ENTRIES_MAX", 10)
+    known = Experience()
+    events = [event for number in range(100) for event in make_correction(thing=f"thing{number}")]
+    known.extend(enumerate(events, 1))
+    sizes = [len(each) for each in (known.corrections, known.patterns, known.failures, known.known)]
+    assert max(sizes) <= 20
+    assert any(lesson.scope.object == "thing99" for lesson in known.corrections.values())
+    assert len(views.list_lessons(known)) == len(views.list_facts(known)) == 10
+
+
+def test_a_retracted_lesson_is_not_let_go(monkeypatch):
+    monkeypatch.setattr(experience, "CORRECTIONS_KEPT", 10)
+    known = Experience()
+    known.extend(enumerate(make_correction(thing="first"), 1))
+    retracted = next(iter(known.corrections))
+    known.extend([(3, Edit(entry=retracted, retracts=True, reason="wrong"))])
+    events = [event for number in range(30) for event in make_correction(thing=f"thing{number}")]
+    known.extend(enumerate(events, 4))
+    assert known.corrections[retracted].state is Standing.RETRACTED

@@ -1,0 +1,146 @@
+"""Causes told from evidence: a hand, a slip, a bad grasp and a bad place leave different traces."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from phyagentos.agent.causes import Cause, CauseClass, classify_refusal
+from phyagentos.agent.course import Course, Stage
+from phyagentos.agent.diagnosis import diagnose, diagnose_after_looking
+from phyagentos.agent.judges.predicates import evaluate_criterion
+from phyagentos.protocol.evidence import Bundle, TraceEvent
+from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
+
+from .conftest import make_world, put, remove
+
+STEPS = {
+    Stage.BEFORE: (),
+    Stage.CLOSED: (("close_gripper", {}),),
+    Stage.GRASPED: (("close_gripper", {}), ("verify_grasp", {})),
+    Stage.LIFTED: (("close_gripper", {}), ("verify_grasp", {}), ("verify_grasp", {})),
+    Stage.RELEASED: (("close_gripper", {}), ("attach", {}), ("detach", {"position_m": [0.6, 0.3, 0.03]})),
+}
+
+
+def make_bundle(after, stage: Stage = Stage.BEFORE, **execution: Any) -> Bundle:
+    session = Session(
+        id=SessionId("g.red"),
+        goal=GoalId("g"),
+        node="red",
+        objective="",
+        skill="pick_and_place",
+        target="panda",
+        parameters={"object": "red_cube", "destination": "red_tray"},
+        accept=("inside(red_cube, red_tray)",),
+        scene=Scene(name="table", seed=0, episode="g"),
+        seed=0,
+    )
+    plan = TraceEvent(tick=0, time_s=0.0, path="p/plan", leaf="plan_grasp", status="SUCCESS")
+    steps = tuple(
+        TraceEvent(tick=n, time_s=0.1 * n, path=f"p/{n}", leaf=leaf, status="SUCCESS", numbers=numbers)
+        for n, (leaf, numbers) in enumerate(STEPS[stage])
+    )
+    facts = {"ended": Ended.SKILL_FAILED, "evidence": "e", "ticks": 100} | execution
+    return Bundle(
+        folder=Path("e"),
+        session=session,
+        execution=Execution(**facts),
+        before=make_world(),
+        after=after,
+        holds=(),
+        trace=(plan, *steps),
+        events=(),
+    )
+
+
+def ask(bundle: Bundle):
+    return diagnose(bundle, [evaluate_criterion(text, "accept", bundle) for text in bundle.session.accept])
+
+
+def moved(x: float = 0.4, y: float = 0.2, z: float = 0.02, **more: Any):
+    world = put(make_world(), "red_cube", (x, y, z))
+    entity = msgspec.structs.replace(world.entities["red_cube"], **more)
+    return msgspec.structs.replace(world, entities={**world.entities, "red_cube": entity})
+
+
+@pytest.mark.parametrize("stage", list(Stage))
+def test_the_stage_is_read_off_the_leaves(stage):
+    assert Course.of(make_bundle(make_world(), stage), "red_cube").stage is stage
+
+
+@pytest.mark.parametrize(
+    ("after", "stage", "execution", "cause", "kind"),
+    [
+        (moved(), Stage.CLOSED, {"code": "GRASP_MISSED"}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+        (moved(), Stage.BEFORE, {"code": "NO_IK"}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+        (moved(), Stage.BEFORE, {"ended": Ended.STALLED}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+        (moved(y=0.31), Stage.CLOSED, {"code": "GRASP_MISSED"}, Cause.GRASP_MISSED, CauseClass.GRASP),
+        (moved(), Stage.GRASPED, {"code": "GRASP_LOST"}, Cause.GRASP_LOST, CauseClass.GRASP),
+        (moved(), Stage.LIFTED, {"code": "GRASP_LOST"}, Cause.GRASP_LOST, CauseClass.TRANSPORT),
+        (moved(x=1.6, z=-0.7), Stage.BEFORE, {"code": "NO_IK"}, Cause.OBJECT_GONE, CauseClass.DISTURBANCE),
+        (moved(0.6, 0.4), Stage.RELEASED, {"ended": Ended.COMPLETED}, Cause.PLACED_WRONG, CauseClass.PLACEMENT),
+        (moved(0.3, -0.3), Stage.RELEASED, {"ended": Ended.COMPLETED}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+        (make_world(), Stage.BEFORE, {"code": "POLICY_LOST"}, Cause.POLICY_FAILED, CauseClass.POLICY),
+        (
+            make_world(),
+            Stage.BEFORE,
+            {"ended": Ended.SAFETY_STOP, "code": "TARGET_LIMIT"},
+            Cause.ADAPTER_REFUSED,
+            CauseClass.ADAPTER,
+        ),
+        (make_world(), Stage.BEFORE, {"ended": Ended.RUNNER_LOST}, Cause.RUNNER_LOST, CauseClass.MACHINE),
+    ],
+)
+def test_each_course_has_its_cause_and_class(after, stage, execution, cause, kind):
+    diagnosis = ask(make_bundle(after, stage, **execution))
+    assert (diagnosis.cause, diagnosis.kind) == (cause, kind)
+
+
+def test_a_slip_off_the_table_is_a_loss_in_transport_that_cannot_be_mended():
+    diagnosis = ask(make_bundle(moved(x=0.9, z=-0.7), Stage.LIFTED, code="GRASP_LOST"))
+    assert (diagnosis.kind, diagnosis.is_hopeless) == (CauseClass.TRANSPORT, True)
+
+
+def test_nothing_is_given_up_for_a_pose_that_is_not_sure():
+    diagnosis = ask(make_bundle(moved(z=-0.2, confidence=0.4), Stage.CLOSED, code="GRASP_MISSED"))
+    assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.OBJECT_MOVED, False)
+
+
+def test_the_numbers_that_support_a_cause_name_their_file_and_field():
+    support = ask(make_bundle(moved(), Stage.CLOSED, code="GRASP_MISSED")).support
+    told = {(each.file, each.field): each.value for each in support}
+    assert told["execution.json", "code"] == "GRASP_MISSED"
+    assert told["trace.jsonl", "stage"] == "closed"
+    assert told["environment_before.json", "entities.red_cube.pose.position_m"] == "0.400, 0.300, 0.020"
+    assert told["environment_after.json", "entities.red_cube.pose.position_m"] == "0.400, 0.200, 0.020"
+
+
+def test_what_alone_is_not_seen_after_two_looks_is_gone_and_what_nobody_sees_is_hidden():
+    after = moved(visible=False)
+    bundle = make_bundle(after, Stage.BEFORE, ended=Ended.COMPLETED)
+    criteria = [evaluate_criterion("inside(red_cube, red_tray)", "accept", bundle)]
+    assert diagnose_after_looking(bundle, criteria).cause is Cause.OBJECT_GONE
+    dark = {n: msgspec.structs.replace(e, visible=not e.movable) for n, e in after.entities.items()}
+    bundle = make_bundle(msgspec.structs.replace(after, entities=dark), Stage.BEFORE, ended=Ended.COMPLETED)
+    assert diagnose_after_looking(bundle, criteria).cause is Cause.OBJECT_HIDDEN
+
+
+def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():
+    assert ask(make_bundle(remove(make_world(), "red_cube"), code="GRASP_MISSED")).cause is Cause.OBJECT_GONE
+    lost = ask(make_bundle(remove(make_world(), "red_cube"), Stage.LIFTED, code="GRASP_LOST"))
+    assert lost.cause is Cause.GRASP_LOST
+
+
+@pytest.mark.parametrize(
+    ("reason", "kind"),
+    [
+        ("g.red: skill: ACTION_UNAVAILABLE: found 'x'", CauseClass.ADAPTER),
+        ("SENSOR_RATE: too slow", CauseClass.PERCEPTION),
+        ("dry run: TOO_WIDE: carton", CauseClass.PLANNING),
+        ("no code at all", CauseClass.OTHER),
+    ],
+)
+def test_a_refusal_has_the_class_of_its_code(reason, kind):
+    assert classify_refusal(reason) is kind

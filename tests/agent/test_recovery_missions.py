@@ -1,0 +1,247 @@
+"""Whole missions in which a session misses: preparation, another look, budgets, refusals, and an agent that dies."""
+
+from dataclasses import replace
+from pathlib import Path
+from textwrap import dedent
+
+import msgspec
+import pytest
+
+from phyagentos.agent.advice import Advice
+from phyagentos.agent.repair.policies import BlindRetry, FullRestart, NoRetry
+from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.evidence import TraceEvent
+from phyagentos.protocol.sessions import Ended
+
+from .conftest import Play, make_world, put, succeed
+
+MORE_SKILLS = {
+    "inspect": """
+        description: Looks at an object.
+        tree: inspect
+        parameters: {object: {type: entity}}
+        guarantees: ["visible(${object})"]
+        needs: {actions: [joint_position], capabilities: [manipulation]}
+        """,
+    "set_aside": """
+        description: Puts an object down near a point.
+        tree: set_aside
+        parameters: {object: {type: entity}, support: {type: entity}, to: {type: point}}
+        requires: ["visible(${object})"]
+        guarantees: ["at(${object}, ${to}, 0.12)"]
+        needs: {actions: [joint_position], capabilities: [manipulation]}
+        """,
+}
+GRAPH = """
+    goal: two
+    objective: Green, then red.
+    scene: table
+    targets: {arm: panda}
+    defaults: {max_replans: 2}
+    BUDGET
+    sessions:
+      green:
+        skill: pick_and_place
+        target: arm
+        with: {object: green_cube, destination: green_tray}
+      red:
+        after: [green]
+        skill: pick_and_place
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]
+    """
+
+
+@pytest.fixture
+def library(library):
+    for name, front in MORE_SKILLS.items():
+        folder = library.roots[0] / "skills" / name
+        folder.mkdir(parents=True)
+        (folder / "SKILL.md").write_text(f"---\nskill: {name}\n{dedent(front).strip()}\n---\n\n# {name}\n")
+    return library
+
+
+@pytest.fixture
+def two(write_graph) -> Path:
+    return write_graph(GRAPH.replace("BUDGET", ""))
+
+
+def make_table_world():
+    world = make_world()
+    top = (Shape(kind=ShapeKind.BOX, size_m=(0.5, 0.6, 0.02)),)
+    table = Entity(name="table", kind="table", movable=False, pose=Pose(position_m=(0.4, 0.0, -0.02)), shapes=top)
+    cube = (Shape(kind=ShapeKind.BOX, size_m=(0.02, 0.02, 0.02)),)
+    entities = {n: msgspec.structs.replace(e, shapes=cube) if e.movable else e for n, e in world.entities.items()}
+    return msgspec.structs.replace(world, entities={**entities, "table": table})
+
+
+def hide(world, name):
+    entity = msgspec.structs.replace(world.entities[name], visible=False, observed_at_s=-100.0)
+    return msgspec.structs.replace(world, entities={**world.entities, name: entity}, sensing="perceived")
+
+
+def show(world, name):
+    entity = msgspec.structs.replace(world.entities[name], visible=True)
+    return msgspec.structs.replace(world, entities={**world.entities, name: entity})
+
+
+def achieve_unseen(world, session):
+    play = succeed(world, session)
+    return replace(play, world=hide(play.world, session.parameters["object"]))
+
+
+def see_again(world, session):
+    return Play(world=show(world, session.parameters["object"]))
+
+
+def still_unseen(world, session):
+    return Play(world=world, ended=Ended.SKILL_FAILED, code="NOT_VISIBLE", leaf="inspect/look")
+
+
+def be_blocked(world, session):
+    numbers = {"rejected": {"hand|yellow_cube": 30}}
+    event = TraceEvent(tick=1, time_s=1.0, path="p/plan", leaf="plan_grasp", status="FAILURE", numbers=numbers)
+    return Play(world=world, ended=Ended.SKILL_FAILED, code="NO_IK", leaf="p/plan", trace=(event,))
+
+
+def drop(world, session):
+    name = session.parameters["object"]
+    return Play(world=put(world, name, (0.5, 0.1, 0.02)), ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="p/carry")
+
+
+def move_away(world, session):
+    return Play(world=put(world, session.parameters["object"], tuple(session.parameters["to"])))
+
+
+def test_what_was_not_seen_is_looked_at_and_the_criteria_are_judged_again(make_stage, two):
+    stage = make_stage({"red": achieve_unseen, "red.r1": see_again})
+    report = stage.pursue(two)
+    assert report.verdict == "success"
+    assert [(s.id, s.state) for s in report.sessions if s.node == "red"] == [
+        ("two-7.red", "replanned"),
+        ("two-7.red.r1", "succeeded"),
+    ]
+    look = stage.runtime.ran[-1]
+    assert (look.skill, look.purpose, look.parent, look.requires) == ("inspect", "inspect", "two-7.red", ())
+    assert look.priority > stage.runtime.ran[0].priority
+    assert "two-7.red, on what two-7.red.r1 saw" in report.sessions[-1].reason
+    assert report.replans == 0
+
+
+def test_what_stays_unseen_is_looked_at_twice_and_then_its_cause_is_told(make_stage, two):
+    script = {"red": achieve_unseen, "red.r1": still_unseen, "red.r2": still_unseen}
+    report = make_stage(script).pursue(two)
+    assert report.verdict == "failure"
+    red = [session for session in report.sessions if session.node == "red"]
+    assert [session.state for session in red] == ["replanned", "replanned", "failed"]
+    assert red[0].cause == "EVIDENCE_MISSING"
+    assert "It was looked for 2 times" in red[-1].reason
+
+
+def test_what_is_in_the_way_is_cleared_and_the_objective_is_pursued_again(make_stage, two):
+    stage = make_stage({"red": be_blocked, "red.r1": move_away}, world=make_table_world())
+    report = stage.pursue(two)
+    assert report.verdict == "success"
+    skills = [(s.id, s.skill, s.purpose) for s in stage.runtime.ran if s.node == "red"]
+    assert skills == [
+        ("two-7.red", "pick_and_place", ""),
+        ("two-7.red.r1", "set_aside", "clear"),
+        ("two-7.red.r2", "pick_and_place", ""),
+    ]
+    assert report.replans == 1
+    status = stage.make_mission().ledger.goals["two-7"]
+    assert "the planner met yellow_cube in the way" in status.nodes["red"].replans[0].reason
+
+
+def test_a_preparation_that_fails_leads_to_another_way_and_not_to_the_end(make_stage, two):
+    script = {"red": be_blocked, "red.r1": lambda world, session: Play(world=world, ended=Ended.STALLED)}
+    stage = make_stage(script, world=make_table_world())
+    report = stage.pursue(two)
+    assert report.verdict == "success"
+    assert [s.state for s in report.sessions if s.node == "red"] == ["replanned", "replanned", "succeeded"]
+
+
+def test_an_agent_that_died_while_a_way_was_cleared_comes_to_the_same_end(make_stage, two):
+    script = {"red": be_blocked, "red.r1": move_away}
+    stage = make_stage(script, world=make_table_world())
+
+    class Killed(Exception):
+        pass
+
+    class Killer:
+        def on_change(self, goal, ledger):
+            if any(status.contract.purpose for status in ledger.sessions.values()):
+                raise Killed
+
+    with pytest.raises(Killed):
+        stage.make_mission(observers=[stage.runtime, Killer()]).run(two, seed=7)
+    report = stage.pursue(two)
+    assert report.verdict == "success"
+    assert [session.id for session in report.sessions if session.node == "red"] == [
+        "two-7.red",
+        "two-7.red.r1",
+        "two-7.red.r2",
+    ]
+
+
+def test_nothing_is_submitted_beyond_the_budget_of_the_goal(make_stage, write_graph):
+    graph = write_graph(GRAPH.replace("BUDGET", "budget: {sessions: 2}"))
+    stage = make_stage({"green": drop})
+    report = stage.pursue(graph)
+    assert report.verdict == "failure"
+    assert [session.id for session in report.sessions] == ["two-7.green"]
+    assert "BUDGET" in report.sessions[0].reason
+    assert "1 sessions are left, it takes 1 more and 1 for nodes not yet begun" in report.sessions[0].reason
+
+
+def test_no_session_begins_once_the_simulated_time_is_spent(make_stage, write_graph):
+    report = make_stage().pursue(write_graph(GRAPH.replace("BUDGET", "budget: {sim_time_s: 5.0}")))
+    assert report.verdict == "failure"
+    assert report.nodes == {"green": "done", "red": "blocked"}
+    assert "BUDGET: the simulated time" in report.reason
+
+
+@pytest.mark.parametrize(
+    ("policy", "verdict", "ran"),
+    [
+        (NoRetry(), "failure", ["green", "red"]),
+        (BlindRetry(), "success", ["green", "red", "red.r1"]),
+        (FullRestart(), "success", ["green", "red", "green.r1", "red.r1"]),
+    ],
+)
+def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, verdict, ran):
+    stage = make_stage({"red": drop})
+    report = stage.make_mission(policy=policy).run(two, seed=7)
+    assert report.verdict == verdict
+    assert [session.id.removeprefix("two-7.") for session in stage.runtime.ran] == ran
+    assert all(session.strategy == {} for session in stage.runtime.ran)
+
+
+def test_advice_of_memory_is_in_the_contract_and_told_with_its_source(make_stage, two):
+    class Memory:
+        def advise(self, session, world):
+            if session.node != "red":
+                return Advice()
+            return Advice(strategy={"speed": 0.25}, reasons=("lesson-3: it slips",), sources=("lesson-3",))
+
+    stage = make_stage()
+    stage.make_mission(advisor=Memory()).run(two, seed=7)
+    green, red = stage.runtime.ran
+    assert (green.strategy, green.advised_by) == ({}, ())
+    assert (red.strategy, red.advice, red.advised_by) == ({"speed": 0.25}, ("lesson-3: it slips",), ("lesson-3",))
+
+
+def test_a_session_that_look_ahead_refused_is_revised_before_anything_moves(make_stage, two):
+    class Foresight:
+        def revise(self, refused, folder):
+            return Advice(strategy={"speed": 0.5}, reasons=("slower",)) if not refused.contract.parent else None
+
+    stage = make_stage(refuse={"red": "LOOKAHEAD_LOW: 3 of 16 rollouts succeed"})
+    report = stage.make_mission(foresight=Foresight()).run(two, seed=7)
+    red = [session for session in report.sessions if session.node == "red"]
+    assert [(session.id, session.state) for session in red] == [
+        ("two-7.red", "rejected"),
+        ("two-7.red.r1", "rejected"),
+    ]
+    assert [session.id for session in stage.runtime.ran] == ["two-7.green"]

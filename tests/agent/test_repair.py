@@ -1,0 +1,253 @@
+"""Which way a repair takes, and why: alternatives by effect on synthetic cases, with the shipped skills."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.causes import Cause
+from phyagentos.agent.goal_spec import Budget
+from phyagentos.agent.repair.alternative import Kind
+from phyagentos.agent.repair.budget import Left, compute_left
+from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
+from phyagentos.agent.repair.policies import BlindRetry, FullRestart, GraphRepair, NoRetry
+from phyagentos.agent.selector import Choice
+from phyagentos.protocol.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
+from phyagentos.protocol.evidence import Bundle, TraceEvent
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.verdicts import Attempt, Verdict
+
+ROOT = Path(__file__).resolve().parents[2]
+BASE = (0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Catalogue:
+    return Catalogue.read(Library((ROOT,)))
+
+
+def make_box(name: str, position: tuple[float, float, float], half: float = 0.02, **more: Any) -> Entity:
+    shapes = more.pop("shapes", (Shape(kind=ShapeKind.BOX, size_m=(half, half, half)),))
+    return Entity(name=name, kind="cube", pose=Pose(position_m=position), shapes=shapes, **more)
+
+
+def make_table_world(*things: Entity) -> Environment:
+    top = (Shape(kind=ShapeKind.BOX, size_m=(0.5, 0.6, 0.02)),)
+    table = Entity(name="table", kind="table", movable=False, pose=Pose(position_m=(0.4, 0.0, -0.02)), shapes=top)
+    arm = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.08, tcp=Pose())
+    return Environment(
+        time_s=10.0,
+        scene="s",
+        episode="g",
+        revision=1,
+        sensing="truth",
+        entities={each.name: msgspec.structs.replace(each, observed_at_s=10.0) for each in (table, *things)},
+        regions={"zone": Region(name="zone", pose=Pose(position_m=(0.5, -0.3, 0.04)), half_m=(0.08, 0.08, 0.06))},
+        targets={"panda": arm},
+    )
+
+
+def make_contract(**more: Any) -> Session:
+    facts: dict[str, Any] = {
+        "id": SessionId("g.red"),
+        "goal": GoalId("g"),
+        "node": "red",
+        "objective": "",
+        "skill": "pick_and_place",
+        "target": "panda",
+        "parameters": {"object": "red_cube", "destination": "zone"},
+        "accept": ("inside(red_cube, zone)",),
+        "scene": Scene(name="s", seed=0, episode="g"),
+        "seed": 0,
+        "requires": ("visible(red_cube)",),
+    }
+    return Session(**(facts | more))
+
+
+def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
+    session = more.pop("session", make_contract(**more.pop("contract", {})))
+    world = more.pop("world", make_table_world(make_box("red_cube", (0.5, 0.0, 0.02))))
+    attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value, reason="r", wants=more.pop("wants", ()))
+    bundle = Bundle(
+        folder=Path("e"),
+        session=session,
+        execution=Execution(ended=Ended.SKILL_FAILED, evidence="e", leaf="a/plan", code=more.pop("code", "NO_IK")),
+        before=world,
+        after=world,
+        holds=(),
+        trace=more.pop("trace", ()),
+        events=(),
+    )
+    status = SessionStatus(contract=session, state="verifying")
+    facts: dict[str, Any] = {
+        "bundle": bundle,
+        "attempt": attempt,
+        "choice": Choice(skill="pick_and_place", target="panda", parameters=session.parameters),
+        "catalogue": catalogue,
+        "lineage": (*more.pop("earlier", ()), status, *more.pop("later", ())),
+        "replans_left": 2,
+        "left": Left(),
+        "time_of": {},
+    }
+    return Case(**(facts | more))
+
+
+def met(name: str, count: int = 9) -> tuple[TraceEvent, ...]:
+    """The planner met this thing in the way."""
+    numbers = {"rejected": {f"hand|{name}": count, "ik": 2}}
+    return (TraceEvent(tick=1, time_s=1.0, path="a/plan", leaf="plan_grasp", status="FAILURE", numbers=numbers),)
+
+
+def failed_before(session: Session, number: int, cause: Cause) -> SessionStatus:
+    contract = msgspec.structs.replace(session, id=SessionId(f"{session.id}.r{number}"))
+    attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value)
+    return SessionStatus(contract=contract, state="replanned", attempts=(attempt,))
+
+
+POST = make_box("post", (0.55, 0.0, 0.03), 0.03)
+HEMMED = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)), POST)
+
+
+TO_TRAY = {"parameters": {"object": "red_cube", "destination": "tray"}, "accept": ("inside(red_cube, tray)",)}
+HEMMED_IN: dict[str, Any] = {"trace": met("post"), "world": HEMMED, "contract": TO_TRAY}
+
+
+def test_what_is_in_the_way_is_moved_away_first_by_a_skill_that_promises_a_place(shipped):
+    decision = GraphRepair().choose(make_case(shipped, Cause.NO_PLAN, **HEMMED_IN))
+    revision = decision.chosen.revision
+    assert (decision.chosen.kind, revision.purpose, revision.choice.skill) == (Kind.CLEAR, "clear", "set_aside")
+    assert revision.choice.parameters["object"] == "post"
+    assert revision.choice.parameters["support"] == "table"
+    assert any("the planner met post in the way" in reason for reason in decision.reasons)
+    assert any(reason.startswith("rather than retry") for reason in decision.reasons)
+
+
+def test_what_a_finished_node_has_put_there_is_left_alone(shipped):
+    case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, protected=frozenset({"post"}))
+    assert GraphRepair().choose(case).chosen.kind is Kind.RETRY
+
+
+def test_another_way_to_clear_is_taken_when_the_first_one_did_not_help(shipped):
+    tried = make_contract(
+        id=SessionId("g.red.r1"), skill="set_aside", purpose="clear", parameters={"object": "post", "to": [0, 0, 0]}
+    )
+    later = (SessionStatus(contract=tried, state="verifying"),)
+    case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, later=later)
+    chosen = GraphRepair().choose(case).chosen
+    assert (chosen.kind, chosen.revision.choice.skill) == (Kind.CLEAR, "push")
+    assert chosen.revision.parent == "g.red.r1"
+
+
+def test_a_thing_too_wide_for_the_hand_is_pushed_into_the_region(shipped):
+    chosen = GraphRepair().choose(make_case(shipped, Cause.IMPOSSIBLE)).chosen
+    assert (chosen.kind, chosen.revision.choice.skill) == (Kind.OTHER_SKILL, "push")
+    assert chosen.revision.choice.parameters == {"object": "red_cube", "to": [0.5, -0.3, 0.04]}
+    assert "which covers inside(red_cube, zone)" in chosen.because
+
+
+def test_a_push_does_not_cover_a_region_smaller_than_its_tolerance(shipped):
+    world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)))
+    small = {"zone": Region(name="zone", pose=Pose(position_m=(0.5, -0.3, 0.04)), half_m=(0.04, 0.04, 0.06))}
+    case = make_case(shipped, Cause.IMPOSSIBLE, world=msgspec.structs.replace(world, regions=small))
+    assert GraphRepair().choose(case).chosen.kind is Kind.GIVE_UP
+
+
+def test_the_same_that_failed_with_the_same_cause_is_worth_half(shipped):
+    session = make_contract()
+    once = GraphRepair().choose(make_case(shipped, Cause.OBJECT_MOVED)).chosen
+    earlier = (failed_before(session, 1, Cause.OBJECT_MOVED),)
+    twice = GraphRepair().choose(make_case(shipped, Cause.OBJECT_MOVED, earlier=earlier)).chosen
+    assert twice.chance == once.chance / 2
+    other = (
+        GraphRepair()
+        .choose(make_case(shipped, Cause.OBJECT_MOVED, earlier=(failed_before(session, 1, Cause.STALLED),)))
+        .chosen
+    )
+    assert other.chance == once.chance
+
+
+def test_a_grasp_that_keeps_failing_gives_way_to_another_skill(shipped):
+    earlier = tuple(failed_before(make_contract(), number, Cause.GRASP_MISSED) for number in (1, 2))
+    assert GraphRepair().choose(make_case(shipped, Cause.GRASP_MISSED)).chosen.kind is Kind.RETRY
+    case = make_case(shipped, Cause.GRASP_MISSED, earlier=earlier)
+    assert GraphRepair().choose(case).chosen.kind is Kind.OTHER_SKILL
+
+
+def test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice(shipped):
+    case = make_case(shipped, Cause.EVIDENCE_MISSING, wants=("red_cube",))
+    chosen = GraphRepair().choose(case).chosen
+    assert (chosen.kind, chosen.revision.purpose, chosen.revision.choice.skill) == (Kind.LOOK, "inspect", "inspect")
+    assert chosen.revision.lead > 0
+    looks = tuple(
+        SessionStatus(
+            contract=make_contract(id=SessionId(f"g.red.r{n}"), skill="inspect", purpose="inspect"), state="replanned"
+        )
+        for n in (1, 2)
+    )
+    case = make_case(shipped, Cause.EVIDENCE_MISSING, wants=("red_cube",), later=looks)
+    assert GraphRepair().choose(case).chosen.kind is Kind.RETRY
+
+
+def test_a_broken_arm_is_replaced_by_one_that_stands_in_the_same_world(shipped):
+    twin = dict(shipped.targets)
+    twin["twin"] = shipped.targets["panda"].model_copy(update={"target": "twin"})
+    catalogue = Catalogue(skills=shipped.skills, targets=twin, scenes={})
+    world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)))
+    both = msgspec.structs.replace(world, targets={**world.targets, "twin": world.targets["panda"]})
+    earlier = (failed_before(make_contract(), 1, Cause.TARGET_LOST),)
+    chosen = GraphRepair().choose(make_case(catalogue, Cause.TARGET_LOST, world=both, earlier=earlier)).chosen
+    assert (chosen.kind, chosen.revision.choice.target) == (Kind.OTHER_TARGET, "twin")
+    alone = make_case(catalogue, Cause.TARGET_LOST, world=world, earlier=earlier)
+    assert GraphRepair().choose(alone).chosen.kind is Kind.RETRY
+
+
+def test_a_way_that_the_budget_cannot_pay_is_passed_over_with_the_reason(shipped):
+    left = Left(sessions=2, needed=1)
+    case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, left=left)
+    decision = GraphRepair().choose(case)
+    assert decision.chosen.kind is Kind.RETRY
+    assert any(
+        "BUDGET: 2 sessions are left, it takes 2 more and 1 for nodes not yet begun" in r for r in decision.reasons
+    )
+
+
+def test_nothing_is_tried_that_cannot_be_paid_at_all(shipped):
+    case = make_case(shipped, Cause.OBJECT_MOVED, left=Left(sessions=1, needed=1))
+    chosen = GraphRepair().choose(case).chosen
+    assert chosen.kind is Kind.GIVE_UP
+    assert "BUDGET" in chosen.because
+
+
+def test_the_four_policies_answer_the_same_case_each_in_its_own_way(shipped):
+    case = make_case(shipped, Cause.GRASP_LOST, session=make_contract(strategy={"speed": 0.5}))
+    kinds = [policy.choose(case).chosen.kind for policy in (NoRetry(), BlindRetry(), FullRestart(), GraphRepair())]
+    assert kinds == [Kind.GIVE_UP, Kind.RETRY, Kind.RESTART, Kind.RETRY]
+    assert BlindRetry().choose(case).chosen.revision.strategy == {"speed": 0.5}
+    assert GraphRepair().choose(case).chosen.revision.strategy == {"speed": 0.25}
+
+
+def test_a_free_spot_is_on_the_same_table_within_reach_and_away_from_everything():
+    spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), BASE)
+    assert spot is not None
+    assert find_support(HEMMED, "post").name == "table"
+    assert compute_distance(HEMMED.entities["red_cube"], spot) > 0.1
+    assert 0.3 < (spot[0] ** 2 + spot[1] ** 2) ** 0.5 < 0.7
+    crowd = [make_box(f"c{i}{j}", (0.1 * i, 0.1 * j, 0.02), 0.045) for i in range(10) for j in range(-6, 7)]
+    assert find_free_spot(make_table_world(POST, *crowd), "post", (), BASE) is None
+
+
+def test_what_is_left_counts_sessions_and_simulated_time():
+    ran = SessionStatus(
+        contract=make_contract(),
+        state="failed",
+        execution=Execution(ended=Ended.COMPLETED, evidence="", sim_time_s=8.0),
+    )
+    left = compute_left(Budget(sessions=3, sim_time_s=20.0), [ran, ran], needed=1)
+    assert (left.sessions, left.sim_time_s, left.needed) == (1, 4.0, 1)
+    assert left.find_end() == ""
+    assert compute_left(Budget(sessions=1), [ran]).find_end().startswith("BUDGET")
+    assert compute_left(Budget(), [ran] * 9).find_excess(100, 1e6) == ""

@@ -1,0 +1,242 @@
+"""The judge that looks at pictures, against a server that speaks the protocol over a real socket."""
+
+import base64
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from phyagentos.agent.judges.vision import VisionJudge
+from phyagentos.agent.judges.vision_endpoint import MAX_BYTES, OpenAiEndpoint
+from phyagentos.agent.verifier import SessionVerifier
+from phyagentos.assembly.verification import build_verifier
+from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.verdicts import JudgeName, Truth, Verdict
+from phyagentos.protocol.workspace import Workspace
+
+from .conftest import make_world, put
+from .test_verifier import BUDGET, IN_TRAY, make_bundle, make_session
+
+DONE = put(make_world(), "red_cube", IN_TRAY)
+YES = '{"truth": "true", "because": "the cube lies between the walls"}'
+
+
+class Model(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def __init__(self, content=YES, status=200, body=None, trickles=False) -> None:
+        super().__init__(("127.0.0.1", 0), Answering)
+        self.content, self.status, self.body, self.trickles = content, status, body, trickles
+        self.asked: list[dict] = []
+        self.headers: list[dict] = []
+        self.stop = threading.Event()
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}/v1"
+
+
+class Answering(BaseHTTPRequestHandler):
+    def do_POST(self) -> None:
+        model = self.server
+        data = self.rfile.read(int(self.headers["Content-Length"]))
+        model.asked.append(json.loads(data) | {"path": self.path})
+        model.headers.append(dict(self.headers))
+        completion = {"choices": [{"message": {"role": "assistant", "content": model.content}}]}
+        body = model.body if model.body is not None else json.dumps(completion).encode()
+        self.send_response(model.status)
+        if model.status == 302:
+            self.send_header("Location", f"{model.url}/elsewhere")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if model.trickles:
+            model.stop.wait(30)
+            return
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def serve():
+    opened = []
+
+    def open_one(**facts):
+        model = Model(**facts)
+        threading.Thread(target=model.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
+        opened.append(model)
+        return model
+
+    yield open_one
+    for model in opened:
+        model.stop.set()
+        model.shutdown()
+        model.server_close()
+
+
+@pytest.fixture
+def bundle(tmp_path):
+    (tmp_path / PICTURE_BEFORE).write_bytes(b"\x89PNG before")
+    (tmp_path / PICTURE_AFTER).write_bytes(b"\x89PNG after")
+    return make_bundle(DONE, folder=tmp_path)
+
+
+def make_judge(url, *, key="", timeout_s=5.0, **more):
+    endpoint = OpenAiEndpoint(url=url, model="looker-1", clock=SystemClock(), key=key, timeout_s=timeout_s)
+    return VisionJudge(endpoint, **more)
+
+
+def test_it_sends_both_pictures_and_the_statement_and_believes_a_strict_answer(serve, bundle):
+    model = serve()
+    (criterion,) = make_judge(model.url, key="secret").judge(bundle)
+    assert (criterion.text, criterion.kind, criterion.truth) == ("inside(red_cube, red_tray)", "vision", Truth.TRUE)
+    assert criterion.because == "the cube lies between the walls"
+    (asked,) = model.asked
+    assert (asked["path"], asked["model"], asked["temperature"]) == ("/v1/chat/completions", "looker-1", 0)
+    text, *images = asked["messages"][1]["content"]
+    assert "Statement: inside(red_cube, red_tray)" in text["text"]
+    assert "inside(a, b) means: Centre within the sides of the interior box" in text["text"]
+    sent = [base64.b64decode(image["image_url"]["url"].removeprefix("data:image/png;base64,")) for image in images]
+    assert sent == [b"\x89PNG before", b"\x89PNG after"]
+    assert model.headers[0]["Authorization"] == "Bearer secret"
+
+
+@pytest.mark.parametrize(("said", "truth"), [("false", Truth.FALSE), ("unknown", Truth.UNKNOWN)])
+def test_its_answer_is_weighed_like_any_other(serve, bundle, said, truth):
+    model = serve(content=json.dumps({"truth": said, "because": "so it looks"}))
+    verifier = SessionVerifier(costly=(make_judge(model.url),))
+    attempt = verifier.judge(bundle, BUDGET)
+    assert attempt.verdict is not Verdict.SUCCESS
+    assert attempt.criteria[-1].truth is truth
+    assert {PICTURE_AFTER} <= {reference.file for reference in attempt.evidence}
+    assert attempt.judges[-1] == "vision/1(looker-1 at 127.0.0.1)"
+    assert "secret" not in repr(verifier)
+
+
+@pytest.mark.parametrize(
+    ("facts", "because"),
+    [
+        ({"content": "Yes, it is."}, "MODEL_MALFORMED"),
+        ({"content": '```json\n{"truth": "true", "because": "x"}\n```'}, "MODEL_MALFORMED"),
+        ({"content": '{"truth": "probably", "because": "x"}'}, "MODEL_MALFORMED"),
+        ({"content": '{"truth": "true"}'}, "MODEL_MALFORMED"),
+        ({"content": '{"truth": "true", "because": "x", "score": 0.9}'}, "MODEL_MALFORMED"),
+        ({"body": b"{}"}, "MODEL_MALFORMED"),
+        ({"body": b'{"choices": []}'}, "MODEL_MALFORMED"),
+        ({"body": b"\xff\xfe"}, "MODEL_MALFORMED"),
+        ({"body": b"[" * (MAX_BYTES + 1)}, "MODEL_MALFORMED: looker-1 at 127.0.0.1 answered with more than"),
+        ({"status": 500}, "MODEL_REFUSED: looker-1 at 127.0.0.1 answered with status 500"),
+        ({"status": 302}, "MODEL_REFUSED: looker-1 at 127.0.0.1 answered with status 302"),
+    ],
+)
+def test_an_answer_of_another_form_than_the_one_asked_for_is_unknown(serve, bundle, facts, because):
+    model = serve(**facts)
+    (criterion,) = make_judge(model.url).judge(bundle)
+    assert criterion.truth is Truth.UNKNOWN
+    assert because in criterion.because
+    assert len(model.asked) == 1  # nothing is followed, nothing is tried again
+
+
+def test_no_answer_in_time_is_unknown(serve, bundle):
+    (criterion,) = make_judge(serve(trickles=True).url, timeout_s=0.2).judge(bundle)
+    assert (criterion.truth, criterion.because.split(":")[0]) == (Truth.UNKNOWN, "MODEL_UNREACHABLE")
+
+
+def test_nobody_there_is_unknown(serve, bundle):
+    model = serve()
+    url = model.url
+    model.shutdown()
+    model.server_close()
+    (criterion,) = make_judge(url).judge(bundle)
+    assert (criterion.truth, criterion.because.split(":")[0]) == (Truth.UNKNOWN, "MODEL_UNREACHABLE")
+
+
+@pytest.mark.parametrize("missing", [PICTURE_BEFORE, PICTURE_AFTER])
+def test_without_pictures_nobody_is_asked(serve, bundle, missing):
+    model = serve()
+    (bundle.folder / missing).unlink()
+    (criterion,) = make_judge(model.url).judge(bundle)
+    assert (criterion.truth, criterion.because) == (Truth.UNKNOWN, f"there is no picture {missing}")
+    assert model.asked == []
+
+
+def test_the_same_question_about_the_same_pictures_is_asked_once(serve, bundle):
+    model = serve()
+    judge = make_judge(model.url)
+    assert judge.judge(bundle) == judge.judge(bundle)
+    assert len(model.asked) == 1
+
+
+def test_only_so_many_criteria_are_asked_about(serve, tmp_path, bundle):
+    texts = tuple(f"at(red_cube, red_tray, 0.{n})" for n in range(1, 4))
+    many = make_bundle(DONE, folder=bundle.folder, session=make_session(accept=texts))
+    model = serve()
+    criteria = make_judge(model.url, max_questions=2).judge(many)
+    assert [criterion.truth for criterion in criteria] == ["true", "true", "unknown"]
+    assert len(model.asked) == 2
+
+
+# -- configuration -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    return Workspace.create(tmp_path / "w", Library.open())
+
+
+def configure(workspace, text):
+    path = workspace.runtime_contract
+    path.write_text(path.read_text().split("verification:")[0] + text)
+
+
+def test_nobody_is_asked_unless_it_is_configured(workspace, serve, bundle, monkeypatch):
+    model = serve()
+    monkeypatch.setenv("OPENAI_BASE_URL", model.url)
+    monkeypatch.setenv("OPENAI_API_KEY", "secret")
+    verifier = build_verifier(workspace, SystemClock())
+    assert verifier.costly == []
+    assert verifier.judge(bundle, BUDGET).verdict is Verdict.SUCCESS
+    assert model.asked == []
+
+
+def test_asking_a_model_that_is_not_configured_is_an_error_that_says_what_to_write(workspace):
+    with pytest.raises(DefinitionError, match=r"VISION_NOT_CONFIGURED.*Write 'vision: \{url"):
+        build_verifier(workspace, SystemClock(), judges=(JudgeName.VISION,))
+
+
+def test_the_key_comes_from_the_variable_that_the_settings_name(workspace, serve, bundle, monkeypatch):
+    model = serve()
+    configure(
+        workspace,
+        "verification:\n  judges: [predicates, vision]\n"
+        f"  vision: {{url: '{model.url}', model: looker-1, api_key_env: LOOKER_KEY, timeout_s: 5}}\n",
+    )
+    monkeypatch.delenv("LOOKER_KEY", raising=False)
+    with pytest.raises(DefinitionError, match=r"API_KEY_MISSING.*environment variable LOOKER_KEY is not set"):
+        build_verifier(workspace, SystemClock())
+    monkeypatch.setenv("LOOKER_KEY", "secret")
+    attempt = build_verifier(workspace, SystemClock()).judge(bundle, BUDGET)
+    assert attempt.verdict is Verdict.SUCCESS
+    assert [criterion.kind for criterion in attempt.criteria] == ["accept", "vision"]
+    assert model.headers[0]["Authorization"] == "Bearer secret"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("verification: {judges: [vision]}\n", "the judge 'vision' needs a block 'vision'"),
+        ("verification: {judges: [predicates], criteria: ['metric(ticks) <= 9']}\n", "not among the judges"),
+        ("verification: {criteria: ['metric(ticks)']}\n", "NOT_COMPARED"),
+        ("verification: {mode: sometimes}\n", "recovery"),
+        ("verification: {vision: {url: 'ftp://x', model: m}}\n", "https"),
+    ],
+)
+def test_settings_that_cannot_be_meant_are_refused(workspace, text, message):
+    configure(workspace, text)
+    with pytest.raises(DefinitionError, match=message):
+        build_verifier(workspace, SystemClock())
