@@ -1,0 +1,125 @@
+"""The imagined world: the scene's inventory, put where the estimate says, and nothing that only the true world knows.
+
+Upstream: an `Environment` and the scene file. Downstream: `rehearsal`. What an episode's seed decides (where things
+stand, what they weigh, how they slip) is never read: poses and shapes come from the estimate, weight and grip are the
+middle of what the inventory declares.
+"""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from phyagentos.protocol.environment import Entity, Environment, Status
+from phyagentos.protocol.scenes import Body, Placement, SceneSpec, Solid
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.targets.physics import Physics
+from phyagentos.runtime.targets.world import MujocoWorld
+
+Array = NDArray[np.float64]
+
+SETTLE_S = 0.3  # what was put a millimetre into its support has come to rest by then; simulated time
+
+
+class ImaginedWorld(MujocoWorld):
+    """A world of the same robot whose one scene is what is believed."""
+
+    believed: SceneSpec
+
+    def _find_scene(self, name: str) -> SceneSpec:
+        return self.believed
+
+    @property
+    def physics(self) -> Physics:
+        """What is simulated."""
+        return self._get_physics()
+
+
+def believe_scene(spec: SceneSpec, environment: Environment) -> SceneSpec:
+    """The scene as believed: what is not in the estimate, or gone, is left out.
+
+    Args:
+        spec: The scene's inventory: kinds, colours, weights and frictions as far as they are known.
+        environment: The estimate.
+    """
+    bodies = {
+        name: _believe_body(body, environment.entities[name])
+        for name, body in spec.bodies.items()
+        if name in environment.entities and environment.entities[name].status is not Status.GONE
+    }
+    regions = {name: region for name, region in spec.regions.items() if region.body is None or region.body in bodies}
+    return spec.model_copy(update={"bodies": bodies, "regions": regions})
+
+
+def _believe_body(body: Body, entity: Entity) -> Body:
+    w, _, _, z = entity.pose.quaternion_wxyz
+    yaw = 2.0 * float(np.arctan2(z, w))
+    return body.model_copy(
+        update={
+            "place": Placement(position_m=entity.pose.position_m, yaw_rad=(yaw, yaw)),
+            "shapes": _believe_shapes(body, entity),
+            "stretch_z": None,
+            "mass_span_kg": _narrow(body.mass_span_kg),
+            "grip_span": _narrow(body.grip_span),
+        }
+    )
+
+
+def _believe_shapes(body: Body, entity: Entity) -> tuple[Solid, ...]:
+    """The solids as they were seen; those of the inventory where nothing was measured."""
+    if not entity.shapes:
+        return body.shapes
+    return tuple(
+        Solid(
+            kind=shape.kind,
+            size_m=shape.size_m,
+            position_m=shape.pose.position_m,
+            euler_rad=_compute_euler(shape.pose.quaternion_wxyz),
+        )
+        for shape in entity.shapes
+    )
+
+
+def _compute_euler(quaternion_wxyz: tuple[float, float, float, float]) -> tuple[float, float, float]:
+    """Intrinsic x-y-z angles of a quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion_wxyz
+    if (w, x, y, z) == (1.0, 0.0, 0.0, 0.0):
+        return (0.0, 0.0, 0.0)
+    roll, pitch, yaw = Rotation.from_quat((x, y, z, w)).as_euler("XYZ").tolist()
+    return (roll, pitch, yaw)
+
+
+def _narrow(span: tuple[float, float] | None) -> tuple[float, float] | None:
+    """The middle of what is known."""
+    return None if span is None else (0.5 * (span[0] + span[1]),) * 2
+
+
+def settle_estimate(physics: Physics, environment: Environment, profile: TargetProfile) -> Array:
+    """Put everything where the estimate says, let it settle for a moment, and return the state.
+
+    Args:
+        physics: Of the believed scene; its state is written.
+        environment: The estimate; it holds the robot's own state too.
+        profile: The robot.
+
+    Returns:
+        The mjSTATE_INTEGRATION vector of the world at rest.
+    """
+    model, data, target = physics.model, physics.data, environment.targets[profile.target]
+    mujoco.mj_resetData(model, data)
+    data.qpos[physics.q_address] = target.q_rad
+    for joint in range(model.njnt):
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            name = model.body(int(model.jnt_bodyid[joint])).name
+            pose = environment.entities[name].pose
+            start = int(model.jnt_qposadr[joint])
+            data.qpos[start : start + 7] = (*pose.position_m, *pose.quaternion_wxyz)
+    width_m = float(np.clip(target.gripper_width_m, 0.0, profile.gripper.max_width_m))
+    fingers = profile.gripper.joints
+    for finger in fingers:
+        data.qpos[model.joint(finger).qposadr[0]] = width_m / len(fingers)
+    command_m = 0.0 if target.holding else width_m
+    q = np.asarray(target.q_rad, dtype=np.float64)
+    physics.set_servos(q, np.zeros_like(q), command_m)
+    physics.step(round(SETTLE_S / model.opt.timestep))
+    return physics.read_state()

@@ -1,0 +1,95 @@
+"""The last gate of preflight: a session that asks for a look-ahead starts only when enough of its rollouts succeeded.
+
+Upstream: the worker, once everything else has been granted. Downstream: an oracle; the result lies in the session's
+evidence as `lookahead.json`, also when the session was refused and left nothing else.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.evidence import write_json
+from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadResult
+from phyagentos.protocol.sessions import Session
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.lookahead.process import LOOKAHEAD_FAILED, Oracle, Rehearse
+from phyagentos.runtime.perception.port import Perception
+
+LOOKAHEAD_LOW = "LOOKAHEAD_LOW"
+
+
+class LookaheadGate:
+    """Asks for a forecast, and refuses by it.
+
+    Args:
+        oracle: Answers.
+        handle: To the target; nothing but observing is asked of it.
+        perception: Makes the estimate.
+        evidence: Folder of all bundles.
+    """
+
+    def __init__(self, *, oracle: Oracle, handle: TargetSessionHandle, perception: Perception, evidence: Path) -> None:
+        self._oracle, self._handle, self._perception = oracle, handle, perception
+        self._evidence = evidence
+        self._result: LookaheadResult | None = None
+
+    def find_problems(self, session: Session, tree: str, should_stop: Callable[[], bool]) -> Sequence[Problem]:
+        """What speaks against starting a session; nothing when it asks for no look-ahead.
+
+        Args:
+            session: The contract.
+            tree: That its plan names; empty for a policy, which nobody can rehearse.
+            should_stop: Asked several times a second.
+        """
+        self._result = None
+        if session.lookahead is None:
+            return ()
+        address = f"{session.id}: look-ahead"
+        if not tree:
+            expected = "a skill that is a tree, on a target with a model"
+            return (Problem(code=LOOKAHEAD_FAILED, address=address, found=repr(session.skill), expected=expected),)
+        try:
+            estimate = self._perception.perceive(self._handle.observe(), session.scene)
+            question = Rehearse(session=session, request=session.lookahead, tree=tree, environment=estimate)
+            result = self._oracle.ask(question, should_stop)
+        except ExecutionError as error:
+            return (Problem(code=error.code, address=address, found=str(error)),)
+        if result is None:
+            return (Problem(code=LOOKAHEAD_FAILED, address=address, found="an end was asked for"),)
+        self._result = result
+        if not result.is_low:
+            return ()
+        self.file_result(self._evidence / session.id, new=True)
+        return (_explain(result, address),)
+
+    def file_result(self, folder: Path, *, new: bool = False) -> None:
+        """Leave the latest forecast in a bundle, if there was one.
+
+        Args:
+            folder: Of the bundle.
+            new: Whether the folder may be missing.
+        """
+        if self._result is None:
+            return
+        if new:
+            folder.mkdir(parents=True, exist_ok=True)
+        if folder.is_dir():
+            write_json(folder / LOOKAHEAD, self._result)
+
+    def close(self) -> None:
+        """Let go of the oracle."""
+        self._oracle.close()
+
+
+def _explain(result: LookaheadResult, address: str) -> Problem:
+    causes = ", ".join(f"{cause} {count}" for cause, count in sorted(result.causes.items(), key=lambda c: -c[1]))
+    best = max(result.alternatives, key=lambda each: each.succeeded, default=None)
+    better = best is not None and best.succeeded > result.succeeded
+    changed = ", ".join(f"{key} {value}" for key, value in best.strategy.items()) if best is not None else ""
+    return Problem(
+        code=LOOKAHEAD_LOW,
+        address=address,
+        found=f"{result.succeeded} of {result.samples} rollouts succeed ({causes})",
+        expected=f"at least {result.threshold:g} of them",
+        hint=f"With {changed} it is {best.succeeded} of {best.samples}." if best is not None and better else "",
+    )

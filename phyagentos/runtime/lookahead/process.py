@@ -1,0 +1,152 @@
+"""The rehearsal process, and the port through which a worker asks it.
+
+Upstream: the worker, in preflight. Downstream: `forecast`. A process of its own, started at the first question and kept
+warm: imagined worlds never share a process with the real one, and what goes wrong in the imagination stays there.
+"""
+
+import signal
+import socket
+import subprocess
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.channel import Link
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.lookahead import LookaheadRequest, LookaheadResult
+from phyagentos.protocol.sessions import Session
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.lookahead.forecast import Forecaster
+
+LOOKAHEAD_FAILED = "LOOKAHEAD_FAILED"
+WAIT_S = 0.1  # longest sleep between looks at a cancellation
+CLOSE_GRACE_S = 1.0
+
+
+class Rehearse(msgspec.Struct, frozen=True, tag=True):
+    """One question.
+
+    Attributes:
+        session: The contract.
+        request: How often, how sure, from which seed.
+        tree: Of its skill.
+        environment: The estimate.
+    """
+
+    session: Session
+    request: LookaheadRequest
+    tree: str
+    environment: Environment
+
+
+class Foreseen(msgspec.Struct, frozen=True, tag=True):
+    """The answer."""
+
+    result: LookaheadResult
+
+
+class Unforeseen(msgspec.Struct, frozen=True, tag=True):
+    """There is no answer, and why."""
+
+    message: str
+
+
+_ENCODER = msgspec.msgpack.Encoder()
+_QUESTIONS: msgspec.msgpack.Decoder[Rehearse] = msgspec.msgpack.Decoder(Rehearse)
+_ANSWERS: msgspec.msgpack.Decoder[Foreseen | Unforeseen] = msgspec.msgpack.Decoder(Foreseen | Unforeseen)
+
+
+class Oracle(Protocol):
+    """Somebody who answers."""
+
+    def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
+        """The forecast; None when nobody wants it any more.
+
+        Raises:
+            ExecutionError: `LOOKAHEAD_FAILED`.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of processes and files."""
+        ...
+
+
+class RehearsalProcess:
+    """Answers from a process of its own.
+
+    Args:
+        command: Starts the process; `--descriptor N`, its end of the connection, is added.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._command = command
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Link | None = None
+
+    def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
+        """Have it rehearsed; `should_stop` is asked several times a second."""
+        connection = self._connection or self._start()
+        try:
+            connection.send_bytes(_ENCODER.encode(question))
+            while not connection.poll(WAIT_S):
+                if should_stop():
+                    self._kill()
+                    return None
+            answer = _ANSWERS.decode(connection.recv_bytes())
+        except (EOFError, OSError) as error:
+            code = self._kill()
+            raise ExecutionError(LOOKAHEAD_FAILED, f"the rehearsal process ended with code {code}") from error
+        if isinstance(answer, Unforeseen):
+            raise ExecutionError(LOOKAHEAD_FAILED, answer.message)
+        return answer.result
+
+    def close(self) -> None:
+        """End the process."""
+        if self._connection is not None:
+            self._connection.close()
+        if self._process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(CLOSE_GRACE_S)
+            self._kill()
+
+    def _start(self) -> Link:
+        ours, theirs = socket.socketpair()
+        command = [*self._command, "--descriptor", str(theirs.fileno())]
+        self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
+        theirs.close()
+        self._connection = Link(Connection(ours.detach()), spin_s=0.0)
+        return self._connection
+
+    def _kill(self) -> int:
+        """Another one is started when it is asked again; the exit code of this one."""
+        if self._connection is not None:
+            self._connection.close()
+        process, self._process, self._connection = self._process, None, None
+        if process is None:
+            return 0
+        process.kill()
+        return process.wait()
+
+
+def serve(forecaster: "Forecaster", connection: "Connection[Any, Any]") -> None:
+    """Answer until the other side is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends it
+    while True:
+        try:
+            asked = _QUESTIONS.decode(connection.recv_bytes())
+            connection.send_bytes(_ENCODER.encode(_answer(forecaster, asked)))
+        except (EOFError, OSError):
+            return
+
+
+def _answer(forecaster: "Forecaster", asked: Rehearse) -> Foreseen | Unforeseen:
+    try:
+        return Foreseen(forecaster.forecast(asked.session, asked.request, asked.tree, asked.environment))
+    except (DefinitionError, ExecutionError) as error:
+        return Unforeseen(str(error))

@@ -1,0 +1,232 @@
+"""A rehearsal: the session's own skill, carried out once in the imagined world, with its servo inputs on tape.
+
+Upstream: `forecast`. Downstream: `rollouts`, which plays the tape in other imagined worlds. Planner, leaves, guard and
+conditions are those of a real session and draw the same seeds, so that what is rehearsed is what would be done.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.evidence import TraceEvent
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.safety import TargetLimits
+from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.sessions import Scene, Session
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.execution.commands import CommandBuffer
+from phyagentos.runtime.execution.context import Situation, SkillContext
+from phyagentos.runtime.execution.holds import HoldMonitor
+from phyagentos.runtime.execution.leaf import LeafError
+from phyagentos.runtime.execution.loop import Outcome, SessionLoop
+from phyagentos.runtime.execution.registry import LeafRegistry
+from phyagentos.runtime.execution.thinking import Thinker
+from phyagentos.runtime.execution.tree_loader import build_tree
+from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.lookahead.estimate import Array, ImaginedWorld, believe_scene, settle_estimate
+from phyagentos.runtime.motion.process import Planner
+from phyagentos.runtime.perception.senses import SessionSenses
+from phyagentos.runtime.perception.truth import TruthPerception
+from phyagentos.runtime.targets.faults import FaultInjector
+from phyagentos.runtime.targets.physics import Physics
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.server import Loopback
+from phyagentos.runtime.targets.wire import FaultStruck, Observation
+
+REST_S = 0.3  # as a session is observed: released things come to rest within this; simulated time
+
+
+class Tape(FaultInjector):
+    """Takes down the servo inputs of every physics step; nothing strikes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[Array] = []
+
+    def act(self, physics: Physics) -> list[FaultStruck]:
+        """Called before every physics step."""
+        self.rows.append(physics.data.ctrl.copy())
+        return []
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rehearsal:
+    """What came of a rehearsal.
+
+    Attributes:
+        session: With the strategy that was rehearsed.
+        outcome: How it ended.
+        trace: What the tree did.
+        start: mjSTATE_INTEGRATION at its beginning.
+        controls: (n, n_servos) servo inputs, one row per physics step, the last ones at rest.
+        stage: Where it was played.
+    """
+
+    session: Session
+    outcome: Outcome
+    trace: tuple[TraceEvent, ...]
+    start: Array
+    controls: Array
+    stage: "Stage"
+
+    def find_label(self, planner: str) -> str:
+        """Label of the approach that was carried out, of those that a planning leaf found; empty without one."""
+        found: set[str] = set()
+        chosen = ""
+        for event in self.trace:
+            if event.leaf == planner and event.status == "SUCCESS":
+                found = set(event.numbers.get("labels", ()))
+            elif event.numbers.get("label") in found:
+                chosen = str(event.numbers["label"])
+        return chosen
+
+
+class Stage:
+    """The imagined world of one estimate.
+
+    Args:
+        world: Believed; its scene is loaded here.
+        environment: The estimate.
+        profile: The robot.
+        limits: Of the robot, from safety.yaml.
+    """
+
+    def __init__(
+        self, world: ImaginedWorld, environment: Environment, profile: TargetProfile, limits: TargetLimits
+    ) -> None:
+        self._world, self._profile = world, profile
+        self._epoch = 0
+        self.scene = Scene(name=environment.scene, seed=0, episode="imagined")
+        self.handle = TargetSessionHandle(Loopback(world), limits)
+        self.handle.load(self.scene)
+        self.start = settle_estimate(self.physics, environment, profile)
+        self._perception = TruthPerception(profile.target)
+
+    @property
+    def physics(self) -> Physics:
+        """What is simulated at present."""
+        return self._world.physics
+
+    def open_epoch(self) -> int:
+        """A new fencing token: the same session is rehearsed several times."""
+        self._epoch += 1
+        return self._epoch
+
+    def reset(self) -> None:
+        """Back to the estimate."""
+        self.handle.load(self.scene, self.start)
+
+    @property
+    def senses(self) -> SessionSenses:
+        """What a rehearsed session may ask about the imagined world."""
+        return SessionSenses(self.handle, self._perception, self.scene)
+
+    def perceive(self, observation: Observation | None = None) -> Environment:
+        """The imagined world as it is now; its truth is a belief already."""
+        return self._perception.perceive(observation or self.handle.observe(), self.scene)
+
+
+@dataclass(slots=True, kw_only=True)
+class Rehearser:
+    """Rehearses sessions of one target.
+
+    Attributes:
+        profile: The robot.
+        folder: Where its model lies.
+        limits: Of the robot, from safety.yaml.
+        library: Where scenes and trees are.
+        registry: Where leaves are.
+        planner: Its own, so that the worker's is left alone.
+        clock: Bounds thinking.
+    """
+
+    profile: TargetProfile
+    folder: Path
+    limits: TargetLimits
+    library: Library
+    registry: LeafRegistry
+    planner: Planner
+    clock: Clock
+    tape: Tape | None = None
+
+    def open_stage(self, environment: Environment) -> Stage:
+        """The imagined world of an estimate.
+
+        Raises:
+            ExecutionError: `SCENE_OVERFULL` and others of building a scene.
+        """
+        world = ImaginedWorld(self.profile, self.folder, self.library, ReceiveLog(None), faults=self._make_tape)
+        world.believed = believe_scene(read_scene(self.library.get_scene(environment.scene)), environment)
+        return Stage(world, environment, self.profile, self.limits)
+
+    def rehearse(self, stage: Stage, session: Session, tree: str) -> Rehearsal:
+        """Carry out a session's tree on a stage, from the estimate on."""
+        stage.reset()
+        handle = stage.handle
+        observation = handle.begin(session.id, stage.open_epoch())
+        initial = stage.perceive(observation)
+        context = self._make_context(stage, session, observation, initial)
+        skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
+        tape = self._get_tape()
+        tape.rows.clear()
+        loop = SessionLoop(
+            handle=handle,
+            context=context,
+            skill=skill,
+            holds=HoldMonitor(session.hold, initial, session.target),
+            cancel=lambda: None,
+            clock=self.clock,
+        )
+        outcome = loop.run()
+        try:
+            skill.halt()
+        except LeafError as error:
+            context.note("leaf_error", "LEAF_ERROR", leaf=error.path, message=str(error))
+        handle.halt()
+        handle.settle(REST_S)
+        handle.end()
+        trace = skill.trace()
+        skill.close()
+        return Rehearsal(
+            session=session,
+            outcome=outcome,
+            trace=trace,
+            start=stage.start,
+            controls=np.array(tape.rows),
+            stage=stage,
+        )
+
+    def _make_context(
+        self, stage: Stage, session: Session, observation: Observation, initial: Environment
+    ) -> SkillContext:
+        description = stage.handle.describe()
+        state, gripper = observation.target, self.profile.gripper
+        width_m = 0.0 if state.holding else float(np.clip(state.gripper_width_m, 0.0, gripper.max_width_m))
+        return SkillContext(
+            session=session,
+            profile=self.profile,
+            planner=Thinker(self.planner),
+            commands=CommandBuffer(
+                q_rad=np.clip(state.q_rad, description.q_min_rad, description.q_max_rad),
+                gripper_width_m=width_m,
+                acceleration_rad_s2=np.asarray(self.profile.arm.acceleration_rad_s2, dtype=np.float64),
+                n_steps=description.steps_per_command,
+                step_s=description.physics_step_s,
+            ),
+            situation=Situation(stage.handle.step, initial, stage.senses),
+            tracking_error_max_rad=float(np.asarray(self.limits.tracking_error_max.value)),
+        )
+
+    def _make_tape(self, _episode: str, _seed: int) -> Tape:
+        self.tape = Tape()
+        return self.tape
+
+    def _get_tape(self) -> Tape:
+        if self.tape is None:
+            raise ExecutionError("NO_SCENE", "no stage is open; call open_stage() first")
+        return self.tape

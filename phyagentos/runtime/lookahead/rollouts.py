@@ -1,0 +1,139 @@
+"""A rehearsal's tape, played open-loop in many imagined worlds at once, each judged by the contract at its end.
+
+Upstream: `rehearsal`, `uncertainty`. Downstream: `forecast`. The raw states become snapshots by the code that also
+makes the observation of a real session. The tape is not corrected on the way: a leaf that would have measured anew how
+a thing lies in the hand does not, so a chance is estimated rather too low than too high.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.predicates.predicate import View, iter_entities, parse_predicate
+from phyagentos.protocol.verdicts import Truth
+from phyagentos.runtime.execution.holds import HoldMonitor
+from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
+from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Stage
+from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
+
+SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
+MOVED_M = 0.015  # as the predicate `moved`
+_FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """What happened in one imagined world.
+
+    Attributes:
+        held: Names of what was held, at each sample.
+        initial: After the things had come to rest.
+        terminal: At the end.
+        violated: The first condition that did not hold all through; empty when all did.
+    """
+
+    held: tuple[tuple[str, ...], ...]
+    initial: Environment
+    terminal: Environment
+    violated: str = ""
+
+
+def play(rehearsal: Rehearsal, starts: Sequence[ImaginedStart], threads: int) -> list[Course]:
+    """Play the tape in every world.
+
+    Args:
+        rehearsal: Whose tape.
+        starts: The worlds.
+        threads: Of `mujoco.rollout`; they change no bit of what comes out.
+    """
+    stage = rehearsal.stage
+    model = stage.physics.model
+    rest = np.repeat(rehearsal.controls[:1], round(SETTLE_S / model.opt.timestep), axis=0)
+    controls = np.concatenate((rest, rehearsal.controls))
+    stride = round(SAMPLE_S / model.opt.timestep)
+    chosen = [*range(len(rest) - 1, len(controls) - 1, stride), len(controls) - 1]
+    data = [mujoco.MjData(model) for _ in range(max(1, threads))]
+    states, _ = rollout.rollout(
+        [start.model for start in starts], data, np.array([start.state for start in starts]), controls[None]
+    )
+    return [_watch(states[index][chosen], rehearsal, stage) for index in range(len(starts))]
+
+
+def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Course:
+    """One world's samples, as a session's observers would have seen them."""
+    session, physics = rehearsal.session, stage.physics
+    held: list[tuple[str, ...]] = []
+    violated = ""
+    initial = terminal = _look(states[0], stage)
+    holds = HoldMonitor(session.hold, initial, session.target)
+    for state in states[1:]:
+        if session.hold and not violated:
+            terminal = _look(state, stage)
+            criterion = holds.sample(terminal)
+            violated = criterion.text if criterion is not None else ""
+            held.append(terminal.targets[session.target].holding)
+        else:
+            mujoco.mj_setState(physics.model, physics.data, state, _FULL)
+            physics.look()
+            held.append(physics.read_target(physics.find_touching()).holding)
+    return Course(held=tuple(held), initial=initial, terminal=_look(states[-1], stage), violated=violated)
+
+
+def _look(state: Array, stage: Stage) -> Environment:
+    mujoco.mj_setState(stage.physics.model, stage.physics.data, state, _FULL)
+    return stage.perceive()
+
+
+def find_cause(course: Course, nominal: Course, rehearsal: Rehearsal) -> str:
+    """Coded cause why a world's end is not what the contract asks; empty when it is.
+
+    A grasp is judged by comparison with the rehearsal: where that held the thing, this world should.
+
+    Args:
+        course: Of the world in question.
+        nominal: Of the same tape in the world as believed.
+        rehearsal: With the contract.
+    """
+    session = rehearsal.session
+    view = View(now=course.terminal, initial=course.initial, target=session.target)
+    failed = [text for text in session.accept if parse_predicate(text).evaluate(view).truth is not Truth.TRUE]
+    if course.violated:
+        return "CONSTRAINT_VIOLATED"
+    if not failed:
+        return ""
+    if cause := _judge_grasp(course, nominal):
+        return cause
+    thing = session.parameters.get("object")
+    about = {name for text in failed for name in iter_entities(parse_predicate(text))}
+    if any(_has_moved(name, course) and not _has_moved(name, nominal) for name in about - {thing}):
+        return "OBJECT_MOVED"  # what was to stay where it was
+    if any(_has_been_on(name, thing, course) for name in about - {thing}):
+        return "LOAD_LOST"  # what was to travel with the thing
+    return "PLACED_WRONG" if any(_has_moved(name, course) for name in {thing, *about}) else "WITHOUT_EFFECT"
+
+
+def _judge_grasp(course: Course, nominal: Course) -> str:
+    missing = [set(wanted) - set(found) for wanted, found in zip(nominal.held, course.held, strict=True)]
+    lost = set.union(*(first & second for first, second in pairwise(missing)), set())
+    if not lost:  # a single sample without contact is a flicker
+        return ""
+    return "GRASP_LOST" if any(lost & set(found) for found in course.held) else "GRASP_MISSED"
+
+
+def _has_been_on(load: str, thing: object, course: Course) -> bool:
+    if thing not in course.initial.entities or load not in course.initial.entities:
+        return False
+    view = View(now=course.initial, initial=course.initial, target=None)
+    return parse_predicate(f"on({load}, {thing})").evaluate(view).truth is Truth.TRUE
+
+
+def _has_moved(name: object, course: Course) -> bool:
+    before, after = (world.entities.get(str(name)) for world in (course.initial, course.terminal))
+    if before is None or after is None:
+        return False
+    return float(np.linalg.norm(np.subtract(after.pose.position_m, before.pose.position_m))) > MOVED_M

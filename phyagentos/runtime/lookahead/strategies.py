@@ -1,0 +1,90 @@
+"""What could be done differently, by the cause that most rollouts failed of: the few ways that a rehearsal tries out.
+
+Upstream: `forecast`. The words are those of a contract's `strategy`, so that a child session can say the same. The
+search is greedy: the next way is a remedy for the best one so far.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+Strategy = Mapping[str, Any]
+
+SLOWER = 0.5  # at half the speed inertia is a quarter
+SLOWEST = 0.125  # a session that creeps meets its time limit instead
+
+
+class Tried(NamedTuple):
+    """A way that was rehearsed.
+
+    Attributes:
+        strategy: What was done differently.
+        succeeded: Rollouts that met the contract.
+        cause: Coded, of most of the others; empty when there was none.
+        grasp: Label of the grasp that it led to, empty for none.
+        site: Label of the way to its site, empty for none.
+    """
+
+    strategy: Strategy
+    succeeded: int
+    cause: str
+    grasp: str
+    site: str
+
+
+def propose(tried: Sequence[Tried]) -> Strategy | None:
+    """The next way worth a rehearsal; None when nothing is left to try.
+
+    Args:
+        tried: So far; the first is the contract's own.
+    """
+    known = [dict(each.strategy) for each in tried]
+    for each in sorted(tried, key=lambda each: -each.succeeded):
+        for remedy in _REMEDIES.get(each.cause, ()):
+            strategy = remedy(each)
+            if strategy is not None and dict(strategy) not in known:
+                return strategy
+    return None
+
+
+def _go_slower(tried: Tried) -> Strategy | None:
+    return {**tried.strategy, "speed": max(SLOWEST, SLOWER * float(tried.strategy.get("speed", 1.0)))}
+
+
+def _grasp_otherwise(tried: Tried) -> Strategy | None:
+    return _avoid(tried.strategy, "avoid_grasps", tried.grasp)
+
+
+def _arrive_otherwise(tried: Tried) -> Strategy | None:
+    """The same place from another side."""
+    return _avoid(tried.strategy, "avoid_sites", tried.site)
+
+
+def _place_elsewhere(tried: Tried) -> Strategy | None:
+    """Another place: a label is `<site>.<yaw>`."""
+    return _avoid(tried.strategy, "avoid_sites", tried.site.partition(".")[0])
+
+
+def _avoid_nothing(tried: Tried) -> Strategy | None:
+    return {key: value for key, value in tried.strategy.items() if not key.startswith("avoid_")}
+
+
+def _avoid(strategy: Strategy, key: str, label: str) -> Strategy | None:
+    return {**strategy, key: [*(each for each in strategy.get(key, ()) if each != label), label]} if label else None
+
+
+_Remedies = tuple[Callable[[Tried], Strategy | None], ...]
+_UNPLANNED: _Remedies = (_grasp_otherwise, _place_elsewhere, _avoid_nothing)
+_REMEDIES: Mapping[str, _Remedies] = {
+    "GRASP_MISSED": (_grasp_otherwise,),
+    "GRASP_LOST": (_go_slower, _grasp_otherwise),
+    "LOAD_LOST": (_go_slower, _grasp_otherwise, _place_elsewhere),
+    "PLACED_WRONG": (_place_elsewhere, _go_slower, _grasp_otherwise),
+    "OBJECT_MOVED": (_arrive_otherwise, _place_elsewhere, _grasp_otherwise, _go_slower),
+    "WITHOUT_EFFECT": (_grasp_otherwise,),
+    "CONSTRAINT_VIOLATED": (_go_slower, _place_elsewhere, _grasp_otherwise),
+    "HOLD_VIOLATED": (_go_slower, _place_elsewhere, _grasp_otherwise),
+    "STILL_HELD": (_place_elsewhere,),
+    **dict.fromkeys(("STALLED", "PROTECTIVE_STOP"), (_go_slower,)),
+    **dict.fromkeys(("COLLISION_STOP", "TARGET_LIMIT"), (_grasp_otherwise, _place_elsewhere, _go_slower)),
+    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE"), _UNPLANNED),
+}

@@ -1,0 +1,154 @@
+"""What is not known of a world, as distributions: the one place where they are stated, each with its reason.
+
+Upstream: the believed scene and the estimate. Downstream: `rollouts`. The inventory's declared spans come first; where
+it declares none, a thing is nearly what its entry says. How a payload hangs in the fingers is no draw of its own: it
+follows from where the thing lay when they closed.
+"""
+
+import copy
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from phyagentos.protocol.environment import Entity, Environment
+from phyagentos.protocol.scenes import Body, SceneSpec
+from phyagentos.protocol.seeds import compute_seed
+from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.lookahead.estimate import Array
+from phyagentos.runtime.targets.physics import Physics
+from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, name_actuator
+
+POSITION_STD_M = {"truth": 0.0005, "perceived": 0.002}  # where the estimate states none: what a depth camera leaves
+TURN_STD_RAD = {"truth": 0.004, "perceived": 0.03}  # an edge of 4 cm whose end is seen 1 mm askew is turned by 0.03 rad
+CALIBRATION_STD_M = {"truth": 0.0, "perceived": 0.001}  # of the cameras: moves everything alike
+CONFIDENCE_MIN = 0.25  # a thing seen this badly is placed four times worse than one seen well; not more
+MASS_SHARE = 0.10  # a label gives the nominal mass; contents and wear change it by a tenth
+FRICTION_SHARE = 0.20  # between handbook values of the same pair of dry materials
+PAD_SHARE = 0.15  # rubber pads wear and take up dust
+FORCE_SHARE = 0.10  # of a gripper that controls its force by motor current
+STIFFNESS_SHARE = 0.05  # of the arm's servos
+
+
+@dataclass(frozen=True, slots=True)
+class ImaginedStart:
+    """One of the worlds that the estimate could be.
+
+    Attributes:
+        model: With its own weights, frictions and gains.
+        state: mjSTATE_FULLPHYSICS at the beginning.
+    """
+
+    model: mujoco.MjModel
+    state: Array
+
+
+def draw_starts(
+    physics: Physics,
+    start: Array,
+    spec: SceneSpec,
+    environment: Environment,
+    profile: TargetProfile,
+    *,
+    samples: int,
+    seed: int,
+) -> list[ImaginedStart]:
+    """Worlds drawn from what is not known; the same seed gives the same worlds, each by its number alone.
+
+    Args:
+        physics: Of the believed world; its model is copied.
+        start: mjSTATE_INTEGRATION of the estimate, at rest.
+        spec: The inventory, with its spans.
+        environment: The estimate.
+        profile: The robot.
+        samples: How many.
+        seed: Root of every draw.
+    """
+    scratch = mujoco.MjData(physics.model)
+    mujoco.mj_setState(physics.model, scratch, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+    qpos = np.array(scratch.qpos)
+    starts = []
+    for index in range(samples):
+        rng = np.random.default_rng(compute_seed(seed, "lookahead", index))
+        model = copy.copy(physics.model)
+        data = mujoco.MjData(model)
+        mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
+        data.qpos[:] = qpos
+        _draw_robot(model, profile, rng)
+        _draw_things(model, data, spec, environment, rng)
+        state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        mujoco.mj_setConst(model, data)  # what follows from the masses; it uses the data as scratch
+        starts.append(ImaginedStart(model, state))
+    return starts
+
+
+def _draw_robot(model: mujoco.MjModel, profile: TargetProfile, rng: np.random.Generator) -> None:
+    grip = model.actuator(GRIPPER_ACTUATOR).id
+    force = 1.0 + FORCE_SHARE * rng.uniform(-1.0, 1.0)
+    model.actuator_forcerange[grip] *= force
+    for joint in profile.arm.joints:
+        servo = model.actuator(name_actuator(joint)).id
+        gain = 1.0 + STIFFNESS_SHARE * rng.uniform(-1.0, 1.0)
+        model.actuator_gainprm[servo, 0] *= gain
+        model.actuator_biasprm[servo, 1] *= gain
+    pads = 1.0 + PAD_SHARE * rng.uniform(-1.0, 1.0)
+    for pad in profile.gripper.pads:
+        model.geom_friction[model.geom(pad).id] *= pads
+
+
+def _draw_things(
+    model: mujoco.MjModel, data: mujoco.MjData, spec: SceneSpec, environment: Environment, rng: np.random.Generator
+) -> None:
+    shift = rng.normal(0.0, 1.0, 2) * CALIBRATION_STD_M[environment.sensing]
+    for name, body in spec.bodies.items():
+        draws = rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 2), rng.uniform(0.0, 1.0, 2)
+        entity = environment.entities.get(name)
+        if entity is None or body.fixed:
+            continue
+        place, shares, ranks = draws
+        if entity.held_by is None:  # what is held is where the fingers are
+            _displace(model, data, name, place * _compute_deviation(entity, environment.sensing), shift)
+        _weigh(model, name, body, shares, ranks)
+
+
+def _compute_deviation(entity: Entity, sensing: str) -> Array:
+    """(3,) standard deviations of x, y [m] and yaw [rad] of one thing."""
+    doubt = 1.0 / max(entity.confidence, CONFIDENCE_MIN)
+    place_m = entity.position_std_m or doubt * POSITION_STD_M[sensing]
+    turn_rad = entity.turn_std_rad or doubt * TURN_STD_RAD[sensing]
+    return np.array([place_m, place_m, turn_rad])
+
+
+def _displace(model: mujoco.MjModel, data: mujoco.MjData, name: str, offset: Array, shift: Array) -> None:
+    """Move along the ground and turn about the vertical: height and tilt are what the support makes them."""
+    start = int(model.jnt_qposadr[model.body(name).jntadr[0]])
+    data.qpos[start : start + 2] += offset[:2] + shift
+    turn, turned = np.array([np.cos(offset[2] / 2), 0.0, 0.0, np.sin(offset[2] / 2)]), np.zeros(4)
+    mujoco.mju_mulQuat(turned, turn, data.qpos[start + 3 : start + 7])
+    data.qpos[start + 3 : start + 7] = turned
+
+
+def _weigh(model: mujoco.MjModel, name: str, body: Body, shares: Array, ranks: Array) -> None:
+    """Mass and friction of one thing.
+
+    Args:
+        model: Of the world that is drawn.
+        name: Of the thing.
+        body: Its entry in the inventory.
+        shares: (2,) in -1..1: of the nominal mass and friction, where no span is declared.
+        ranks: (2,) in 0..1: where in its declared spans the thing lies.
+    """
+    index = model.body(name).id
+    nominal = float(model.body_mass[index])
+    mass = nominal * (1.0 + MASS_SHARE * shares[0])
+    if body.mass_span_kg is not None:
+        mass = body.mass_span_kg[0] + ranks[0] * (body.mass_span_kg[1] - body.mass_span_kg[0])
+    model.body_mass[index] = mass
+    model.body_inertia[index] *= mass / nominal
+    geoms = np.flatnonzero(model.geom_bodyid == index)
+    if body.grip_span is None:
+        model.geom_friction[geoms, 0] *= 1.0 + FRICTION_SHARE * shares[1]
+        return
+    friction = body.grip_span[0] + ranks[1] * (body.grip_span[1] - body.grip_span[0])
+    model.geom_friction[geoms, :2] *= (friction / model.geom_friction[geoms, 0])[:, None]

@@ -1,0 +1,186 @@
+"""Look-ahead on contact physics: what is rehearsed is what would happen, and nothing that only the true world knows."""
+
+import msgspec
+import mujoco
+import numpy as np
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.lookahead import LookaheadRequest
+from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.sessions import Ended, GoalId, Scene, Session, SessionId
+from phyagentos.runtime.execution.registry import build_registry
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.lookahead.estimate import believe_scene
+from phyagentos.runtime.lookahead.forecast import Forecaster, _copy_start
+from phyagentos.runtime.lookahead.rehearsal import Rehearser
+from phyagentos.runtime.lookahead.rollouts import find_cause, play
+from phyagentos.runtime.lookahead.uncertainty import draw_starts
+from phyagentos.runtime.motion.planner import MotionPlanner
+from phyagentos.runtime.motion.process import LocalPlanner
+from phyagentos.runtime.perception.truth import TruthPerception
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.scene import draw_bodies
+from phyagentos.runtime.targets.server import Loopback
+from phyagentos.runtime.targets.world import MujocoWorld
+
+pytestmark = [pytest.mark.sim, pytest.mark.motion]
+
+WAITER, SEED = "tabletop/waiter", 1
+
+
+@pytest.fixture(scope="module")
+def rehearser(library, profile, limits):
+    path = library.get_target("panda")
+    return Rehearser(
+        profile=profile,
+        folder=path.parent,
+        limits=limits,
+        library=library,
+        registry=build_registry(library),
+        planner=LocalPlanner(MotionPlanner.open(path)),
+        clock=SystemClock(),
+    )
+
+
+@pytest.fixture(scope="module")
+def environment(library, profile, limits):
+    world = MujocoWorld(profile, library.get_target("panda").parent, library, ReceiveLog(None))
+    handle = TargetSessionHandle(Loopback(world), limits)
+    scene = Scene(name=WAITER, seed=SEED, episode="e")
+    handle.load(scene)
+    return TruthPerception("panda").perceive(handle.observe(), scene)
+
+
+@pytest.fixture(scope="module")
+def session():
+    return Session(
+        id=SessionId("serve-1.serve"),
+        goal=GoalId("serve-1"),
+        node="serve",
+        objective="",
+        skill="pick_and_place",
+        target="panda",
+        parameters={"object": "coaster", "destination": "tray"},
+        accept=("inside(coaster, tray)", "on(coin, coaster)"),
+        scene=Scene(name=WAITER, seed=SEED, episode="e"),
+        seed=11,
+    )
+
+
+@pytest.fixture(scope="module")
+def stage(rehearser, environment):
+    return rehearser.open_stage(environment)
+
+
+@pytest.fixture(scope="module")
+def rehearsal(rehearser, stage, session):
+    return rehearser.rehearse(stage, session, "pick_and_place")
+
+
+@pytest.fixture(scope="module")
+def result(rehearser, session, environment):
+    request = LookaheadRequest(samples=8, threshold=0.8, seed=5)
+    return Forecaster(rehearser=rehearser, threads=2).forecast(session, request, "pick_and_place", environment)
+
+
+def draw(rehearser, stage, environment, samples, seed=5):
+    spec = read_scene(rehearser.library.get_scene(environment.scene))
+    return draw_starts(stage.physics, stage.start, spec, environment, rehearser.profile, samples=samples, seed=seed)
+
+
+def test_the_tape_of_a_rehearsal_leads_the_believed_world_to_the_same_end(stage, rehearsal):
+    assert rehearsal.outcome.ended is Ended.COMPLETED
+    (course,) = play(rehearsal, [_copy_start(stage)], threads=1)
+
+    assert "coaster" in {name for held in course.held for name in held}
+    assert find_cause(course, course, rehearsal) in {"", "LOAD_LOST"}
+    place = course.terminal.entities["coaster"].pose.position_m
+    tray = course.terminal.entities["tray"].pose.position_m
+    assert np.allclose(place[:2], tray[:2], atol=0.09)
+
+
+def test_threads_change_nothing(rehearser, stage, rehearsal, environment):
+    starts = draw(rehearser, stage, environment, 4)
+
+    one, two = (play(rehearsal, starts, threads) for threads in (1, 2))
+
+    assert [each.terminal.entities for each in one] == [each.terminal.entities for each in two]
+
+
+def test_a_world_is_drawn_by_its_number_alone(rehearser, stage, environment):
+    few, many = (draw(rehearser, stage, environment, samples) for samples in (2, 4))
+    others = draw(rehearser, stage, environment, 2, seed=6)
+
+    for first, second, other in zip(few, many, others, strict=False):
+        assert first.state.tobytes() == second.state.tobytes() != other.state.tobytes()
+        assert np.array_equal(first.model.body_mass, second.model.body_mass)
+        assert np.array_equal(first.model.geom_friction, second.model.geom_friction)
+
+
+def test_drawn_weights_and_grips_lie_in_the_declared_spans_and_the_mean_is_no_truth(rehearser, stage, environment):
+    starts = draw(rehearser, stage, environment, 12)
+    coin = stage.physics.model.body("coin").id
+    geom = int(stage.physics.model.body_geomadr[coin])
+
+    masses = [start.model.body_mass[coin] for start in starts]
+    grips = [start.model.geom_friction[geom, 0] for start in starts]
+    assert 0.04 <= min(masses) < max(masses) <= 0.07
+    assert 0.04 <= min(grips) < max(grips) <= 0.14
+    assert all(start.model.body_subtreemass[coin] == start.model.body_mass[coin] for start in starts)
+
+
+def test_the_imagined_world_is_the_same_whatever_the_true_one_weighs(library, environment, stage):
+    spec = read_scene(library.get_scene(WAITER))
+    true = {seed: {each.name: each for each in draw_bodies(spec, seed)}["coin"] for seed in (1, 2)}
+    assert true[1].mass_kg != true[2].mass_kg
+    assert true[1].grip != true[2].grip
+
+    believed = believe_scene(spec, environment)
+    coins = [{each.name: each for each in draw_bodies(believed, seed)}["coin"] for seed in (1, 2)]
+
+    assert coins[0] == coins[1]
+    assert (coins[0].mass_kg, coins[0].grip) == pytest.approx((0.055, 0.09))
+    stage.reset()
+    imagined = stage.perceive().entities["coin"].pose.position_m
+    assert np.allclose(imagined, environment.entities["coin"].pose.position_m, atol=5e-4)
+
+
+def test_a_load_that_slips_is_foreseen_and_slowness_is_the_remedy(result):
+    assert result.is_low
+    assert result.likely_cause == "LOAD_LOST"
+    best = result.alternatives[0]
+    assert best.strategy["speed"] < 1.0
+    assert best.succeeded > result.succeeded
+    assert best.succeeded >= 7
+
+
+def test_what_cannot_be_planned_is_foreseen_with_the_planner_s_code(rehearser, session, environment):
+    away = msgspec.structs.replace(
+        session, parameters={"object": "coaster", "destination": "coin"}, accept=("inside(coaster, coin)",)
+    )
+    request = LookaheadRequest(samples=3, threshold=0.5, seed=1)
+
+    foreseen = Forecaster(rehearser=rehearser).forecast(away, request, "pick_and_place", environment)
+
+    assert foreseen.succeeded == 0
+    assert foreseen.causes == {"UNKNOWN_ENTITY": 3}
+    assert foreseen.alternatives == ()
+    assert "the rehearsal itself ended skill_failed" in foreseen.notes[-1]
+
+
+def test_a_gone_thing_is_not_imagined(library, environment):
+    spec = read_scene(library.get_scene(WAITER))
+    without = msgspec.structs.replace(
+        environment, entities={name: each for name, each in environment.entities.items() if name != "coin"}
+    )
+
+    assert "coin" not in believe_scene(spec, without).bodies
+
+
+def test_the_model_that_is_drawn_from_is_left_as_it_was(stage, rehearser, environment):
+    before = np.array(stage.physics.model.geom_friction)
+    draw(rehearser, stage, environment, 2)
+
+    assert np.array_equal(before, stage.physics.model.geom_friction)
+    assert mujoco.mj_stateSize(stage.physics.model, mujoco.mjtState.mjSTATE_INTEGRATION) == stage.start.size

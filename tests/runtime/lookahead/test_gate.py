@@ -1,0 +1,124 @@
+import msgspec
+import pytest
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.lookahead import Alternative, LookaheadRequest, LookaheadResult, read_lookahead
+from phyagentos.runtime.lookahead.gate import LookaheadGate
+from phyagentos.runtime.lookahead.process import RehearsalProcess, Rehearse
+
+WORLD = Environment(time_s=0.4, scene="tabletop/waiter", episode="e", revision=1, sensing="truth", entities={})
+SLOWER = Alternative(strategy={"speed": 0.5}, samples=16, succeeded=15)
+
+
+class Oracle:
+    def __init__(self, answer):
+        self.answer, self.asked = answer, []
+
+    def ask(self, question, should_stop):
+        self.asked.append(question)
+        if isinstance(self.answer, ExecutionError):
+            raise self.answer
+        return self.answer
+
+    def close(self):
+        pass
+
+
+class Eye:
+    def observe(self):
+        return None
+
+    def perceive(self, observation, scene, focus=()):
+        return WORLD
+
+
+def make_result(succeeded):
+    return LookaheadResult(
+        samples=16, succeeded=succeeded, threshold=0.8, causes={"LOAD_LOST": 16 - succeeded}, alternatives=(SLOWER,)
+    )
+
+
+@pytest.fixture
+def careful(build_session):
+    return build_session(lookahead=LookaheadRequest(samples=16, threshold=0.8, seed=3))
+
+
+@pytest.fixture
+def open_gate(tmp_path):
+    def open_gate(answer):
+        eye = Eye()
+        return LookaheadGate(oracle=Oracle(answer), handle=eye, perception=eye, evidence=tmp_path)
+
+    return open_gate
+
+
+def never():
+    return False
+
+
+def test_a_session_that_asks_for_nothing_is_not_rehearsed(open_gate, build_session):
+    gate = open_gate(make_result(0))
+
+    assert gate.find_problems(build_session(), "pick_and_place", never) == ()
+    assert gate._oracle.asked == []
+
+
+def test_a_low_forecast_refuses_with_cause_and_remedy_and_leaves_its_evidence(open_gate, careful, tmp_path):
+    (problem,) = open_gate(make_result(5)).find_problems(careful, "pick_and_place", never)
+
+    assert problem.code == "LOOKAHEAD_LOW"
+    assert problem.found == "5 of 16 rollouts succeed (LOAD_LOST 11)"
+    assert problem.hint == "With speed 0.5 it is 15 of 16."
+    assert read_lookahead(tmp_path / careful.id) == make_result(5)
+
+
+def test_a_good_forecast_is_kept_for_the_bundle_of_the_session(open_gate, careful, tmp_path):
+    gate = open_gate(make_result(13))
+
+    assert gate.find_problems(careful, "pick_and_place", never) == ()
+    assert not (tmp_path / careful.id).exists()
+    (tmp_path / careful.id).mkdir()
+    gate.file_result(tmp_path / careful.id)
+    assert read_lookahead(tmp_path / careful.id).succeeded == 13
+
+
+def test_the_oracle_is_asked_from_the_estimate(open_gate, careful):
+    gate = open_gate(make_result(16))
+    gate.find_problems(careful, "pick_and_place", never)
+
+    (asked,) = gate._oracle.asked
+    assert asked == Rehearse(session=careful, request=careful.lookahead, tree="pick_and_place", environment=WORLD)
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(asked), type=Rehearse) == asked
+
+
+@pytest.mark.parametrize(
+    ("answer", "tree", "found"),
+    [
+        (ExecutionError("LOOKAHEAD_FAILED", "the rehearsal process ended with code -9"), "pick", "code -9"),
+        (None, "pick", "an end was asked for"),
+        (make_result(16), "", "pick_and_place"),
+    ],
+)
+def test_what_cannot_be_foreseen_does_not_start(open_gate, careful, answer, tree, found):
+    (problem,) = open_gate(answer).find_problems(careful, tree, never)
+
+    assert problem.code == "LOOKAHEAD_FAILED"
+    assert found in problem.found
+
+
+def test_a_rehearsal_process_that_dies_is_an_error_and_the_next_question_starts_another(careful):
+    question = Rehearse(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
+    oracle = RehearsalProcess(["sh", "-c", "exit 3"])
+
+    for _ in range(2):
+        with pytest.raises(ExecutionError, match="the rehearsal process ended with code"):
+            oracle.ask(question, never)
+
+
+def test_a_question_that_nobody_wants_any_more_ends_the_process(careful):
+    question = Rehearse(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
+    oracle = RehearsalProcess(["sh", "-c", "exec sleep 60"])
+
+    assert oracle.ask(question, lambda: True) is None
+    assert oracle._process is None

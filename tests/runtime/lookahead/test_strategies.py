@@ -1,0 +1,44 @@
+from phyagentos.runtime.lookahead.strategies import SLOWEST, Tried, propose
+
+
+def tried(cause, succeeded=0, grasp="yaw+090", site="site4.yaw+045", **strategy):
+    return Tried(strategy=strategy, succeeded=succeeded, cause=cause, grasp=grasp, site=site)
+
+
+def test_what_slips_is_carried_slower_then_slower_still():
+    first = tried("GRASP_LOST", 3)
+    second = tried("GRASP_LOST", 6, speed=0.5)
+
+    assert propose([first]) == {"speed": 0.5}
+    assert propose([first, second]) == {"speed": 0.25}
+
+
+def test_the_next_way_is_a_remedy_for_the_best_one_so_far():
+    first, worse = tried("LOAD_LOST", 8), tried("LOAD_LOST", 2, speed=0.5)
+
+    assert propose([first, worse]) == {"avoid_grasps": ["yaw+090"]}
+
+
+def test_what_falls_from_its_place_is_put_elsewhere_and_not_only_turned():
+    assert propose([tried("PLACED_WRONG")]) == {"avoid_sites": ["site4"]}
+
+
+def test_what_knocks_over_a_neighbour_comes_from_another_side_first():
+    assert propose([tried("OBJECT_MOVED")]) == {"avoid_sites": ["site4.yaw+045"]}
+
+
+def test_a_grasp_from_which_nothing_can_be_planned_is_avoided():
+    assert propose([tried("NO_IK", site="")]) == {"avoid_grasps": ["yaw+090"]}
+
+
+def test_what_is_avoided_already_stays_avoided():
+    first = tried("GRASP_MISSED", avoid_grasps=["yaw+000"], speed=0.5)
+
+    assert propose([first]) == {"avoid_grasps": ["yaw+000", "yaw+090"], "speed": 0.5}
+
+
+def test_when_everything_was_tried_nothing_is_proposed():
+    slowest = tried("STALLED", speed=SLOWEST)
+
+    assert propose([slowest]) is None
+    assert propose([tried("UNHEARD_OF")]) is None
