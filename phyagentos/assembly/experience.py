@@ -1,0 +1,48 @@
+"""Memory at work for one agent: what advises its sessions, and what remembers their verdicts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.memory.advisor import MemoryAdvisor
+from phyagentos.agent.memory.features import Surroundings
+from phyagentos.agent.memory.keeper import MemoryKeeper
+from phyagentos.agent.memory.memory import Memory
+from phyagentos.clock import Clock
+from phyagentos.protocol.workspace import Workspace
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remembering:
+    """What a mission is given.
+
+    Attributes:
+        memory: The memory itself.
+        advisor: Asked before a session is submitted.
+        keeper: Looks on, and remembers.
+    """
+
+    memory: Memory
+    advisor: MemoryAdvisor
+    keeper: MemoryKeeper
+
+
+def open_memory(workspace: Workspace, clock: Clock, report: Callable[[str], None]) -> Remembering:
+    """The memory of a workspace.
+
+    Args:
+        workspace: Where the records and the two documents lie.
+        clock: For the time of records.
+        report: Told what could not be kept.
+
+    Raises:
+        ExecutionError: `JOURNAL_DAMAGED`.
+    """
+    catalogue = Catalogue.of_workspace(workspace)
+    surroundings = Surroundings(scenes=catalogue.scenes, targets=catalogue.targets)
+    memory = Memory(workspace.memory, clock=clock, by="agent")
+    return Remembering(
+        memory=memory,
+        advisor=MemoryAdvisor(memory, surroundings),
+        keeper=MemoryKeeper(memory, surroundings, workspace, clock=clock, report=report),
+    )

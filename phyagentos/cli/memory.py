@@ -1,0 +1,172 @@
+"""Commands about memory: `memory show`, `memory why`, `memory forget`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from phyagentos.cli.outcome import print_note, print_result
+
+if TYPE_CHECKING:
+    from phyagentos.agent.memory.episodes import Episode
+    from phyagentos.agent.memory.lane import Edit
+    from phyagentos.agent.memory.memory import Memory
+    from phyagentos.protocol.memory_entries import MemoryEntry
+
+Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
+Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.md and KNOWLEDGE.md give it.")]
+AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this group's commands."""
+    group = typer.Typer(help="What verdicts taught.", no_args_is_help=True, rich_markup_mode=None)
+    group.command("show")(show)
+    group.command("why")(why)
+    group.command("forget")(forget)
+    app.add_typer(group, name="memory")
+
+
+def show(
+    workspace: Space,
+    words: Annotated[list[str] | None, typer.Argument(help="Kinds of things, causes, scenes; all without any.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Hypotheses, expired and retracted entries too.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Lessons in force and what was counted, the most useful first."""
+    from phyagentos.agent.memory.views import list_facts, list_lessons
+    from phyagentos.protocol.memory_entries import Standing
+
+    memory = _open(workspace)
+    entries: list[MemoryEntry] = [*list_lessons(memory.experience), *list_facts(memory.experience)]
+    if words:
+        found = {lesson.id for lesson in memory.search(" ".join(words))}
+        entries = [each for each in entries if each.id in found or _mentions(each, words)]
+    shown = [each for each in entries if everything or each.state is Standing.ACTIVE]
+    if as_json:
+        _print_json({"version": memory.version, "entries": shown})
+        return
+    for each in shown:
+        mark = "" if each.state is Standing.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
+        print_result(f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against")
+    hidden = len(entries) - len(shown)
+    told = f"; {hidden} more with --all" if hidden else ""
+    print_note(f"{len(shown)} entries of {memory.version}{told}")
+
+
+def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:
+    """Where an entry comes from: failures, corrections and their verdicts, and what people said of it."""
+    memory = _open(workspace)
+    told = _find(memory, entry, workspace)
+    episodes, edits = _trace(memory, entry)
+    if as_json:
+        _print_json({"entry": told, "episodes": episodes, "edits": edits})
+        return
+    lines = [f"{told.id}: {told.state}", f"  says        {told.statement}"]
+    lines += [f"  because     {told.reason}"] if told.reason else []
+    lines += [f"  counts      {told.supported} for, {told.contradicted} against, at least {told.confidence:.0%} sure"]
+    lines += [f"  baseline    {baseline} without it"] if (baseline := getattr(told, "baseline", "")) else []
+    for each in episodes:
+        lines += _tell(each)
+    for edit in edits:
+        said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))
+        lines.append(f"  said        {edit.by or 'somebody'}: {said or 'where it holds was changed'}")
+    print_result("\n".join(lines))
+
+
+def forget(
+    entry: Entry,
+    workspace: Space,
+    reason: Annotated[str, typer.Option("--reason", "-r", help="Why it shall not count any more.")],
+    as_json: AsJson = False,
+) -> None:
+    """Retract an entry: it is kept with the reason, and used no more."""
+    import getpass
+
+    from phyagentos.agent.memory.lane import Edit
+
+    memory = _open(workspace)
+    _find(memory, entry, workspace)
+    memory.record([Edit(entry=entry, retracts=True, reason=reason, by=getpass.getuser())])
+    if as_json:
+        _print_json({"entry": _find(memory, entry, workspace), "version": memory.version})
+    else:
+        print_result(f"{entry}: retracted; {memory.version} does without it")
+    memory.close()
+
+
+def _open(root: Path) -> "Memory":
+    from phyagentos.agent.memory.memory import Memory
+    from phyagentos.clock import SystemClock
+    from phyagentos.protocol.lifecycle import Side
+    from phyagentos.protocol.workspace import Workspace
+
+    workspace: Workspace = Workspace.open(root)
+    return Memory(workspace.memory, clock=SystemClock(), by="paos memory", side=Side.OPERATOR)
+
+
+def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
+    """The entry as it stands.
+
+    Raises:
+        DefinitionError: `UNKNOWN_ENTRY`.
+    """
+    from phyagentos.agent.memory import methodological, semantic
+    from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+
+    experience = memory.experience
+    if (lesson := experience.corrections.get(entry)) is not None:
+        return methodological.describe(lesson, experience.find_baseline(lesson), experience.seq)
+    if (pattern := experience.patterns.get(entry)) is not None:
+        return semantic.describe(pattern)
+    if (fact := experience.facts.get(entry)) is not None:
+        return fact
+    known = [*experience.corrections, *experience.patterns, *experience.facts]
+    raise DefinitionError(
+        Problem(
+            code="UNKNOWN_ENTRY",
+            address=str(root),
+            found=repr(entry),
+            expected=format_names(known[:20]) if known else "nothing is remembered yet",
+            hint=format_hint(entry, known),
+        )
+    )
+
+
+def _trace(memory: "Memory", entry: str) -> "tuple[list[Episode], list[Edit]]":
+    """The episodes that an entry rests on, oldest first, and the edits of it."""
+    from phyagentos.agent.memory.episodes import Episode
+    from phyagentos.agent.memory.semantic import find_pattern_id
+
+    lesson = memory.experience.corrections.get(entry)
+    named = {session for chain in (lesson.chains if lesson else ()) for session in (chain.failed, chain.corrected)}
+    episodes: list[Episode] = []
+    edits: list[Edit] = []
+    for event in memory.read_all():
+        if not isinstance(event, Episode):
+            edits += [event] if event.entry == entry else []
+        elif event.session in named or entry in event.advised_by or find_pattern_id(event) == entry:
+            episodes.append(event)
+    return episodes, edits
+
+
+def _tell(episode: "Episode") -> list[str]:
+    cause = f" {episode.cause}" if episode.cause else ""
+    how = ", ".join(f"{name} {value}" for name, value in episode.strategy.items())
+    advised = ", advised by it" if episode.advised_by else ""
+    return [
+        f"  episode     {episode.session}: {episode.verdict.value}{cause}",
+        f"              {episode.objective} {how or 'the own way of the skill'}{advised}",
+        f"              {episode.evidence}",
+    ]
+
+
+def _mentions(entry: "MemoryEntry", words: list[str]) -> bool:
+    text = f"{entry.id} {entry.statement}".lower()
+    return all(word.lower() in text for word in words)
+
+
+def _print_json(value: Any) -> None:
+    import msgspec
+
+    print_result(msgspec.json.format(msgspec.json.encode(value), indent=2).decode())

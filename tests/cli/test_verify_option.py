@@ -1,0 +1,30 @@
+"""`paos run --verify MODE` reaches the agent that judges."""
+
+from pathlib import Path
+
+import pytest
+
+from phyagentos.cli import mission_run
+from phyagentos.cli.mission_run import Order, start_planes
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.verdicts import VerificationMode
+from phyagentos.protocol.workspace import Workspace
+
+
+@pytest.mark.parametrize("mode", [None, *VerificationMode])
+def test_the_agent_is_told_the_mode_that_was_asked_for(tmp_path, monkeypatch, mode):
+    started = {}
+    monkeypatch.setattr(mission_run, "Plane", lambda name, arguments, _logs: started.setdefault(name, arguments))
+    workspace = Workspace.create(tmp_path / "w", Library(()))
+    start_planes(Order(graph=Path("g.yaml"), verify=mode), Path("g.yaml"), None, workspace)
+    told = started["agent"]
+    assert ("--verify" in told) == (mode is not None)
+    assert mode is None or told[told.index("--verify") + 1] == mode
+    assert "--verify" not in started["watch"]
+
+
+def test_a_mode_that_does_not_exist_is_refused(paos):
+    result = paos("run", "tidy_table", "--verify", "sometimes")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "recovery" in result.err
