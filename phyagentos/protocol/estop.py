@@ -4,6 +4,7 @@ Upstream: the world process, which latches what it is asked for; the operator, w
 Downstream: every target. Software requests a stop and logs it; it claims no performance level (ISO 13849-1).
 """
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
 
 LATCH = "estop.json"
+RESERVE = ".estop.reserve"
 _KEPT = "estop-reset-{stamp}.json"
 
 
@@ -36,7 +38,11 @@ class Latch(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 def is_latched(signals: Path) -> bool:
     """Whether the stop is latched in a folder `signals/`."""
-    return (signals / LATCH).exists()
+    try:
+        os.stat(f"{signals}/{LATCH}")  # noqa: PTH116 - before every command
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
 
 
 def read_latch(signals: Path) -> Latch | None:
@@ -53,25 +59,49 @@ def latch(signals: Path, wanted: Latch) -> None:
     """Latch the stop; the first one stays. Targets see it at once, and it is durable when this returns.
 
     A disk may take a second to write; nothing that moves waits for it. A latch that a lost supply leaves empty holds
-    all the same (see `read_latch`).
+    all the same (see `read_latch`). On a full disk the reserve becomes the latch: a new name for an old file needs no
+    room.
 
     Args:
         signals: The folder `signals/` of a workspace.
         wanted: By whom, why, when.
+
+    Raises:
+        OSError: The disk did not take it, or did not say that it has; whether it is latched tells `is_latched`.
     """
-    signals.mkdir(parents=True, exist_ok=True)
-    temporary = signals / f".{LATCH}.{os.getpid()}.tmp"
-    with temporary.open("wb") as file:
-        file.write(_encode(wanted))
-        file.flush()
-        try:
-            (signals / LATCH).hardlink_to(temporary)
-        except FileExistsError:
-            pass
-        finally:
-            temporary.unlink()
-        os.fsync(file.fileno())
+    try:
+        signals.mkdir(parents=True, exist_ok=True)
+        _link(signals, wanted)
+    except OSError:
+        if is_latched(signals):
+            raise
+        (signals / RESERVE).rename(signals / LATCH)
     _sync_folder(signals)
+
+
+def provide_reserve(signals: Path) -> None:
+    """Have a file ready that can become the latch when the disk is full; a full disk has none."""
+    signals.mkdir(parents=True, exist_ok=True)
+    if not (signals / RESERVE).exists():
+        temporary = signals / f".{RESERVE}.{os.getpid()}.tmp"
+        try:
+            _write(temporary, Latch(reason="the disk was full: who asked and why could not be written"))
+            temporary.replace(signals / RESERVE)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+
+
+def _link(signals: Path, wanted: Latch) -> None:
+    temporary = signals / f".{LATCH}.{os.getpid()}.tmp"
+    try:
+        with temporary.open("wb") as file:
+            file.write(_encode(wanted))
+            file.flush()
+            with contextlib.suppress(FileExistsError):
+                (signals / LATCH).hardlink_to(temporary)
+            os.fsync(file.fileno())
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def reset(signals: Path, reason: str, clock: Clock) -> Path:
@@ -102,6 +132,7 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
     temporary.replace(signals / LATCH)
     (signals / LATCH).rename(kept)  # a rename wakes whoever waits; a removal would not
     _sync_folder(signals)
+    provide_reserve(signals)
     return kept
 
 

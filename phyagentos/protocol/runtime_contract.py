@@ -14,6 +14,7 @@ import pydantic
 from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.schema import Authored, read_yaml, validate
+from phyagentos.protocol.verification import Verification
 
 
 class WorldMode(StrEnum):
@@ -53,7 +54,13 @@ class RuntimeContract(Authored):
         command_representation: What a command holds.
         sampling_hz: How often hold conditions and constraints are sampled, in simulated time [Hz].
         operations: Operations of a target that a session may use here, if the target offers them.
+        resources: What several targets can reach and one session at a time may have; a contract names no others.
+        ageing_per_min: Priority that a waiting session gains in a minute. At 1, a session of priority 5 goes before an
+            ordinary one that came up to five minutes earlier, and after it when it came later than that.
+        lease_s: A worker that has not heard from its watchdog for so long brings its target to rest [s]. Longer than a
+            slow disk keeps a watchdog busy, shorter than a person takes to wonder.
         evidence: How long evidence is kept.
+        verification: Who judges sessions, and what a judgement is for.
     """
 
     version: Literal[1] = 1
@@ -63,7 +70,11 @@ class RuntimeContract(Authored):
     command_representation: Literal["joint_position_velocity"]
     sampling_hz: float = pydantic.Field(ge=10)
     operations: tuple[Operation, ...] = SESSION_OPERATIONS
+    resources: tuple[str, ...] = ()
+    ageing_per_min: float = pydantic.Field(default=1.0, gt=0)
+    lease_s: float = pydantic.Field(default=15.0, ge=1.0)
     evidence: EvidenceRetention = EvidenceRetention()
+    verification: Verification = Verification()
 
 
 def declare_world_mode(path: Path, mode: WorldMode) -> None:

@@ -1,8 +1,9 @@
 """Evidence folders made ahead: empty files in an empty folder, renamed into place when a session begins.
 
-Upstream: the worker, between sessions. Downstream: the recorder, which only fills them in. To find a free inode may
-cost a file system more than all that is written into the file (ext4 walks past those that were freed a moment ago), and
-a bundle needs ten. A thread pays for that beside the session, which then costs one rename.
+Upstream: the worker, which makes them while nobody asks for anything. Downstream: the recorder, which only fills them
+in. To find a free inode may cost a file system more than all that is written into the file (ext4 walks past those that
+were freed a moment ago), and a bundle needs ten. No thread makes them: it would take the interpreter away from the
+session in every one of its calls.
 
 The walk is as long as what was freed near by: 0.15 ms a bundle on a quiet disk, 7 ms where a test suite was cleaned up
 within the last minutes. So blanks are made in places of their own, which the file system is asked to spread over the
@@ -15,13 +16,12 @@ import itertools
 import os
 import shutil
 import struct
-import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-AHEAD = 32  # folders kept ready; a session of a few milliseconds takes one
+AHEAD = 64  # folders kept ready; a session of a few milliseconds takes one
 SLOW_S = 0.0006  # a blank that costs this much was made where much had been freed
 PATIENCE = 4  # slow blanks in a row, then another place is tried
 _GET_FLAGS, _SET_FLAGS, _TOP_FOLDER = 0x80086601, 0x40086602, 0x00020000  # of linux/fs.h, as for `chattr +T`
@@ -37,56 +37,64 @@ class Blanks:
     """
 
     def __init__(self, folder: Path, names: Sequence[str], *, ahead: int = AHEAD) -> None:
-        self._folder, self._names = folder, tuple(names)
+        self._folder, self._names, self._ahead = folder, tuple(names), ahead
         self._numbers, self._places = itertools.count(), itertools.count()
         self._ready: deque[str] = deque()
-        self._wanted = threading.Semaphore(ahead)
+        self._place, self._slow = "", 0
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         _spread(folder)
-        threading.Thread(target=self._make_ahead, daemon=True, name="blank-bundles").start()
 
-    def take(self, destination: Path) -> bool:
-        """Let a blank become `destination`; False when none is ready, or something stands there already."""
-        if not self._ready:
-            return False
-        blank = self._ready.popleft()
+    def fill(self, is_asked: Callable[[], bool]) -> None:
+        """Make what is missing, one after the other, until somebody asks for something else."""
+        with contextlib.suppress(OSError):  # a full disk: sessions make their own folders, and say what is wrong
+            while len(self._ready) < self._ahead and not is_asked():
+                self._ready.append(self._make())
+
+    def take(self, destination: Path) -> tuple[str, ...] | None:
+        """Let a blank become `destination`, in a rush one without its files.
+
+        Returns:
+            The empty files in it; None when none can be made, or something stands there already.
+        """
+        names = self._names if self._ready else ()
+        try:
+            blank = self._ready.popleft() if self._ready else self._make_folder()
+        except OSError:
+            return None
         try:
             os.rename(blank, destination)  # noqa: PTH104 - in every session
         except OSError:
-            self._ready.append(blank)
-            return False
-        self._wanted.release()
-        return True
+            if names:
+                self._ready.append(blank)
+            return None
+        return names
 
     def close(self) -> None:
         """Remove what nobody took; a worker that is killed leaves that to the next one."""
         self._ready.clear()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _make_ahead(self) -> None:
-        with contextlib.suppress(OSError):  # a full disk: sessions make their own folders, and say what is wrong
-            place, slow = self._open_place(), 0
-            while True:
-                self._wanted.acquire()
-                began_s = time.thread_time()
-                self._ready.append(self._make(place))
-                slow = slow + 1 if time.thread_time() - began_s > SLOW_S else 0
-                if slow >= PATIENCE:
-                    place, slow = self._open_place(), 0
+    def _make_folder(self) -> str:
+        if not self._place or self._slow >= PATIENCE:
+            self._place, self._slow = self._open_place(), 0
+        blank = f"{self._place}/{next(self._numbers)}"
+        os.mkdir(blank)  # noqa: PTH102
+        return blank
+
+    def _make(self) -> str:
+        began_s = time.thread_time()
+        blank = self._make_folder()
+        for name in self._names:
+            os.close(os.open(f"{blank}/{name}", os.O_CREAT | os.O_WRONLY | os.O_CLOEXEC, 0o644))
+        self._slow = self._slow + 1 if time.thread_time() - began_s > SLOW_S else 0
+        return blank
 
     def _open_place(self) -> str:
         """A folder in another part of the disk, where the file system offers that."""
         place = f"{self._folder}/{next(self._places)}"
         os.mkdir(place)  # noqa: PTH102
         return place
-
-    def _make(self, place: str) -> str:
-        blank = f"{place}/{next(self._numbers)}"
-        os.mkdir(blank)  # noqa: PTH102
-        for name in self._names:
-            os.close(os.open(f"{blank}/{name}", os.O_CREAT | os.O_WRONLY | os.O_CLOEXEC, 0o644))
-        return blank
 
 
 def _spread(folder: Path) -> None:

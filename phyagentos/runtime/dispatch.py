@@ -14,16 +14,45 @@ class Check(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         restore: File with the state vector to start from (a rerun), empty for an ordinary session.
         thorough: Try out the motions of every session, paths too (`paos preflight`).
+        may_reset: Whether the episode that stands there may end for it (`ResetPolicy`).
     """
 
     session: Session
     epoch: int
     restore: str = ""
     thorough: bool = False
+    may_reset: bool = True
 
 
 class Run(msgspec.Struct, frozen=True, tag=True):
-    """Carry out the session that was checked last. Answer: `Finished`."""
+    """Carry out the session that was checked last. Answer: `Finished`.
+
+    Attributes:
+        until_s: End of the lease, by the monotonic clock of this machine [s]; a wall clock that jumps changes nothing.
+    """
+
+    session: Session
+    epoch: int
+    evidence: str
+    until_s: float = float("inf")
+
+
+class Renew(msgspec.Struct, frozen=True, tag=True):
+    """The watchdog is there: the session may go on. Without it the worker brings its target to rest.
+
+    Attributes:
+        until_s: As of `Run`.
+    """
+
+    until_s: float
+
+
+class Prepare(msgspec.Struct, frozen=True, tag=True):
+    """Make ready what a `Run` of the session that was checked last begins with, and command nothing. No answer.
+
+    Its start stands in the journal, but may not be on the disk yet; meanwhile authority can be taken, the world
+    observed, and the first half of the evidence written.
+    """
 
     session: Session
     epoch: int
@@ -58,6 +87,7 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         ended: What was lost.
+        code: Under which the session ends; that of `ended` when empty.
     """
 
     session: Session
@@ -65,6 +95,7 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
     evidence: str
     reason: str
     ended: Ended = Ended.RUNNER_LOST
+    code: str = ""
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):
@@ -93,14 +124,16 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         is_target_lost: Nobody could look at the world; it must be replaced before anybody can.
+        ahead: Result of the check that was asked for meanwhile, made in the world that this session left.
     """
 
     session: str
     execution: Execution
     is_target_lost: bool = False
+    ahead: Checked | None = None
 
 
-ToWorker = Check | Run | Stop | Pause | Resume | Reconcile
+ToWorker = Check | Prepare | Run | Renew | Stop | Pause | Resume | Reconcile
 FromWorker = Ready | Checked | Finished
 
 _ENCODER = msgspec.msgpack.Encoder()

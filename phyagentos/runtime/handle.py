@@ -31,6 +31,7 @@ OPERATIONS: dict[type[wire.Request], str] = {  # of a session; what is not here 
     wire.Halt: "halt",
     wire.Settle: "settle",
     wire.Render: "render",
+    wire.Capture: "observe",
 }
 
 ReplyT = TypeVar("ReplyT", bound=wire.Reply)
@@ -104,17 +105,20 @@ class TargetSessionHandle:
             self._description = self._ask(wire.Describe(), wire.Description)
         return self._description
 
-    def load(self, scene: Scene, state: wire.Array | None = None) -> wire.Loaded:
+    def load(self, scene: Scene, state: wire.Array | None = None, *, may_reset: bool = True) -> wire.Loaded:
         """Make the scene's episode the present world; a no-op when it is, and then nothing is asked.
 
         Args:
             scene: Name, seed and episode.
             state: mjSTATE_INTEGRATION to start from instead of a fresh world (rerun of a recorded session).
+            may_reset: Whether another episode may end for it; else the target refuses with `RESET_FORBIDDEN`.
         """
         if state is None and self._loaded is not None and self._loaded[0] == scene:
             return self._loaded[1]
         self._description, self._loaded = None, None  # cameras belong to the scene
-        request = wire.LoadScene(scene=scene.name, seed=scene.seed, episode=scene.episode, state=state)
+        request = wire.LoadScene(
+            scene=scene.name, seed=scene.seed, episode=scene.episode, state=state, may_reset=may_reset
+        )
         loaded = self._ask(request, wire.Loaded, LOAD_TIMEOUT_S)
         self._loaded = (scene, loaded) if state is None else None
         return loaded
@@ -225,6 +229,10 @@ class TargetSessionHandle:
         """A picture of the present; empty when the world cannot render."""
         return self._ask(wire.Render(camera=camera, width=width, height=height), wire.Picture, LOAD_TIMEOUT_S)
 
+    def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None) -> wire.Frames:
+        """The latest frames of these RGB-D cameras, all of them when none is named; time does not move."""
+        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}), wire.Frames, LOAD_TIMEOUT_S)
+
     def save_model(self, folder: Path) -> None:
         """Let the world write its compiled model into `folder`."""
         self._ask(wire.SaveModel(folder=str(folder)), wire.Ack, LOAD_TIMEOUT_S)
@@ -235,18 +243,23 @@ class TargetSessionHandle:
             raise CommandRefused(
                 "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
             )
-        try:
-            wire.send(self._connection, request)
-        except OSError as error:
-            raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
-        try:
-            reply = wire.receive_reply(self._connection, timeout_s)
-        except ExecutionError:
-            self._connection.close()  # what was asked for must not happen later, nor be taken for another answer
-            raise
+        here = self._connection
+        reply = here.ask(request) if isinstance(here, wire.Here) else self._exchange(request, timeout_s)
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
         if not isinstance(reply, expected):
             raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
         return reply
+
+    def _exchange(self, request: wire.Request, timeout_s: float) -> wire.Reply:
+        """One request and its reply, through the connection."""
+        try:
+            wire.send(self._connection, request)
+        except OSError as error:
+            raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
+        try:
+            return wire.receive_reply(self._connection, timeout_s)
+        except ExecutionError:
+            self._connection.close()  # what was asked for must not happen later, nor be taken for another answer
+            raise

@@ -1,6 +1,6 @@
-"""Signs of life of a worker, written at most ten times a second, and the watchdog's reading of them.
+"""Signs of life of a worker, written at most ten times a second.
 
-Upstream: the runner's loop. Downstream: the watchdog, and whoever looks on.
+Upstream: the runner's loop. Downstream: the watchdog (`liveness`), and whoever looks on.
 """
 
 import os
@@ -9,10 +9,9 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.heartbeats import Heartbeat, find_heartbeat, write_heartbeat
+from phyagentos.protocol.heartbeats import Heartbeat, write_heartbeat
 
 PERIOD_S = 0.1
-LOOK_PERIOD_S = 0.2  # the watchdog reads no faster; a limit of seconds does not notice
 
 
 class HeartbeatWriter:
@@ -73,30 +72,3 @@ class HeartbeatWriter:
             sim_time_s=beat.sim_time_s,
             leaf=beat.leaf,
         )
-
-
-class HeartbeatMonitor:
-    """Tells how long a worker has been silent, by the watchdog's own clock."""
-
-    def __init__(self, folder: Path, target: str, clock: Clock) -> None:
-        self._folder = folder
-        self._target = target
-        self._clock = clock
-        self._sequence = -1
-        self._changed_at_s = clock.now_s()
-        self._looked_at_s = -LOOK_PERIOD_S
-
-    def restart(self) -> None:
-        """Count the silence from now (a new claim, a new worker)."""
-        self._changed_at_s = self._clock.now_s()
-
-    def compute_silence_s(self) -> float:
-        """Seconds since the worker last said something new [s]."""
-        now_s = self._clock.now_s()
-        if now_s - max(self._looked_at_s, self._changed_at_s) >= LOOK_PERIOD_S:
-            self._looked_at_s = now_s
-            beat = find_heartbeat(self._folder, self._target)
-            if beat is not None and beat.sequence != self._sequence:
-                self._sequence = beat.sequence
-                self._changed_at_s = now_s
-        return now_s - self._changed_at_s

@@ -1,19 +1,23 @@
-"""What the watchdog keeps of each target: its post, and the queue of sessions that wait for it.
+"""What the watchdog keeps of each target: its post.
 
 Upstream: the watchdog, which alone changes them. Downstream: workers and heartbeats.
 """
 
-import heapq
-import itertools
 from dataclasses import dataclass
 from enum import StrEnum
 
 from phyagentos.protocol.lifecycle import SessionState
 from phyagentos.protocol.sessions import Ended, Execution, Session, SessionId
 from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.runtime.ahead import Ahead
 from phyagentos.runtime.dispatch import Reconcile
-from phyagentos.runtime.heartbeat import HeartbeatMonitor
+from phyagentos.runtime.liveness import HeartbeatMonitor
 from phyagentos.runtime.workers import Worker
+
+REST_S = 2.0  # after the first failure, twice as long after each further one
+VERDICT_S = 5.0  # the longest that a target waits for a verdict, by the wall clock: the agent may have gone
+_UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
+FAILURES = 6  # one more is the end: a minute has passed, and a full disk or a port in use would have been free again
 
 
 class Phase(StrEnum):
@@ -36,12 +40,14 @@ class Lost:
         epoch: Of its claim.
         reason: One sentence.
         ended: What was lost.
+        code: Under which it ends; that of `ended` when empty.
     """
 
     session: Session
     epoch: int
     reason: str
     ended: Ended = Ended.RUNNER_LOST
+    code: str = ""
 
     def make_order(self) -> Reconcile:
         """To look at the world that it left, under an epoch that no command of it came with."""
@@ -51,6 +57,7 @@ class Lost:
             evidence=f"evidence/{self.session.id}",
             reason=self.reason,
             ended=self.ended,
+            code=self.code,
         )
 
     def make_unobserved(self) -> Execution:
@@ -66,11 +73,17 @@ class Post:
 
     Attributes:
         lost: Observed as soon as the new worker is ready.
-        failed_starts: Workers in a row that died before they were ready.
+        failures: Workers in a row that were lost before they were ready, or while they looked at what was left.
+        rest_s: How long the target is left alone after the first of them [s].
+        renew_at_s: When the lease of its session is due to be renewed, by the watchdog's clock [s].
         lost_targets: Orders in a row during which the target was lost.
         stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
+        ahead: The check that was asked for beside the running session.
+        unwanted: Answers to such checks that are still to come, and that nobody wants any more.
+        unsure: The session whose last look left its acceptance undecided, and when it ended, by the watchdog's clock.
     """
 
+    target: str
     worker: Worker
     monitor: HeartbeatMonitor
     phase: Phase = Phase.STARTING
@@ -78,32 +91,28 @@ class Post:
     epoch: int = 0
     since_s: float = 0.0
     stop_by_s: float | None = None
-    failed_starts: int = 0
+    failures: int = 0
+    rest_s: float = REST_S
+    renew_at_s: float = 0.0
     lost_targets: int = 0
     lost: Lost | None = None
+    ahead: Ahead | None = None
+    unwanted: int = 0
+    unsure: tuple[SessionId, float] | None = None
 
+    def note_end(self, session: Session, execution: Execution, now_s: float) -> None:
+        """Keep in mind whether somebody may have to look again before the target does anything else."""
+        self.unsure = (session.id, now_s) if execution.undecided else None
 
-class Queue:
-    """Sessions that wait for one target: the larger priority first, then the older; what is past is skipped."""
+    def is_free(self, ledger: Ledger, now_s: float) -> bool:
+        """Whether it may get work: idle, nothing lost, and no verdict due that may ask for another look."""
+        if self.unsure is not None:
+            status = ledger.sessions.get(self.unsure[0])
+            if status is not None and status.state in _UNJUDGED and now_s - self.unsure[1] < VERDICT_S:
+                return False
+            self.unsure = None
+        return self.phase is Phase.IDLE and self.lost is None
 
-    def __init__(self) -> None:
-        self._heap: list[tuple[int, int, SessionId]] = []
-        self._numbers = itertools.count()
-
-    def put(self, session: Session) -> None:
-        """Add a session, or add it again with another priority."""
-        heapq.heappush(self._heap, (-session.priority, next(self._numbers), session.id))
-
-    def __len__(self) -> int:
-        """How many may wait."""
-        return len(self._heap)
-
-    def take(self, ledger: Ledger) -> Session | None:
-        """The next session that is still pending, or None."""
-        while self._heap:
-            priority, _, id = heapq.heappop(self._heap)
-            status = ledger.sessions.get(id)
-            if status is None or status.state != SessionState.PENDING or status.contract.priority != -priority:
-                continue
-            return status.contract
-        return None
+    def compute_rest_s(self) -> float:
+        """How long a target is left alone before the next worker is started [s]."""
+        return float(self.rest_s * 2 ** (self.failures - 1))

@@ -42,6 +42,8 @@ WRITTEN = (
 """Files that every session writes for itself."""
 
 _NONE = encode_json([])
+_FILL = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
+_REPLACE = _FILL | os.O_TRUNC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,8 +94,9 @@ class Recorder:
         self._stationery = stationery or Stationery()
         self._rows: list[tuple[float, ...]] = []
         self._blank: set[str] = set()  # files that were made ahead and hold nothing yet
-        if blanks is not None and blanks.take(folder):
-            self._blank.update(WRITTEN)
+        made = blanks.take(folder) if blanks is not None else None
+        if made is not None:
+            self._blank.update(made)
             return
         try:
             folder.mkdir(parents=True)
@@ -190,7 +193,9 @@ class Recorder:
 
     def _write(self, name: str, data: bytes) -> None:
         """Let a file of the bundle hold `data`; in plain calls, since every session writes ten."""
-        fd = os.open(f"{self._path}/{name}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        # what is truncated goes to the disk as soon as it is closed (ext4), which costs five times the writing
+        flags = _FILL if name in self._blank else _REPLACE
+        fd = os.open(f"{self._path}/{name}", flags, 0o644)
         try:
             rest = memoryview(data)
             while rest:
@@ -212,7 +217,7 @@ class Recorder:
 
 def _read_hash(path: Path) -> str:
     """SHA-256 of a settings file; one that has not changed is read once."""
-    changed = path.stat()
+    changed = os.stat(path)  # noqa: PTH116 - in every session
     return _compute_hash(path, changed.st_ino, changed.st_mtime_ns, changed.st_size)
 
 

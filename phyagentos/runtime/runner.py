@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import msgspec
 import numpy as np
 
 from phyagentos.clock import Clock
@@ -31,8 +32,11 @@ from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.execution.thinking import Thinker
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
+from phyagentos.runtime.execution.undecided import find_undecided
 from phyagentos.runtime.handle import TargetSessionHandle
-from phyagentos.runtime.perception import Perception
+from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.perception.senses import SessionSenses
+from phyagentos.runtime.policies.policies import Policies
 from phyagentos.runtime.recorder import Contract, Recorder, Stationery
 from phyagentos.runtime.targets.wire import FaultStruck, Step
 
@@ -80,6 +84,16 @@ class _Run:
     pulse: _Pulse
 
 
+@dataclass(frozen=True, slots=True)
+class _Opened:
+    """A session that stands before its first command, or what kept it from that."""
+
+    session: Session
+    epoch: int
+    recorder: Recorder
+    run: "_Run | DefinitionError | ExecutionError"
+
+
 class SessionRunner:
     """Runs sessions on one target, one at a time.
 
@@ -96,6 +110,7 @@ class SessionRunner:
         settings: Settings files to hash into each bundle.
         pictures: Whether to take pictures before and after.
         blanks: Evidence folders that were made ahead.
+        policies: Opens skills that a policy server carries out.
     """
 
     def __init__(
@@ -113,6 +128,7 @@ class SessionRunner:
         settings: Sequence[Path] = (),
         pictures: bool = False,
         blanks: Blanks | None = None,
+        policies: Policies | None = None,
     ) -> None:
         self._handle = handle
         self._planner = planner
@@ -125,8 +141,24 @@ class SessionRunner:
         self._clock = clock
         self._settings = settings
         self._pictures = pictures
-        self._stationery, self._blanks = Stationery(), blanks
+        self._stationery, self._blanks, self._policies = Stationery(), blanks, policies
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
+        self._opened: _Opened | None = None
+
+    def prepare(
+        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
+    ) -> None:
+        """All of `run` that comes before the first command, which goes on from there; arguments as there."""
+        began_s = self._clock.now_s()
+        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
+        recorder.write_contract(Contract(session=session, epoch=epoch, plan=plan, settings=self._settings))
+        run: _Run | DefinitionError | ExecutionError
+        try:
+            run = self._open(session, epoch, plan, recorder, cancel, beat)
+            run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
+        except (DefinitionError, ExecutionError) as error:
+            run = error
+        self._opened = _Opened(session, epoch, recorder, run)
 
     def run(
         self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
@@ -144,14 +176,14 @@ class SessionRunner:
         Returns:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
-        began_s = self._clock.now_s()
-        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
-        recorder.write_contract(Contract(session=session, epoch=epoch, plan=plan, settings=self._settings))
-        try:
-            run = self._open(session, epoch, plan, recorder, cancel, beat)
-        except (DefinitionError, ExecutionError) as error:
-            return self._give_up(session, error, recorder, evidence)
-        run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
+        opened, self._opened = self._opened, None
+        if opened is None or (opened.session.id, opened.epoch) != (session.id, epoch):
+            self.prepare(session, epoch, plan, evidence=evidence, cancel=cancel, beat=beat)
+            return self.run(session, epoch, plan, evidence=evidence, cancel=cancel, beat=beat)
+        recorder, run = opened.recorder, opened.run
+        self._undecided: tuple[str, ...] = ()
+        if not isinstance(run, _Run):
+            return self._give_up(session, run, recorder, evidence)
         began_sim_s = run.context.time_s
         try:
             outcome = run.loop.run()
@@ -161,9 +193,12 @@ class SessionRunner:
         self._write_course(run, faults)
         outputs = run.skill.read_outputs()
         run.skill.close()
-        return _finish(recorder, _report(outcome, evidence, run, outputs, began_sim_s))
+        report = _report(outcome, evidence, run, outputs, began_sim_s)
+        return _finish(recorder, msgspec.structs.replace(report, undecided=self._undecided))
 
-    def observe_only(self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str) -> Execution:
+    def observe_only(
+        self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str, code: str = ""
+    ) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind.
 
         Args:
@@ -172,6 +207,7 @@ class SessionRunner:
             ended: How its execution ended, as far as is known.
             evidence: Folder of its bundle; what is in it already stays.
             reason: One sentence for people.
+            code: Under which it ends; that of `ended` when empty.
 
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
@@ -180,7 +216,7 @@ class SessionRunner:
         self._handle.begin(session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
-        outcome = Outcome(ended=ended, code=ended.upper(), message=reason)
+        outcome = Outcome(ended=ended, code=code or ended.upper(), message=reason)
         return self._close_unmoved(session, outcome, recorder, evidence)
 
     def _open(
@@ -200,18 +236,17 @@ class SessionRunner:
             planner=Thinker(self._planner),
             commands=CommandBuffer(
                 q_rad=np.clip(observation.target.q_rad, description.q_min_rad, description.q_max_rad),
-                gripper_width_m=_find_width(observation.target, self._profile.gripper.max_width_m),
+                gripper_width_m=_find_width(
+                    initial.targets.get(session.target, observation.target), self._profile.gripper.max_width_m
+                ),
                 acceleration_rad_s2=np.asarray(self._profile.arm.acceleration_rad_s2, dtype=np.float64),
                 n_steps=description.steps_per_command,
                 step_s=description.physics_step_s,
             ),
-            situation=Situation(
-                handle.step, initial, lambda: self._perception.perceive(handle.observe(), session.scene)
-            ),
+            situation=Situation(handle.step, initial, SessionSenses(handle, self._perception, session.scene)),
             tracking_error_max_rad=float(np.asarray(self._limits.tracking_error_max.value)),
         )
-        tree = build_tree(str(plan["tree"]), session.parameters, context, self._library, self._registry)
-        skill = TreeSkillRuntime(tree, context)
+        skill = self._make_skill(session, plan, context)
         holds = HoldMonitor(session.hold, initial, session.target)
         pulse = _Pulse(session=session, epoch=epoch, beat=beat)
         loop = SessionLoop(
@@ -224,6 +259,13 @@ class SessionRunner:
             observers=(recorder, pulse),
         )
         return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, pulse=pulse)
+
+    def _make_skill(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
+        """Who decides: a policy server where the plan names one, otherwise a behaviour tree."""
+        if plan.get("policy_adapter") and self._policies is not None:
+            return self._policies.open(session, context)
+        tree = build_tree(str(plan["tree"]), session.parameters, context, self._library, self._registry)
+        return TreeSkillRuntime(tree, context)
 
     def _halt(self, run: _Run) -> Outcome | None:
         """Bring skill and target to rest; an outcome only when the target is lost."""
@@ -269,7 +311,9 @@ class SessionRunner:
 
     def _write_end(self, session: Session, recorder: Recorder) -> tuple[FaultStruck, ...]:
         observation = self._handle.observe()
-        recorder.write_terminal(observation, self._perception.perceive(observation, session.scene))
+        after = self._perception.perceive(observation, session.scene)
+        recorder.write_terminal(observation, after)
+        self._undecided = find_undecided(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults
 

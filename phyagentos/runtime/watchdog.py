@@ -4,37 +4,41 @@ Upstream: session records of the agent, signals of the operator. Downstream: one
 life of a session and never touches an observation or a command. One loop, no threads: journal, signals and workers are
 waited for together.
 
-Only `start` waits for the disk before anything else happens: no target moves on the strength of a record that a power
-cut could take back. The `claim` stands in the same batch, unless the check takes long enough for a person to wonder;
-until then nothing has moved, and whoever else claims the session first simply has it. `finish` is covered by the
-verdict, which rests on it; after a power cut in between, the session is taken for running, and the world is observed
-anew.
+Only `start` waits for the disk before anything moves: no target is commanded on the strength of a record that a power
+cut could take back; meanwhile the worker makes ready what comes before the first command (`Prepare`). The `claim`
+stands in the same batch, unless the check takes long enough for a person to wonder; until then nothing has moved, and
+whoever else claims the session first simply has it. `finish` is covered by the verdict, which rests on it; after a
+power cut in between, the session is taken for running, and the world is observed anew.
 """
 
-import select
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.estop import Latch, is_latched, latch
 from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState
-from phyagentos.protocol.sessions import Ended, Session, SessionId
-from phyagentos.protocol.store.journal import Entry, Fenced, Journal
-from phyagentos.protocol.store.mailbox import Signal, take_signals
+from phyagentos.protocol.sessions import Ended, ResetPolicy, Session
+from phyagentos.protocol.store.journal import Entry, Fenced, Journal, Record
 from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.cancellation import iter_cancellable
-from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Pause, Ready, Resume, Run, Stop
-from phyagentos.runtime.heartbeat import HeartbeatMonitor
-from phyagentos.runtime.posts import Lost, Phase, Post, Queue
-from phyagentos.runtime.workers import Worker
+from phyagentos.runtime.ahead import Ahead
+from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
+from phyagentos.runtime.leases import LEASE_S, Leases
+from phyagentos.runtime.limits import Due, Measure, find_due
+from phyagentos.runtime.liveness import HeartbeatMonitor
+from phyagentos.runtime.posts import FAILURES, REST_S, Lost, Phase, Post
+from phyagentos.runtime.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
+from phyagentos.runtime.register import Register, make_entry
+from phyagentos.runtime.requests import Requests
+from phyagentos.runtime.resets import compute_may_reset
+from phyagentos.runtime.wakeups import Wakeups
+from phyagentos.runtime.workers import Worker, explain_failure
 
 POLL_S = 0.5  # limits, heartbeats and the signal folder are looked at this often when nothing happens
 PUBLISH_PERIOD_S = 0.05  # views and edits are attended to this often when much happens
 CLAIM_AFTER_S = 0.02  # a check that takes longer shows as a claim; a quicker one is recorded with its outcome
-STARTS = 3  # a worker that dies this often before it is ready is not started again
-REST_S = 2.0  # after the first such death, twice that after the next: a full disk may have room again by then
+STARTS = 3  # a target that is lost this often in a row is not tried again for the same session
 TRIES = 5  # at a record that another writer makes out of date
 TARGET_LOST = "TARGET_LOST"
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
@@ -51,6 +55,10 @@ class Watchdog:
         hire: Starts the worker of a target; None when the target is unknown.
         clock: For limits and leases.
         publish: Renders the views of the workspace; called some twenty times a second.
+        on_record: Told of every record of the journal, once it is applied to the ledger.
+        ageing_per_s: Priority that a waiting session gains [1/s].
+        lease_s: How long a worker goes on without a sign of this watchdog [s].
+        rest_s: How long a target is left alone after the first worker that did not start [s].
     """
 
     def __init__(
@@ -61,38 +69,43 @@ class Watchdog:
         hire: Callable[[str], Worker | None],
         clock: Clock,
         publish: Callable[[], None],
+        on_record: Callable[[Record], None] = lambda _: None,
+        ageing_per_s: float = AGEING_PER_S,
+        lease_s: float = LEASE_S,
+        rest_s: float = REST_S,
     ) -> None:
         self._workspace = workspace
-        self._journal = journal
+        self._folder = journal.folder
+        ledger = journal.open_ledger()
+        self._queues = Queues(ledger, clock, ageing_per_s)
+        self._register = Register(journal, ledger, self._queues.put, on_record)
+        self.ledger, self.follow = ledger, self._register.follow
+        self._requests = Requests(workspace, self._register, clock)
         self._hire = hire
         self._clock = clock
         self._publish = publish
-        self._ledger = journal.open_ledger()
-        self._queues: dict[str, Queue] = {}
+        self._leases, self._rest_s = Leases(clock, lease_s), rest_s
         self._posts: dict[str, Post] = {}
         self._is_stopping = False
-        self._poll = select.poll()
-        self._polled: dict[int, Post] = {}
         self._is_stale = True
         self._publish_at_s = self._signals_at_s = -float("inf")
 
     def run(self) -> None:
         """Supervise until `stop`; leaves every target at rest."""
-        with Watch([self._journal.folder]) as watch, Watch([self._workspace.signals]) as signals:
-            for each in (watch, signals):
-                self._poll.register(each.fileno(), select.POLLIN)
+        with Watch([self._folder]) as records, Watch([self._workspace.signals]) as signals:
+            wakeups = Wakeups(records, signals)
             try:
-                for status in self._ledger.iter_pending():
-                    self._enqueue(status.contract)
-                self._follow()
+                for status in self._register.ledger.iter_pending():
+                    self._queues.put(status)
+                self._register.follow()
                 self._adopt()
                 while not self._is_stopping:
                     self._take_signals()
-                    self._follow()
+                    self._register.follow()
                     self._claim()
                     self._enforce_limits()
                     self._publish_if_due()
-                    self._wait(watch, signals)
+                    self._wait(wakeups, records, signals)
             finally:
                 self._dismiss()
 
@@ -100,32 +113,17 @@ class Watchdog:
         """End after the current turn of the loop (safe in a signal handler)."""
         self._is_stopping = True
 
-    def _wait(self, watch: Watch, signals: Watch) -> None:
+    def _wait(self, wakeups: Wakeups, records: Watch, signals: Watch) -> None:
         """Until a record, a signal or an answer comes, or it is time for what is done now and then."""
-        self._watch_workers()
         now_s = self._clock.now_s()
         pause_s = max(0.0, self._publish_at_s - now_s) if self._is_stale else POLL_S
-        for ready, _ in self._poll.poll(1e3 * min(POLL_S, pause_s)):
-            if ready == watch.fileno():
-                watch.drain()
-            elif ready == signals.fileno():
-                signals.drain()
+        for news in wakeups.wait(self._posts.values(), min(POLL_S, pause_s)):
+            if isinstance(news, Post):
+                self._hear(news, news.worker.receive())
+            elif news is signals:
                 self._signals_at_s = now_s
-            else:
-                post = self._polled[ready]
-                self._hear(post, post.worker.receive())
             self._is_stale = True
-        watch.drain()  # what was just recorded here is no news
-
-    def _watch_workers(self) -> None:
-        """Wait for the workers that are there now."""
-        there = [post for post in self._posts.values() if post.phase not in {Phase.RESTING, Phase.BROKEN}]
-        alive = {post.worker.connection.fileno(): post for post in there}
-        for fd in self._polled.keys() - alive.keys():
-            self._poll.unregister(fd)
-        for fd in alive.keys() - self._polled.keys():
-            self._poll.register(fd, select.POLLIN)
-        self._polled = alive
+        records.drain()  # what was just recorded here is no news
 
     def _publish_if_due(self) -> None:
         if self._clock.now_s() >= self._publish_at_s:
@@ -133,71 +131,61 @@ class Watchdog:
             self._publish()
             self._publish_at_s = self._clock.now_s() + PUBLISH_PERIOD_S
 
-    def _follow(self) -> None:
-        for record in self._journal.read_new():
-            self._ledger.apply(record)
-            if record.to == SessionState.PENDING:
-                status = self._ledger.sessions.get(SessionId(record.id))
-                if status is not None:
-                    self._enqueue(status.contract)
-
-    def _enqueue(self, session: Session) -> None:
-        self._queues.setdefault(session.target, Queue()).put(session)
-
-    def _commit(self, session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> None:
-        self._record(_entry(session, trigger, epoch, **body))
-
-    def _record(self, *entries: Entry, durable: bool = True) -> None:
-        self._journal.commit(entries, durable=durable)
-        self._follow()
-
-    def _try_commit(self, session: SessionId, trigger: str, reason: str = "", *, durable: bool = True) -> bool:
-        """Record it, unless somebody else was faster; then the next turn of the loop decides anew."""
-        try:
-            self._record(_entry(session, trigger, reason=reason), durable=durable)
-        except IllegalTransition:
-            self._follow()
-            return False
-        return True
-
-    def _state(self, session: SessionId) -> SessionState:
-        status = self._ledger.sessions.get(session)
-        return SessionState(status.state) if status is not None else SessionState.CANCELLED  # forgotten: long over
-
     def _adopt(self) -> None:
         """Sessions that an earlier watchdog held: their runner is gone, the world must be looked at."""
-        for status in list(self._ledger.live_sessions()):
+        for status in list(self._register.ledger.live_sessions()):
             session = status.contract
             if SessionState(status.state) in {*_HELD, SessionState.CANCELLING}:
-                self._commit(session.id, "lose", reason="the watchdog that held it is gone")
-            if self._state(session.id) is SessionState.OUTCOME_UNKNOWN:
+                self._register.commit(session.id, "lose", reason="the watchdog that held it is gone")
+            if self._register.get_state(session.id) is SessionState.OUTCOME_UNKNOWN:
                 post = self._get_post(session.target)
                 if post is not None:
                     post.lost = Lost(session, status.epoch, "watchdog lost")
+                    self._queues.hold(session.target, session.resources)
 
     def _claim(self) -> None:
-        if is_latched(self._workspace.signals.parent):
+        if self._requests.is_stopped():
             return
-        for target, queue in self._queues.items():
-            post = self._get_post(target) if queue else None
+        idle = []
+        for target in list(self._queues.iter_targets()):
+            post = self._get_post(target)
             if post is None or post.phase is Phase.BROKEN:
-                why = f"TARGET_UNAVAILABLE: its worker does not start; see logs/*-{target}.log"
-                why = why if post else f"TARGET_UNKNOWN: no target {target!r} in TARGETS.md"
-                while session := queue.take(self._ledger):
-                    self._try_commit(session.id, "reject", reason=why)
-            elif post.phase is Phase.IDLE and post.lost is None and (session := queue.take(self._ledger)):
-                self._check(post, session)
+                self._turn_away(target, post)
+            elif post.is_free(self._register.ledger, self._clock.now_s()):
+                idle.append(target)
+        for turn in self._queues.grant(idle):
+            if turn.refused:
+                self._register.try_commit(turn.session.id, "reject", reason=turn.refused)
+            else:
+                self._check(self._posts[turn.session.target], turn.session)
+
+    def _turn_away(self, target: str, post: Post | None) -> None:
+        """Nobody serves this target."""
+        why = f"TARGET_UNKNOWN: no target {target!r} in TARGETS.md"
+        if post is not None:
+            why = f"TARGET_UNAVAILABLE: {explain_failure(self._workspace.logs, target, post.failures)}"
+        while session := self._queues.take(target):
+            self._register.try_commit(session.id, "reject", reason=why)
 
     def _check(self, post: Post, session: Session) -> None:
         """Have a session checked under the epoch that its claim will have."""
-        post.session, post.epoch = session, self._ledger.sessions[session.id].epoch + 1
+        post.session, post.epoch = session, self._register.ledger.sessions[session.id].epoch + 1
         self._begin(post, Phase.CHECKING)
-        post.worker.send(Check(session=session, epoch=post.epoch))
+        ahead, post.ahead = post.ahead, None
+        if ahead is None or not ahead.fits(session, post.epoch):
+            post.unwanted += ahead is not None and ahead.answer is None
+            may_reset = compute_may_reset(session, self._register.ledger)
+            post.worker.send(Check(session=session, epoch=post.epoch, may_reset=may_reset))
+        elif ahead.answer is not None:
+            self._hear(post, ahead.answer)
 
-    def _open_claim(self, post: Post, session: Session) -> tuple[Entry, ...]:
-        """The claim that is still to be recorded, with what follows from it."""
-        is_pending = self._state(session.id) is SessionState.PENDING
-        return (Entry(session.id, "claim", epoch=post.epoch - 1),) if is_pending else ()
+    def _check_ahead(self, post: Post) -> None:
+        """Have the session checked whose turn probably comes next, as soon as the running one has ended."""
+        session = self._queues.guess_next(post.target)
+        if session is not None and session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
+            post.ahead = Ahead(session, self._register.ledger.sessions[session.id].epoch + 1)
+            may_reset = compute_may_reset(session, self._register.ledger)
+            post.worker.send(Check(session=session, epoch=post.ahead.epoch, may_reset=may_reset))
 
     def _get_post(self, target: str) -> Post | None:
         if target not in self._posts:
@@ -205,7 +193,7 @@ class Watchdog:
             if worker is None:
                 return None
             monitor = HeartbeatMonitor(self._workspace.heartbeats, target, self._clock)
-            self._posts[target] = Post(worker=worker, monitor=monitor)
+            self._posts[target] = Post(target, worker, monitor, since_s=self._clock.now_s(), rest_s=self._rest_s)
         return self._posts[target]
 
     def _begin(self, post: Post, phase: Phase) -> None:
@@ -213,13 +201,16 @@ class Watchdog:
         post.monitor.restart()
 
     def _hear(self, post: Post, answer: FromWorker | None) -> None:
-        """Act on an answer; again, when another writer changed the session between looking and recording."""
+        self._insist(partial(self._act_on, post, answer))
+
+    def _insist(self, act: Callable[[], None]) -> None:
+        """Act; again, when another writer changed the session between looking and recording."""
         for _ in range(TRIES):
             try:
-                return self._act_on(post, answer)
+                return act()
             except (IllegalTransition, Fenced) as error:
                 refused = error
-                self._follow()
+                self._register.follow()
         raise refused
 
     def _act_on(self, post: Post, answer: FromWorker | None) -> None:
@@ -233,9 +224,10 @@ class Watchdog:
             self._on_finished(post, answer)
 
     def _on_ready(self, post: Post) -> None:
-        post.failed_starts = 0
         self._begin(post, Phase.IDLE)
-        if post.lost is not None:
+        if post.lost is None:
+            post.failures = 0
+        else:
             lost = post.lost
             post.session, post.epoch = lost.session, lost.epoch
             self._begin(post, Phase.RECONCILING)
@@ -243,17 +235,22 @@ class Watchdog:
 
     def _on_checked(self, post: Post, answer: Checked) -> None:
         session = post.session
-        if session is None:
+        if post.unwanted:
+            post.unwanted -= 1
             return
-        status, id, epoch = self._ledger.sessions.get(session.id), session.id, post.epoch
-        state = self._state(id)
+        if session is None or post.phase is not Phase.CHECKING or answer.session != session.id:
+            if post.ahead is not None:
+                post.ahead.take_in(answer)
+            return
+        status, id, epoch = self._register.ledger.sessions.get(session.id), session.id, post.epoch
+        state = self._register.get_state(id)
         is_target_lost = any(problem.code == TARGET_LOST for problem in answer.problems)
         if status is None:
             self._free(post)
         elif state is SessionState.PENDING and status.epoch != epoch - 1:
             self._check(post, status.contract)  # somebody claimed it meanwhile, and let go
         elif state is SessionState.CANCELLING:
-            self._commit(id, "confirm_cancel", epoch)
+            self._register.commit(id, "confirm_cancel", epoch)
             self._free(post)
         elif state not in _CHECKABLE or status.epoch > epoch:
             self._free(post)  # it was cancelled, or somebody else has it
@@ -261,22 +258,29 @@ class Watchdog:
             self._put_back(post, session)
         elif answer.plan is None:
             reason = "; ".join(str(problem) for problem in answer.problems)
-            refused = _entry(id, "reject", epoch, reason=reason, problems=msgspec.to_builtins(answer.problems))
-            self._record(*self._open_claim(post, session), refused)
+            refused = make_entry(id, "reject", epoch, reason=reason, problems=msgspec.to_builtins(answer.problems))
+            self._register.record(*self._register.open_claim(session.id, post.epoch), refused)
             self._free(post)
         else:
             granted = answer.tools.expose if answer.tools is not None else ()  # by name: the schemas are the target's
             facts = {"plan": msgspec.to_builtins(answer.plan), "tools": {"expose": granted}}
-            self._record(*self._open_claim(post, session), Entry(id, "start", facts, epoch))
-            post.session = self._ledger.sessions[id].contract  # limits may have been amended until the claim
+            start = (*self._register.open_claim(session.id, post.epoch), Entry(id, "start", facts, epoch))
+            self._register.record(*start, durable=False)
+            post.session = self._register.ledger.sessions[id].contract  # limits may have been amended until the claim
             post.lost_targets = 0
             self._begin(post, Phase.RUNNING)
-            post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}"))
+            post.worker.send(Prepare(session=post.session, epoch=epoch, evidence=f"evidence/{id}"))
+            self._register.sync()  # nothing moves on what a power cut could take back
+            until_s = self._leases.grant(post)
+            post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
+            self._check_ahead(post)
 
     def _on_finished(self, post: Post, answer: Finished) -> None:
         session = post.session
         if session is None:
             return
+        if post.ahead is not None and answer.ahead is not None:
+            post.ahead.take_in(answer.ahead)
         if answer.is_target_lost:
             post.worker.kill(with_world=True)  # before it is recorded: what it was asked last must not happen later
             post.lost_targets += 1
@@ -285,14 +289,15 @@ class Watchdog:
                 return
         post.lost_targets = 0
         execution = msgspec.to_builtins(answer.execution)
-        state = self._state(session.id)
+        state = self._register.get_state(session.id)
         if state is SessionState.CANCELLING:
-            self._commit(session.id, "confirm_cancel", post.epoch, execution=execution)
+            self._register.commit(session.id, "confirm_cancel", post.epoch, execution=execution)
         elif state is SessionState.OUTCOME_UNKNOWN:
-            self._commit(session.id, "reconcile", post.epoch, execution=execution)
+            self._register.commit(session.id, "reconcile", post.epoch, execution=execution)
         elif state not in FINAL_STATES:
-            self._record(Entry(session.id, "finish", {"execution": execution}, post.epoch), durable=False)
+            self._register.record(Entry(session.id, "finish", {"execution": execution}, post.epoch), durable=False)
         post.lost = None
+        post.note_end(session, answer.execution, self._clock.now_s())
         self._free(post)
         if answer.is_target_lost:
             self._replace(post)
@@ -301,94 +306,93 @@ class Watchdog:
         """The target was lost while a session was checked: the contract is not to blame, it waits for another."""
         post.lost_targets += 1
         post.worker.kill(with_world=True)
-        if self._state(session.id) is not SessionState.PENDING:
-            self._commit(session.id, "release", post.epoch, reason=f"{TARGET_LOST}: while it was checked")
-        self._enqueue(session)
+        if self._register.get_state(session.id) is not SessionState.PENDING:
+            self._register.commit(session.id, "release", post.epoch, reason=f"{TARGET_LOST}: while it was checked")
+        self._queues.put(self._register.ledger.sessions[session.id])
+        self._queues.release(session.target)
         post.session = None
         self._replace(post)
 
     def _replace(self, post: Post) -> None:
+        post.ahead, post.unwanted = None, 0
         post.worker.restart()
         self._begin(post, Phase.STARTING)
 
     def _free(self, post: Post) -> None:
-        post.session = None
+        self._queues.release(post.target)
+        post.session, post.failures = None, 0
         self._begin(post, Phase.IDLE)
 
-    def _lose(self, post: Post, reason: str, ended: Ended = Ended.RUNNER_LOST) -> None:
+    def _lose(self, post: Post, reason: str, ended: Ended = Ended.RUNNER_LOST, code: str = "") -> None:
         """The worker is gone or silent: record it, replace it, look at the world before anything else."""
         session = post.session
         post.worker.kill()  # before it is recorded: whoever is only slow must not go on afterwards
-        if session is not None and self._state(session.id) not in FINAL_STATES:
-            if self._state(session.id) is not SessionState.OUTCOME_UNKNOWN:
-                self._record(*self._open_claim(post, session), _entry(session.id, "lose", post.epoch, reason=reason))
-            post.lost = Lost(session, post.epoch, reason, ended)
+        if session is not None and self._register.get_state(session.id) not in FINAL_STATES:
+            if self._register.get_state(session.id) is not SessionState.OUTCOME_UNKNOWN:
+                self._register.record(
+                    *self._register.open_claim(session.id, post.epoch),
+                    make_entry(session.id, "lose", post.epoch, reason=reason),
+                )
+            if post.lost is None or ended is Ended.TARGET_LOST:  # what was lost first is what it is told as
+                post.lost = Lost(session, post.epoch, reason, ended, code)
         post.session = None
-        post.failed_starts += post.phase is Phase.STARTING
-        if not post.failed_starts:
+        post.failures += post.phase in {Phase.STARTING, Phase.RECONCILING}
+        if post.lost is None:
+            self._queues.release(post.target)
+        if not post.failures:
             self._replace(post)
             return
-        self._begin(post, Phase.RESTING if post.failed_starts < STARTS else Phase.BROKEN)
+        self._begin(post, Phase.RESTING if post.failures < FAILURES else Phase.BROKEN)
         if post.lost is not None and post.phase is Phase.BROKEN:  # nobody will look at the world: an end too
             unseen = msgspec.to_builtins(post.lost.make_unobserved())
-            self._commit(post.lost.session.id, "reconcile", post.lost.epoch, execution=unseen)
+            self._register.commit(post.lost.session.id, "reconcile", post.lost.epoch, execution=unseen)
+            self._queues.forsake(post.target)
             post.lost = None
 
     def _enforce_limits(self) -> None:
         now_s = self._clock.now_s()
+        for overdue in self._queues.pop_overdue():
+            why = f"{QUEUE_TIMED_OUT}: it waited longer than {overdue.limits.queue_s} s"
+            self._register.try_commit(overdue.id, "reject", reason=why)
         for post in self._posts.values():
             session = post.session
-            if post.phase in {Phase.STARTING, Phase.IDLE} and post.worker.has_lost_world():
-                self._lose(post, "the world process ended")
-            if post.phase is Phase.RESTING and now_s - post.since_s > REST_S * post.failed_starts:
-                self._replace(post)
-            if session is None or post.phase not in {Phase.CHECKING, Phase.RUNNING}:
-                continue
-            if self._state(session.id) is SessionState.PENDING and now_s - post.since_s > CLAIM_AFTER_S:
-                self._try_commit(session.id, "claim", durable=False)
-            if post.stop_by_s is not None:
-                if now_s > post.stop_by_s:
-                    self._lose(post, "the worker did not stop when asked to")
-            elif self._state(session.id) is SessionState.CANCELLING:
-                self._ask_to_stop(post, session, Ended.CANCELLED)
-            elif post.phase is Phase.RUNNING and post.monitor.compute_silence_s() > session.limits.heartbeat_s:
-                self._lose(post, f"no heartbeat for {session.limits.heartbeat_s} s")
-            elif now_s - post.since_s > session.limits.wall_timeout_s:
-                self._ask_to_stop(post, session, Ended.TIMED_OUT)
+            state = self._register.get_state(session.id) if session is not None else None
+            if state is SessionState.PENDING and session is not None and now_s - post.since_s > CLAIM_AFTER_S:
+                self._register.try_commit(session.id, "claim", durable=False)
+            due = find_due(post, state, now_s)
+            if due is not None:
+                self._insist(partial(self._take_measure, post, due))
+            else:
+                self._leases.renew_if_due(post)
 
-    def _ask_to_stop(self, post: Post, session: Session, reason: Ended) -> None:
-        post.worker.send(Stop(session=session.id, reason=reason))
-        post.stop_by_s = self._clock.now_s() + STOP_GRACE_S
+    def _take_measure(self, post: Post, due: Due) -> None:
+        if due.measure is Measure.LOSE:
+            self._lose(post, due.reason, code=due.code)
+        elif due.measure is Measure.REPLACE:
+            self._replace(post)
+        elif post.session is not None and due.measure is Measure.STOP:
+            post.worker.send(Stop(session=post.session.id, reason=due.ended))
+            post.stop_by_s = self._clock.now_s() + STOP_GRACE_S
+        elif post.session is not None:
+            self._refuse(post, post.session, f"{due.code}: {due.reason}")
+
+    def _refuse(self, post: Post, session: Session, reason: str) -> None:
+        """Nothing was commanded, so there is nothing to look at."""
+        post.worker.kill()
+        if self._register.get_state(session.id) in _CHECKABLE:
+            refused = make_entry(session.id, "reject", post.epoch, reason=reason)
+            self._register.record(*self._register.open_claim(session.id, post.epoch), refused)
+        self._free(post)
+        self._replace(post)
 
     def _take_signals(self) -> None:
         now_s = self._clock.now_s()
         if now_s < self._signals_at_s:
             return
         self._signals_at_s = now_s + POLL_S
-        for signal in take_signals(self._workspace.signals):
-            if signal.kind == "cancel":
-                reason = signal.reason or f"asked for by {signal.by}"
-                for id, trigger in iter_cancellable(self._ledger, signal.session):
-                    self._try_commit(id, trigger, reason=reason)
-            elif signal.kind in {"pause", "resume"}:
-                self._pass_on(signal)
-            elif signal.kind == "estop":  # targets hear it themselves; where none runs, the latch waits for them
-                at = signal.at or self._clock.wall_iso()
-                latch(self._workspace.signals.parent, Latch(by=signal.by, reason=signal.reason, at=at))
-
-    def _pass_on(self, signal: Signal) -> None:
-        """Pause and resume concern what runs; whatever ends a session ends its pause too."""
-        for post in self._posts.values():
-            if post.session is not None and post.phase is Phase.RUNNING and signal.session in {"*", post.session.id}:
-                order = Pause if signal.kind == "pause" else Resume
-                post.worker.send(order(session=post.session.id))
+        self._requests.take(self._posts.values())
 
     def _dismiss(self) -> None:
         for post in self._posts.values():
             post.worker.stop()
         self._publish()
-
-
-def _entry(session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> Entry:
-    """A record of one session; what is empty is left out of its body."""
-    return Entry(session, trigger, {name: value for name, value in body.items() if value != ""} or None, epoch)

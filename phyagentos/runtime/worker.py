@@ -6,27 +6,34 @@ that is slow to start (planner, target, leaves) is started once and kept warm.
 
 import contextlib
 from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from phyagentos.clock import Clock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.channel import Channel
+from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.evidence import BEFORE
 from phyagentos.protocol.evidence_manifest import Sealer
 from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.sessions import Ended, Execution, Scene
 from phyagentos.protocol.views.environment import render_environment
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.adapter_plan import AdapterPlan
+from phyagentos.runtime.blanks import Blanks
 from phyagentos.runtime.dispatch import (
     Check,
     Checked,
     Finished,
     Pause,
+    Prepare,
     Ready,
     Reconcile,
+    Renew,
     Resume,
     Run,
     Stop,
@@ -34,9 +41,11 @@ from phyagentos.runtime.dispatch import (
     receive_order,
     send,
 )
+from phyagentos.runtime.execution.loop import LEASE_LOST
 from phyagentos.runtime.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.heartbeat import HeartbeatWriter
-from phyagentos.runtime.perception import Perception
+from phyagentos.runtime.lookahead.gate import LookaheadGate
+from phyagentos.runtime.perception.port import Perception
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.runner import SessionRunner
 
@@ -57,6 +66,8 @@ class WorkerLoop:
         heartbeat: Says what is going on.
         workspace: Where ENVIRONMENT.md is published.
         clock: For the rate of publishing.
+        blanks: Made while nobody asks for anything.
+        gate: Looks ahead where a session asks for it; None where nobody can.
     """
 
     def __init__(
@@ -70,8 +81,10 @@ class WorkerLoop:
         heartbeat: HeartbeatWriter,
         workspace: Workspace,
         clock: Clock,
+        blanks: Blanks | None = None,
+        gate: LookaheadGate | None = None,
     ) -> None:
-        self._control = control
+        self._control, self._gate = control, gate
         self._handle = handle
         self._examiner = examiner
         self._runner = runner
@@ -80,13 +93,17 @@ class WorkerLoop:
         self._workspace = workspace
         self._sealer = Sealer(workspace.evidence)
         self._clock = clock
+        self._blanks = blanks
         self._unsealed: deque[str] = deque()
         self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
         self._published_at_s = -PUBLISH_PERIOD_S
         self._episode = ""
         self._plan: AdapterPlan | None = None
+        self._checked: tuple[str, int] = ("", 0)  # session and epoch that the plan is for
         self._stop_reason: str | None = None
         self._is_paused = False
+        self._lease_until_s = float("inf")
+        self._waiting: deque[ToWorker] = deque()  # orders that came while a session ran
 
     def run(self) -> None:
         """Serve until the watchdog closes the connection."""
@@ -94,24 +111,33 @@ class WorkerLoop:
         send(self._control, Ready())
         while True:
             try:
-                if not self._control.poll(REST_S):
-                    self._tidy_up()
-                order = receive_order(self._control)
+                order = self._wait_for_order()
             except (EOFError, OSError):
                 self._tidy_up()
                 return
             if isinstance(order, Check):
                 send(self._control, self._check(order))
+            elif isinstance(order, Prepare):
+                self._prepare(order)
             elif isinstance(order, Run):
-                done = self._execute(order)
-                is_lost = done.ended is Ended.TARGET_LOST
-                send(self._control, Finished(session=order.session.id, execution=done, is_target_lost=is_lost))
+                send(self._control, self._finish(order))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._publish_environment(PUBLISH_PERIOD_S)
             elif isinstance(order, Reconcile):
                 send(self._control, self._reconcile(order))
                 self._unsealed.append(order.evidence)
+
+    def _wait_for_order(self) -> ToWorker:
+        """The next order; raises EOFError when the watchdog is gone."""
+        if self._waiting:
+            return self._waiting.popleft()
+        if not self._control.poll():
+            if self._blanks is not None:
+                self._blanks.fill(self._is_asked)
+            if not self._control.poll(REST_S):
+                self._tidy_up()
+        return receive_order(self._control)
 
     def _tidy_up(self) -> None:
         """What nobody waits for: ENVIRONMENT.md, the hashes of bundles; gives way to an order."""
@@ -133,8 +159,15 @@ class WorkerLoop:
         is_new = session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
-        found = self._examiner.examine(session, state=_read_state(order.restore), thorough=order.thorough)
-        self._plan = found.plan
+        if belief := _read_belief(order.restore):
+            self._perception.restore(belief)
+        found = self._examiner.examine(
+            session, state=_read_state(order.restore), thorough=order.thorough, may_reset=order.may_reset
+        )
+        if found.plan is not None and (against := self._look_ahead(order, found.plan.tree)):
+            found = msgspec.structs.replace(found, plan=None, tools=None, problems=tuple(against))
+            self._unsealed.append(f"evidence/{session.id}")
+        self._plan, self._checked = found.plan, (session.id, order.epoch)
         if found.tools is not None:
             self._handle.permit(found.tools.expose)
         return Checked(
@@ -146,8 +179,51 @@ class WorkerLoop:
             ms=found.ms,
         )
 
+    def _look_ahead(self, order: Check, tree: str) -> Sequence[Problem]:
+        """What the session's look-ahead says against it; what is repeated has happened, and is not foreseen."""
+        if self._gate is None or order.restore:
+            return ()
+        return self._gate.find_problems(order.session, tree, lambda: self._is_unwanted(order))
+
+    def _is_unwanted(self, order: Check) -> bool:
+        """Whether the session that is being checked shall not start any more."""
+        self._heartbeat.beat(phase="rehearsing", session=order.session.id, epoch=order.epoch)
+        while self._is_asked():
+            self._obey(receive_order(self._control))
+        return self._stop_reason is not None
+
+    def _prepare(self, order: Prepare) -> None:
+        if self._plan is not None and self._checked == (order.session.id, order.epoch):
+            self._runner.prepare(
+                order.session,
+                order.epoch,
+                msgspec.to_builtins(self._plan),
+                evidence=order.evidence,
+                cancel=self._find_stop_reason,
+                beat=self._heartbeat.beat,
+            )
+
+    def _finish(self, order: Run) -> Finished:
+        """Carry out a session; where the next one waits in the same world, check that too before anybody is woken."""
+        self._lease_until_s = order.until_s
+        done = self._execute(order)
+        if self._gate is not None:
+            self._gate.file_result(self._workspace.root / order.evidence)
+        finished = Finished(session=order.session.id, execution=done, is_target_lost=done.ended is Ended.TARGET_LOST)
+        if not self._waiting and self._is_asked():
+            self._waiting.append(receive_order(self._control))
+        following = self._waiting[0] if self._waiting else None
+        if finished.is_target_lost or not isinstance(following, Check) or following.restore or following.thorough:
+            return finished
+        if following.session.scene != order.session.scene:  # it has to be loaded and tried out, which may take long
+            return finished
+        if following.session.lookahead is not None:  # that takes seconds
+            return finished
+        self._waiting.popleft()
+        return msgspec.structs.replace(finished, ahead=self._check(following))
+
     def _execute(self, order: Run) -> Execution:
-        if self._plan is None:
+        if self._plan is None or self._checked != (order.session.id, order.epoch):
             return Execution(ended=Ended.SKILL_FAILED, evidence="", code="NOT_CHECKED", message="run without preflight")
         return self._runner.run(
             order.session,
@@ -181,13 +257,21 @@ class WorkerLoop:
             self._heartbeat.beat_again("paused")
             if self._control.poll(REST_S):
                 self._obey(receive_order(self._control))
+            if self._clock.now_s() > self._lease_until_s:
+                break
+        if self._stop_reason is None and self._clock.now_s() > self._lease_until_s:
+            return LEASE_LOST
         return self._stop_reason
 
     def _obey(self, order: ToWorker) -> None:
         if isinstance(order, Stop):
             self._stop_reason = order.reason
+        elif isinstance(order, Renew):
+            self._lease_until_s = order.until_s
         elif isinstance(order, Pause | Resume):
             self._is_paused = isinstance(order, Pause)
+        else:
+            self._waiting.append(order)
 
     def _reconcile(self, order: Reconcile) -> Finished:
         """Look at the world a lost runner left behind, and say how it was lost."""
@@ -204,12 +288,18 @@ class WorkerLoop:
         epoch = epoch or order.epoch
         try:
             return self._runner.observe_only(
-                order.session, epoch, ended=order.ended, evidence=order.evidence, reason=order.reason
+                order.session, epoch, ended=order.ended, evidence=order.evidence, reason=order.reason, code=order.code
             )
         except CommandRefused as refused:
             if refused.code != "STALE_TOKEN" or epoch >= order.epoch + OBSERVERS:
                 raise
             return self._observe(order, epoch + 1)
+
+
+def _read_belief(restore: str) -> Environment | None:
+    """What was believed when the session began, from the bundle that a recorded state is of."""
+    path = Path(restore).parent / BEFORE
+    return msgspec.json.decode(path.read_bytes(), type=Environment) if restore and path.is_file() else None
 
 
 def _read_state(path: str) -> "np.ndarray[Any, np.dtype[np.float64]] | None":

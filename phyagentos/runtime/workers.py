@@ -20,6 +20,8 @@ from typing import IO, Any
 from phyagentos.runtime.dispatch import FromWorker, ToWorker, receive_answer, send
 from phyagentos.runtime.world_process import WorldProcess
 
+END_BYTES = 2000  # of a log: its last line is in there
+
 
 def end_with_parent() -> None:
     """In a child: end this process as soon as the parent's end of standard input is closed."""
@@ -30,6 +32,34 @@ def end_with_parent() -> None:
         os._exit(0)
 
     threading.Thread(target=wait, daemon=True, name="end-with-parent").start()
+
+
+def explain_failure(logs: Path, target: str, failures: int) -> str:
+    """Why a target is given up, in the words of what did not start, and what to do about it.
+
+    Args:
+        logs: Where the processes of the target write.
+        target: Its name.
+        failures: Workers in a row that were lost.
+    """
+    said = [f"logs/{name} ends with {words!r}" for name in _name_logs(target) if (words := _read_end(logs / name))]
+    heard = "; ".join(said) or f"logs/*-{target}.log say nothing"
+    return f"{failures} workers in a row did not start; {heard}. Mend that, then start `paos watch` again"
+
+
+def _name_logs(target: str) -> tuple[str, str]:
+    return f"world-{target}.log", f"worker-{target}.log"
+
+
+def _read_end(log: Path) -> str:
+    """The last line of a log, empty when there is none."""
+    try:
+        with log.open("rb") as file:
+            file.seek(-min(END_BYTES, log.stat().st_size), os.SEEK_END)
+            lines = file.read().decode(errors="replace").split("\n")
+    except OSError:
+        return ""
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
 
 class ChildProcess:
@@ -112,6 +142,11 @@ class Worker:
         child = ChildProcess(command, self._logs / f"worker-{self.target}.log", pass_fds=(fd,))
         theirs.close()
         return child, ours
+
+    @property
+    def pid(self) -> int:
+        """Process id of the worker that is there now."""
+        return self._worker.pid
 
     def send(self, message: ToWorker) -> None:
         """Give an order; that a worker is gone shows at the next `receive`."""

@@ -25,7 +25,7 @@ from phyagentos.runtime.motion.requests import (
     Timing,
     Trajectory,
 )
-from phyagentos.runtime.perception import TruthPerception
+from phyagentos.runtime.perception.truth import TruthPerception
 from phyagentos.runtime.runner import SessionRunner
 from phyagentos.runtime.targets import wire
 
@@ -283,7 +283,7 @@ def build_session():
 class Bench:
     """A runner on doubles."""
 
-    def __init__(self, tmp_path, target, planner, library, registry, profile, limits, clock):
+    def __init__(self, tmp_path, target, planner, library, registry, profile, limits, clock, policies=None):
         self.target, self.planner, self.clock, self.workspace = target, planner, clock, tmp_path
         self.handle = TargetSessionHandle(LocalConnection(target), limits)
         self.beats = []
@@ -297,14 +297,15 @@ class Bench:
             limits=limits,
             workspace=tmp_path,
             clock=clock,
+            policies=policies,
         )
 
-    def run(self, session, tree=None, cancel=lambda: None):
+    def run(self, session, tree=None, cancel=lambda: None, policy=""):
         self.handle.load(session.scene)
         return self.runner.run(
             session,
             1,
-            {"tree": tree or session.skill},
+            {"tree": tree or session.skill} | ({"policy_adapter": policy} if policy else {}),
             evidence=f"evidence/{session.id}",
             cancel=cancel,
             beat=lambda **beat: self.beats.append(beat),
@@ -313,13 +314,14 @@ class Bench:
 
 @pytest.fixture
 def build_bench(tmp_path, library, registry, profile, limits):
-    def build(target=None, planner=None, library=library, registry=registry, workspace=tmp_path, clock=None):
+    def build(
+        target=None, planner=None, library=library, registry=registry, workspace=tmp_path, clock=None, policies=None
+    ):
         target = target or PerfectTarget(
             profile, [build_cube(), build_cube("red_tray", (0.5, 0.3, 0.0))], graspable=None
         )
-        return Bench(
-            workspace, target, planner or ScriptedPlanner(), library, registry, profile, limits, clock or ManualClock()
-        )
+        planner, clock = planner or ScriptedPlanner(), clock or ManualClock()
+        return Bench(workspace, target, planner, library, registry, profile, limits, clock, policies)
 
     return build
 

@@ -20,7 +20,8 @@ def test_a_branch_that_moves_stands_still_while_the_one_beside_it_thinks(build_b
     grippers = [np.concatenate([command.gripper_width_m for command in each]) for each in commands]
     assert np.array_equal(*arms)
     assert np.array_equal(*grippers)
-    assert len(np.unique(grippers[0])) == 2
+    assert grippers[0].min() == 0.0
+    assert grippers[0].max() > 0.0
 
 
 def test_a_retry_runs_the_child_again_and_the_trace_shows_each_attempt(build_bench, session, plant):

@@ -5,7 +5,6 @@ import pytest
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.store.follower import Follower
-from phyagentos.runtime import watchdog
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Reconcile, Run
 
 from .test_watchdog import PLAN, TOOLS, ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
@@ -115,16 +114,15 @@ class NeverAgain(ScriptedWorker):
         super().restart()
 
 
-def test_a_session_that_nobody_can_look_after_ends_with_the_code_of_that(stand, monkeypatch):  # noqa: F811
-    monkeypatch.setattr(watchdog, "REST_S", 0.05)
-    stand.watch(worker := NeverAgain(on_run=lambda _: "die"))
+def test_a_session_that_nobody_can_look_after_ends_with_the_code_of_that(stand):  # noqa: F811
+    stand.watch(worker := NeverAgain(on_run=lambda _: "die"), rest_s=0.001)
     stand.submit(make_session())
 
     stand.wait_for("g.a", "awaiting_verification")
 
     execution = stand.ledger.sessions["g.a"].execution
     assert (execution.ended, execution.code) == (Ended.TARGET_LOST, "TARGET_UNAVAILABLE")
-    assert worker.restarts == 3
+    assert worker.restarts == 6
     assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
 
 
@@ -136,9 +134,8 @@ class StartsLate(ScriptedWorker):
         super().restart()
 
 
-def test_a_worker_whose_start_fails_has_a_rest_before_the_next(stand, monkeypatch):  # noqa: F811
-    monkeypatch.setattr(watchdog, "REST_S", 0.05)
-    stand.watch(worker := StartsLate(starts=False))
+def test_a_worker_whose_start_fails_has_a_rest_before_the_next(stand):  # noqa: F811
+    stand.watch(worker := StartsLate(starts=False), rest_s=0.05)
     stand.submit(make_session())
 
     stand.wait_for("g.a", "awaiting_verification")

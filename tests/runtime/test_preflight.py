@@ -100,6 +100,7 @@ def test_a_sound_contract_has_no_problem_and_gets_a_plan():
         ({"parameters": {"object": "cube", "speed": True}}, "PARAMETER_INVALID", "number"),
         ({"parameters": {"object": "cube", "site": [1, 2]}}, "PARAMETER_INVALID", "three numbers"),
         ({"parameters": {"object": "cube", "style": "below"}}, "PARAMETER_INVALID", "'top' or 'side'"),
+        ({"resources": ("tray",)}, "RESOURCE_UNDECLARED", "runtime_contract.yaml"),
     ],
 )
 def test_a_broken_contract_is_told_with_what_would_have_been_possible(changes, code, text):

@@ -8,9 +8,14 @@ import sys
 
 import pytest
 
+from phyagentos.assembly.runtime_plane import declare_world
 from phyagentos.clock import ManualClock, SystemClock
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.runtime_contract import WorldMode
+from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.sole_process import become_sole, find_sole, is_held
+from phyagentos.runtime.world_process import get_lock
 
 HOLD = """
 import sys
@@ -50,7 +55,9 @@ def test_the_holder_is_found_and_gone_when_it_was_killed(holder):
 
     assert is_held(lock)
     signal.pidfd_send_signal(pidfd, signal.SIGKILL)
-    assert select.select([pidfd], [], [], 10.0)[0]
+    ended = select.poll()  # select.select takes no descriptor above 1023
+    ended.register(pidfd, select.POLLIN)
+    assert ended.poll(10_000)
     os.close(pidfd)
 
     assert process.wait() == -signal.SIGKILL
@@ -75,3 +82,39 @@ def test_a_lock_file_that_tells_a_foreign_number_is_believed_only_while_it_is_he
     (tmp_path / "lock").write_text(f"{os.getpid()}\n")
 
     assert find_sole(tmp_path / "lock") is None
+
+
+@pytest.fixture
+def adopted(tmp_path):
+    """A workspace with the world process of an earlier watchdog."""
+    workspace = Workspace.create(tmp_path / "w", Library.open())
+    lock = get_lock(workspace.root, "panda")
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(lock)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    with process:
+        assert process.stdout.readline() == "held\n"
+        yield workspace, process
+        process.kill()
+
+
+@pytest.mark.parametrize(
+    ("text", "mode", "lives"),
+    [
+        (None, None, True),
+        (None, WorldMode.LOCKSTEP, True),
+        (None, WorldMode.REALTIME, False),
+        ("version: 1\nfaults: []\n", None, False),
+    ],
+)
+def test_a_world_that_was_started_otherwise_is_ended_before_it_is_adopted(adopted, tmp_path, text, mode, lives):
+    workspace, world = adopted
+    faults = None
+    if text is not None:
+        faults = tmp_path / "faults.yaml"
+        faults.write_text(text)
+
+    declare_world(workspace, faults, mode)
+
+    assert (world.poll() is None) == lives
+    assert (find_sole(get_lock(workspace.root, "panda")) is not None) == lives

@@ -15,7 +15,7 @@ from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.mailbox import Signal, drop_signal
 from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
-from phyagentos.runtime.dispatch import Check, Checked, Finished, Ready, Reconcile, Run, Stop, send
+from phyagentos.runtime.dispatch import Check, Checked, Finished, Prepare, Ready, Reconcile, Renew, Run, Stop, send
 from phyagentos.runtime.watchdog import Watchdog
 
 PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="t", observation_path=(), action_path=())
@@ -43,12 +43,14 @@ class ScriptedWorker:
             self._theirs.close()
 
     def send(self, order) -> None:
+        if isinstance(order, Prepare | Renew):
+            return  # has no answer
         self.orders.append(order)
         answers = {Check: self._on_check, Run: self._on_run, Reconcile: finish(Ended.RUNNER_LOST)}
         answer = answers.get(type(order), self._on_stop)(order)
         if answer == "die":
             self._theirs.close()
-        elif answer is not None:
+        elif answer is not None and not self._theirs.closed:
             send(self._theirs, answer)
 
     def _on_stop(self, order: Stop):
@@ -61,6 +63,8 @@ class ScriptedWorker:
             return receive_answer(self.connection)
         except (EOFError, OSError):
             return None
+
+    pid = 0
 
     def has_lost_world(self) -> bool:
         return False
@@ -94,17 +98,21 @@ class Stand:
     def __init__(self, root) -> None:
         self.workspace = Workspace.create(root, Library(()))
         self.agent = Journal(root, side=Side.AGENT, by="test", clock=SystemClock())
-        self.ledger = Ledger()
+        self.ledger, self.clock = Ledger(), SystemClock()
         self.records: list = []
+        self.watchdog = None
 
-    def watch(self, worker) -> None:
-        journal = Journal(self.workspace.root, side=Side.RUNTIME, by="watchdog", clock=SystemClock())
+    def watch(self, worker, clock=None, **options) -> None:
+        clock = clock or SystemClock()
+        workers = worker if isinstance(worker, dict) else {"panda": worker}
+        journal = Journal(self.workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
         self.watchdog = Watchdog(
             workspace=self.workspace,
             journal=journal,
-            hire=lambda target: worker if target == "panda" else None,
-            clock=SystemClock(),
+            hire=workers.get,
+            clock=clock,
             publish=lambda: None,
+            **options,
         )
         self.thread = threading.Thread(target=self.watchdog.run, daemon=True)
         self.thread.start()
@@ -112,10 +120,10 @@ class Stand:
     def submit(self, *sessions: Session) -> None:
         self.agent.commit([Entry(session.id, "submit", session) for session in sessions])
 
-    def wait_for(self, id: str, *states: str) -> str:
+    def wait_for(self, id: str, *states: str, patience_s: float = PATIENCE_S) -> str:
         """Follow until a session reaches one of the states."""
         pause, waited_s = threading.Event(), 0.0
-        while waited_s < PATIENCE_S:
+        while waited_s < patience_s:
             for record in self.agent.read_new():
                 self.ledger.apply(record)
                 self.records.append(record)
@@ -125,12 +133,20 @@ class Stand:
             waited_s += 0.01
         raise AssertionError(f"{id} is {self.ledger.sessions[id].state}, never became {states}")
 
+    def poll(self, id: str) -> str:
+        """The state of a session now."""
+        for record in self.agent.read_new():
+            self.ledger.apply(record)
+            self.records.append(record)
+        return self.ledger.sessions[id].state
+
     def events(self, id: str) -> list[str]:
         return [record.ev for record in self.records if record.id == id]
 
     def close(self) -> None:
-        self.watchdog.stop()
-        self.thread.join(PATIENCE_S)
+        if self.watchdog is not None:
+            self.watchdog.stop()
+            self.thread.join(PATIENCE_S)
         self.agent.close()
 
 
@@ -217,12 +233,17 @@ def test_a_session_that_takes_too_long_is_stopped_and_says_so(stand):
 
 
 def test_a_worker_that_never_starts_is_given_up_and_the_session_rejected(stand):
-    stand.watch(ScriptedWorker(starts=False))
+    (stand.workspace.logs / "worker-panda.log").write_text("Traceback\nOSError: no room\n")
+    stand.watch(worker := ScriptedWorker(starts=False), rest_s=0.001)
     stand.submit(make_session())
 
     stand.wait_for("g.a", "rejected")
 
-    assert "TARGET_UNAVAILABLE" in stand.ledger.sessions["g.a"].reason
+    assert stand.ledger.sessions["g.a"].reason == (
+        "TARGET_UNAVAILABLE: 6 workers in a row did not start; logs/worker-panda.log ends with 'OSError: no room'. "
+        "Mend that, then start `paos watch` again"
+    )
+    assert worker.restarts == 5
 
 
 def test_a_signal_cancels_what_runs_and_what_waits(stand):
@@ -234,7 +255,7 @@ def test_a_signal_cancels_what_runs_and_what_waits(stand):
 
     assert stand.wait_for("g.a", "cancelled") == "cancelled"
     assert stand.wait_for("g.b", "cancelled") == "cancelled"
-    assert [type(order) for order in worker.orders] == [Check, Run, Stop]
+    assert [type(order) for order in worker.orders if not isinstance(order, Check)] == [Run, Stop]
 
 
 def test_a_cancellation_by_the_agent_reaches_the_worker(stand):

@@ -12,7 +12,14 @@ from typing import Any, TypeVar
 import msgspec
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, format_hint, format_names
-from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState, Side, compute_next_state
+from phyagentos.protocol.lifecycle import (
+    FINAL_STATES,
+    REVIEW,
+    IllegalTransition,
+    SessionState,
+    Side,
+    compute_next_state,
+)
 from phyagentos.protocol.sessions import Amendment, Limits, Session
 from phyagentos.protocol.store.records import JOURNAL_ID, Record
 
@@ -69,7 +76,7 @@ class Entry(msgspec.Struct, frozen=True):
         id: A session id, `goal:<goal id>` or `node:<goal id>/<node>`.
         ev: `submit`, a trigger of the lifecycle, or a `GoalEvent`.
         body: The contract for `submit`; an `Amendment` for `amend`; `execution` for `finish`; `attempt` for `accept`,
-            `refuse`, `replan`; `reason` for `reject`, `cancel`, `lose`; for goals see `ledger`.
+            `refuse`, `replan`, `skip`, `review`; `reason` for `reject`, `cancel`, `lose`; for goals see `ledger`.
         epoch: The fencing token the caller acts under; None where there is none. With `claim`: the epoch it saw.
     """
 
@@ -183,6 +190,7 @@ class Admission:
         self._staged = {}
         records = []
         seq, more = last_seq, len(entries)
+        side_name = side.value
         for entry, text in zip(entries, markdown, strict=True):
             seq, more = seq + 1, more - 1
             contract: Session | None = None
@@ -203,7 +211,7 @@ class Admission:
                 source=source,
                 to=to,
                 by=by,
-                side=side.value,
+                side=side_name,
                 epoch=epoch,
                 at=at,
                 more=more,
@@ -243,6 +251,8 @@ class Admission:
         to = compute_next_state(entry.id, known.state, entry.ev, side)
         if entry.ev == "amend":
             _check_amendment(entry)
+        elif entry.ev == REVIEW:
+            _check_review(entry)
         return known.state, to, known.epoch + (entry.ev == "claim")
 
     def _check_contract(self, entry: Entry, side: Side) -> Session:
@@ -306,6 +316,21 @@ def _convert(entry: Entry, kind: type[_StructT]) -> _StructT:
                 expected=f"{kind.__name__} as a mapping (msgspec.to_builtins)",
             )
         ) from error
+
+
+def _check_review(entry: Entry) -> None:
+    """A judgement that is added later must say so, or it would be taken for the one that decided."""
+    attempt = (entry.body or {}).get("attempt")
+    is_review = attempt.get("is_review") if isinstance(attempt, dict) else getattr(attempt, "is_review", False)
+    if not is_review:
+        raise DefinitionError(
+            Problem(
+                code="INVALID_CONTRACT",
+                address=f"session {entry.id}: {REVIEW}",
+                found="no attempt with is_review",
+                expected="a judgement that says that it was added after the verdict",
+            )
+        )
 
 
 def _check_amendment(entry: Entry) -> None:

@@ -23,6 +23,8 @@ _NUMBERS = re.compile(rb"[\[\]0-9.,-]*")  # lists of those that JSON, YAML and `
 _CONSTANTS = {"true": True, "false": False, "null": None}
 _JSON_BEGINS = frozenset('"[{-0123456789')
 _CONTAINERS = frozenset({dict, list, tuple})
+_TEXTS = {str}
+_ENCODE, _DECODE = msgspec.json.Encoder().encode, msgspec.json.Decoder().decode
 _INDENT = 2
 _REMEMBERED = 8192  # texts and lines that are kept; all are let go when one more comes
 _SHAPES_REMEMBERED = 1024  # mappings of the same keys; likewise
@@ -32,6 +34,7 @@ _words: dict[str, str] = {}  # text -> as a plain or quoted scalar
 _spaced: dict[str, str] = {}  # the same behind a space
 _quoted: dict[str, str] = {}  # text -> as JSON
 _shapes: dict[tuple[str, ...], str] = {}  # margin and keys of a mapping -> its lines without the values
+_flows: dict[tuple[str, ...], str] = {}  # lists of texts -> on one line, behind a space
 _lines: dict[str, "_Line"] = {}
 
 
@@ -49,10 +52,10 @@ def to_plain(body: Any) -> Any:
     """The body as any reader will get it: mappings with text as keys, lists, scalars."""
     if body is None:
         return None
-    data = msgspec.json.encode(body)
+    data = _ENCODE(body)
     if b"null" in data:  # JSON has no infinity
         return _to_lists(msgspec.to_builtins(body, str_keys=True))
-    return msgspec.json.decode(data)
+    return _DECODE(data)
 
 
 def render_body(body: Mapping[str, Any] | None, *, is_plain: bool = False) -> str:
@@ -118,10 +121,21 @@ def _render_map(value: dict[str, Any], margin: str) -> str:
         kind = type(each)
         if kind is str:
             parts.append(_spaced.get(each) or _render_spaced(each))
+        elif kind is int:
+            parts.append(f" {each}")
+        elif kind is float:
+            parts.append(f" {_render_float(each)}")
         elif kind is dict and each:
             parts.append(_render_map(each, margin + "  "))
-        elif (kind is list or kind is tuple) and not _is_flow(each):
-            parts.append(_render_list(each, margin + "  "))
+        elif kind is list or kind is tuple:
+            kinds = {*map(type, each)}
+            if kinds == _TEXTS:
+                words = tuple(each)
+                parts.append(_flows.get(words) or _render_words(words))
+            elif dict in kinds and not _is_flow(each):
+                parts.append(_render_list(each, margin + "  "))
+            else:
+                parts.append(f" {_render_flow(each)}")
         else:
             parts.append(f" {_render_flow(each)}")
     keys = (margin, *value)
@@ -154,6 +168,16 @@ def _render_shape(keys: tuple[str, ...]) -> str:
 def _render_spaced(text: str) -> str:
     rendered = f" {_render_word(text)}"
     _remember(_spaced, text, rendered)
+    return rendered
+
+
+def _render_words(words: tuple[str, ...]) -> str:
+    """A list of texts on one line, behind a space."""
+    rendered = " " + _render_flow(words)
+    if len(rendered) <= _LONGEST_REMEMBERED:
+        if len(_flows) >= _SHAPES_REMEMBERED:
+            _flows.clear()
+        _flows[words] = rendered
     return rendered
 
 

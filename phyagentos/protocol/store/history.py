@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import FINAL_STATES
+from phyagentos.protocol.lifecycle import FINAL_STATES, REVIEW, compile_table
 from phyagentos.protocol.sessions import SessionId, SessionStatus
 from phyagentos.protocol.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent
 from phyagentos.protocol.store.index import HistoryIndex, Place
@@ -60,8 +60,8 @@ class Histories:
         self.index.extend()
         begin = b'- {"id":%b,' % msgspec.json.encode(id)
         records = self.read_sealed(id)
-        if records and (records[-1].to in FINAL_STATES or records[-1].ev == GoalEvent.GOAL_VERDICT):
-            return records  # nothing can follow
+        if records and _is_closed(records[-1]):
+            return records
         for data, _ in self._iter_unsealed_segments():
             at = data.find(begin)
             while at >= 0:
@@ -134,6 +134,12 @@ class Histories:
                 os.close(fd)
             yield data, read_front(locate(self._folder, following), data)
             following = find_next_segment(self._folder, following)
+
+
+def _is_closed(latest: Record) -> bool:
+    """Whether nothing can follow: a session that is over may still be judged once more."""
+    is_final = latest.to in FINAL_STATES and (str(latest.to), REVIEW) not in compile_table()
+    return is_final or latest.ev == GoalEvent.GOAL_VERDICT
 
 
 def fold(records: list[Record]) -> Ledger:

@@ -6,11 +6,13 @@ lock, one check, one write and one wait for the disk. A database was measured an
 Which records may lag. A wait for the disk covers everything that stands before it in the lane, whoever wrote it, so
 what is on the disk is always a prefix of the journal. A record may therefore be committed with `durable=False` when
 losing it in a power cut is harmless, or when a durable one follows before anybody acts on it. A session needs three
-waits:
+waits at most:
 
 - `submit` (agent), before anybody is told that it was accepted;
 - `start` (runtime), before the first command: it covers `claim` and `check`;
-- the verdict (agent): it covers `finish` and `verify`. Without them, after a power cut, the session is taken for
+- the verdict (agent): it covers `finish` and `verify`. While sessions follow one another closely, the `start` of the
+  next one covers it, and the submission beside it; the mission waits by itself when nothing follows, and at its end,
+  before anybody is told. Without them, after a power cut, the session is taken for
   running; the watchdog observes the world anew and the same evidence is judged.
 """
 

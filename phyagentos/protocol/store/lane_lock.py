@@ -15,7 +15,7 @@ from pathlib import Path
 from phyagentos.errors import ExecutionError
 
 LOCK_NAME = ".lock"
-_WAIT_S = 0.0005  # pause between two tries; the lock is held for some ten microseconds
+_FIRST_WAIT_S, _WAIT_S = 0.00002, 0.0005  # pauses between tries, each twice the one before; held for some 0.1 ms
 _TRIES = 20_000  # about ten seconds
 _NAME_BYTES = 64
 
@@ -37,11 +37,13 @@ class LaneLock:
         """
         if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
             self._fd, self._pid = self._open(), os.getpid()
+        wait_s = _FIRST_WAIT_S
         for _ in range(_TRIES):
             try:
                 fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                threading.Event().wait(_WAIT_S)
+                threading.Event().wait(wait_s)
+                wait_s = min(_WAIT_S, 2.0 * wait_s)
             else:
                 self._check_place()
                 return
@@ -54,7 +56,7 @@ class LaneLock:
     def _check_place(self) -> None:
         try:
             status = os.stat(self._file)  # noqa: PTH116 - in every commit
-            is_in_place = (status.st_dev, status.st_ino) == self._inode
+            is_in_place = status.st_ino == self._inode[1] and status.st_dev == self._inode[0]
         except FileNotFoundError:
             is_in_place = False
         if not is_in_place:

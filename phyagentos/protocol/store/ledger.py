@@ -22,7 +22,7 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.lifecycle import FINAL_STATES, REVIEW, SessionState
 from phyagentos.protocol.sessions import (
     Amendment,
     Execution,
@@ -224,7 +224,9 @@ class Ledger:
             self._by_state[before.state].pop(id)
             tells = (record.markdown and record.ev != "start") or record.ev == "claim"  # a plan changes no status
             changes = _read_changes(before, record) if tells else {}
-            status = msgspec.structs.replace(before, state=state, updated_at=record.at, **changes)
+            if record.ev != REVIEW:  # which changes nothing but the list of judgements
+                changes["updated_at"] = record.at
+            status = msgspec.structs.replace(before, state=state, **changes)
             self._spans[id] = Span(self._spans[id].first_seq, record.seq)
         self._by_state[state][id] = None
         self.sessions[id] = status

@@ -17,6 +17,8 @@ from phyagentos.clock import Clock
 from phyagentos.errors import find_nearest
 
 EVERY_SESSION = "*"
+DONE_KEPT = 200  # requests; a reader that looks now and then has seen the others
+DONE_KEPT_S = 60.0  # and by the file system's clock it has had so long to look
 _SETTLING_S = 0.5  # a shell writes a file in two steps: it appears empty
 _UNREADABLE = (msgspec.MsgspecError, yaml.YAMLError, UnicodeDecodeError, IsADirectoryError)
 _KINDS = ("cancel", "pause", "resume", "estop")
@@ -79,7 +81,8 @@ def take_signals(folder: Path) -> list[Signal]:
     """Every request that waits, oldest name first; for the watchdog alone, others read along with a `SignalReader`.
 
     Each is moved to `signals/done/`; one that cannot be read to `signals/rejected/`, with a file that says why, once it
-    is half a second old. Two takers never get the same one.
+    is half a second old. Two takers never get the same one, an emergency stop excepted that a full disk keeps where it
+    is. What has lain in `done` for long goes on to `signals/archive/`, which nobody reads along with.
 
     Args:
         folder: `signals/` or `signals/new/` of a workspace.
@@ -89,7 +92,10 @@ def take_signals(folder: Path) -> list[Signal]:
         paths = sorted(path for path in (root / "new").iterdir() if not path.name.startswith("."))
     except FileNotFoundError:
         return []
-    return [signal for path in paths if (signal := _take(path, root)) is not None]
+    taken = [signal for path in paths if (signal := _take(path, root)) is not None]
+    if taken:
+        _archive(root / "done", root / "archive")
+    return taken
 
 
 class SignalReader:
@@ -169,14 +175,27 @@ def _take(path: Path, root: Path) -> Signal | None:
         return None
     except FileNotFoundError:
         return None  # somebody else took it
-    return signal if move_aside(path, root / "done") is not None else None
+    if move_aside(path, root / "done") is not None:
+        return signal
+    return signal if signal.kind == "estop" and path.exists() else None  # a full disk must not hold up a stop
+
+
+def _archive(done: Path, archive: Path) -> None:
+    """Keep a folder small that others look through: of what is older than a minute only the latest stay."""
+    lying = sorted((key[1], path) for key, path in _iter_files(done))
+    for mtime_ns, path in lying[:-DONE_KEPT]:
+        if lying[-1][0] - mtime_ns > 1e9 * DONE_KEPT_S:
+            move_aside(path, archive)
 
 
 def _reject(path: Path, folder: Path, error: Exception) -> None:
     """Put what cannot be read aside with the reason, unless somebody may still be writing it."""
-    folder.mkdir(parents=True, exist_ok=True)
     reason = folder / f"{path.name}.reason.txt"
-    reason.write_text(_explain(path, error), encoding="utf-8")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        reason.write_text(_explain(path, error), encoding="utf-8")
+    except OSError:  # a full disk: it stays where it is
+        return
     try:
         age_s = reason.stat().st_mtime - path.stat().st_mtime  # both by the file system's clock
     except FileNotFoundError:
@@ -187,15 +206,17 @@ def _reject(path: Path, folder: Path, error: Exception) -> None:
 
 def move_aside(path: Path, folder: Path) -> Path | None:
     """Move a file into a folder under its own name, or a numbered one when that is taken; None when it is gone."""
-    folder.mkdir(parents=True, exist_ok=True)
     number = 0
     while True:
         destination = folder / (f"{path.name}.{number}" if number else path.name)
         try:
+            folder.mkdir(parents=True, exist_ok=True)
             destination.touch(exist_ok=False)  # reserve the name: a rename would replace an older file
         except FileExistsError:
             number += 1
             continue
+        except OSError:  # a full disk: it stays where it is
+            return None
         try:
             return path.replace(destination)
         except OSError:  # gone, or a folder that somebody put here

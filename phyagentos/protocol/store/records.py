@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
@@ -40,7 +41,6 @@ class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     more: int = 0
 
 
-_ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(_Line)
 
 
@@ -113,18 +113,7 @@ def encode_record(record: Record) -> bytes:
     Raises:
         DefinitionError: `RECORD_TOO_LARGE`: pictures and traces belong into files of the evidence folder.
     """
-    line = _Line(
-        id=record.id,
-        ev=record.ev,
-        source=record.source,
-        to=record.to,
-        by=record.by,
-        side=record.side,
-        epoch=record.epoch,
-        at=record.at,
-        more=record.more,
-    )
-    payload = b"- %b\n%b\n" % (_ENCODER.encode(line), record.markdown.encode())
+    payload = f"- {_encode_line(record)}\n{record.markdown}\n".encode()
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise DefinitionError(
             Problem(
@@ -136,6 +125,28 @@ def encode_record(record: Record) -> bytes:
             )
         )
     return frame_payload(record.seq, payload)
+
+
+def _encode_line(record: Record) -> str:
+    """The fields of `_Line` as JSON, those that are absent left out, as `msgspec.json.encode` writes them."""
+    source = f',"from":{_quote(record.source)}' if record.source is not None else ""
+    to = f',"to":{_quote(record.to)}' if record.to is not None else ""
+    epoch = f',"ep":{record.epoch}' if record.epoch is not None else ""
+    more = f',"more":{record.more}' if record.more else ""
+    return (
+        f'{{"id":{_encode_text(record.id)},"ev":{_quote(record.ev)}{source}{to},"by":{_quote(record.by)}'
+        f',"side":{_quote(record.side)}{epoch},"at":{_encode_text(record.at)}{more}}}'
+    )
+
+
+def _encode_text(text: str) -> str:
+    return msgspec.json.encode(text).decode()
+
+
+@lru_cache(maxsize=512)
+def _quote(text: str) -> str:
+    """Words that come again: events, states, writers."""
+    return _encode_text(text)
 
 
 def frame_payload(seq: int, payload: bytes) -> bytes:

@@ -5,8 +5,8 @@ clients of a shared file system, may overflow, and is missing on some.
 """
 
 import os
+import select
 from collections.abc import Iterable
-from multiprocessing.connection import wait
 from pathlib import Path
 from types import TracebackType
 
@@ -49,12 +49,14 @@ class Watch:
         self._use_inotify = use_inotify
         self._stamp: _Stamp = ()
         self._next_poll_s = 0.0
+        self._poller = select.poll()
 
     def __enter__(self) -> "Watch":
         if self._use_inotify:
             self._inotify = _open_inotify(self._folders)
         if self._inotify is None:
             self._never = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._poller.register(self.fileno(), select.POLLIN)
         self._stamp = self._look()
         self._next_poll_s = self._clock.now_s() + self._poll_s
         return self
@@ -62,6 +64,7 @@ class Watch:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._poller.unregister(self.fileno())
         if self._inotify is not None:
             self._inotify.close()
         else:
@@ -99,7 +102,7 @@ class Watch:
             pause_s = max(0.0, min(end_s, self._next_poll_s) - self._clock.now_s())
             is_last = end_s <= self._next_poll_s
             if self._inotify is not None:
-                if wait([self.fileno()], pause_s) and self.drain():
+                if self._poller.poll(1e3 * pause_s) and self.drain():
                     return True
             else:
                 self._clock.sleep(pause_s)

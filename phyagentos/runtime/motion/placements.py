@@ -43,6 +43,8 @@ def find_placements(
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     found: list[Approach] = []
     for name, site in sites:
+        if name in request.avoid:
+            continue
         ways = [way for way in _ways_to(name, site, space, request, held) if way.label not in request.avoid]
         found += find_approaches(
             ways,

@@ -15,15 +15,16 @@ from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.schema import read_yaml, validate
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.escape import find_escape
 from phyagentos.runtime.motion.grasps import find_grasps
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.lines import find_line
 from phyagentos.runtime.motion.moves import plan_move
 from phyagentos.runtime.motion.placements import find_placements
-from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes
+from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
 from phyagentos.runtime.motion.requests import (
-    Approaches,
+    CheckPosture,
     FindGrasps,
     FindLine,
     FindPlacements,
@@ -34,6 +35,7 @@ from phyagentos.runtime.motion.requests import (
     Payload,
     PlanMove,
     ShapeTransport,
+    Stance,
     TimeLine,
     World,
 )
@@ -74,7 +76,7 @@ class MotionPlanner:
         """Carry out one request.
 
         Args:
-            request: Any of the seven.
+            request: Any of them.
             should_cancel: Polled often; once true, the answer becomes `NoPlan` with code CANCELLED.
         """
         job = Job(clock=self._clock, should_cancel=should_cancel)
@@ -94,7 +96,7 @@ class MotionPlanner:
         held = Payload("cube", Pose())
         self.answer(PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=0, payload=held))
 
-    def _dispatch(self, request: MotionRequest, job: Job) -> Approaches | Motion | NoPlan:
+    def _dispatch(self, request: MotionRequest, job: Job) -> MotionAnswer:
         match request:
             case FindGrasps():
                 entity = _get_entity(request.world, request.object)
@@ -106,6 +108,8 @@ class MotionPlanner:
                 return find_line(request, self._kinematics, self._get_scene(request, job), job)
             case PlanMove():
                 return plan_move(request, self._get_scene(request, job), self._spheres, self._limits, job)
+            case CheckPosture():
+                return self._check_posture(request, job)
             case TimeLine():
                 limits = self._limits.scale(request.speed, request.speed)
                 with job.stage("timing"):
@@ -116,15 +120,25 @@ class MotionPlanner:
 
                 return shape_transport(request, self._chain, self._limits, job)
 
-    def _get_scene(self, request: FindGrasps | FindPlacements | FindLine | PlanMove, job: Job) -> PlanningScene:
-        payload = None if isinstance(request, FindGrasps) else request.payload
-        ignore = request.ignore if isinstance(request, FindLine | PlanMove) else ()
+    def _check_posture(self, request: CheckPosture, job: Job) -> Stance:
+        scene = self._get_scene(request, job)
+        with job.stage("check"):
+            q_rad = np.asarray(request.q_rad, dtype=float)
+            pairs = scene.find_contacts(q_rad)
+            escapes = not pairs or find_escape(q_rad, pairs, scene, request.seed) is not None
+        return Stance(contacts=tuple(map(name_pair, pairs)), escapes=escapes, timing=job.timing)
+
+    def _get_scene(
+        self, request: FindGrasps | FindPlacements | FindLine | PlanMove | CheckPosture, job: Job
+    ) -> PlanningScene:
+        payload = None if isinstance(request, FindGrasps | CheckPosture) else request.payload
+        ignore = request.ignore if isinstance(request, FindLine | PlanMove | CheckPosture) else ()
         with job.stage("model"):
             return self._scenes.get_scene(request.world, payload, ignore)
 
     def _find_unknown(self, request: MotionRequest, job: Job) -> NoPlan | None:
         """The answer to a request that names something which is not there, or has no solids."""
-        if isinstance(request, TimeLine | ShapeTransport):
+        if isinstance(request, TimeLine | ShapeTransport | CheckPosture):
             return None
         solid = [entity.name for entity in request.world.entities if entity.shapes]
         places = [*solid, *(region.name for region in request.world.regions)]

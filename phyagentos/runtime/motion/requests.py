@@ -158,6 +158,20 @@ class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
     method: str = "casadi"
 
 
+class CheckPosture(msgspec.Struct, frozen=True, tag=True):
+    """What a posture touches, of the robot itself and of the world. Answer: `Stance`.
+
+    Attributes:
+        q_rad: (n_joints,).
+        ignore: Entities that do not count as obstacles.
+    """
+
+    world: World
+    q_rad: Array
+    seed: int
+    ignore: tuple[str, ...] = ()
+
+
 class Cancel(msgspec.Struct, frozen=True, tag=True):
     """Stop what is running; the answer of that request becomes `NoPlan` with code CANCELLED."""
 
@@ -189,6 +203,19 @@ class Motion(msgspec.Struct, frozen=True, tag=True):
     details: dict[str, Any] = {}
 
 
+class Stance(msgspec.Struct, frozen=True, tag=True):
+    """How a posture stands.
+
+    Attributes:
+        contacts: `link5|wall` for each pair that touches; empty when it is free.
+        escapes: Whether a short straight way out of all contacts was found.
+    """
+
+    contacts: tuple[str, ...]
+    escapes: bool
+    timing: Timing
+
+
 class NoPlan(msgspec.Struct, frozen=True, tag=True):
     """There is none, or it was not found within the budget.
 
@@ -204,5 +231,5 @@ class NoPlan(msgspec.Struct, frozen=True, tag=True):
     rejected: dict[str, int] = {}
 
 
-MotionRequest = FindGrasps | FindPlacements | FindLine | PlanMove | TimeLine | ShapeTransport
-MotionAnswer = Approaches | Motion | NoPlan
+MotionRequest = FindGrasps | FindPlacements | FindLine | PlanMove | TimeLine | ShapeTransport | CheckPosture
+MotionAnswer = Approaches | Motion | Stance | NoPlan

@@ -29,6 +29,7 @@ from phyagentos.runtime.preflight.needs import (
     find_exposed,
     iter_ability_problems,
     iter_operation_problems,
+    iter_resource_problems,
     iter_version_problems,
 )
 from phyagentos.runtime.preflight.policies import AskPolicy, iter_policy_problems, iter_served_problems
@@ -43,7 +44,7 @@ from phyagentos.runtime.preflight.timing import iter_timing_problems
 from phyagentos.runtime.preflight.tools import make_tools
 from phyagentos.runtime.targets.wire import Description
 
-RUNNABLE = ("builtin",)
+RUNNABLE = ("builtin", "policy")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +67,9 @@ class Preflight:
     kinds: tuple[str, ...] = RUNNABLE
     ask_policy: AskPolicy | None = None
     _chains: dict[str, BridgeChain | tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
+    _granted: dict[tuple[str, str], tuple[Description, AdapterPlan, TargetToolManifest]] = field(
+        default_factory=dict, init=False, repr=False
+    )
     _known: dict[str, tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
     _met: list[tuple[Description, tuple[Problem, ...]]] = field(default_factory=list, init=False, repr=False)
 
@@ -76,6 +80,7 @@ class Preflight:
             problems.append(make_problem("TARGET_UNKNOWN", "target", repr(session.target), self.profile.target))
         problems += iter_limit_problems(session, self.settings.limits)
         problems += iter_predicate_problems(session)
+        problems += iter_resource_problems(session, self.settings.contract)
         skill = self.skills.get(session.skill)
         if skill is None:
             problems.append(problem_unknown_skill("skill", session.skill, list(self.skills)))
@@ -125,7 +130,10 @@ class Preflight:
         return locate(session, problems)
 
     def plan(self, session: Session, live: Description) -> tuple[AdapterPlan, TargetToolManifest]:
-        """The execution path that is granted to a session without problems."""
+        """The execution path that is granted to a session without problems; worked out once for a skill and a target."""
+        known = self._granted.get((session.skill, session.target))
+        if known is not None and known[0] is live:
+            return known[1], known[2]
         skill = self.skills[session.skill]
         chain = self._compile_bridges(skill)
         policy = skill.policy
@@ -140,7 +148,9 @@ class Preflight:
             policy_adapter="" if policy is None else f"policy_adapter://{policy.policy}@{policy.endpoint}",
         )
         granted = find_exposed(skill, self.profile, self.settings.contract)
-        return plan, TargetToolManifest(expose=granted, tools=make_tools(granted, self.profile, live))
+        tools = TargetToolManifest(expose=granted, tools=make_tools(granted, self.profile, live))
+        self._granted[session.skill, session.target] = live, plan, tools
+        return plan, tools
 
     def _find_lasting_problems(self, skill: SkillRuntime | None) -> tuple[Problem, ...]:
         """What is wrong with the documents, whatever the session asks for."""

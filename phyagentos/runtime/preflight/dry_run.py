@@ -6,7 +6,7 @@ undecided; only what is proved impossible rejects a session. That a search withi
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, com
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
     Approaches,
+    CheckPosture,
     FindGrasps,
     FindPlacements,
     MotionAnswer,
@@ -28,6 +29,7 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
+    Stance,
     TimeLine,
     World,
 )
@@ -36,7 +38,7 @@ from phyagentos.runtime.preflight.reach import Reach
 
 CANDIDATES = 1  # one way is enough to know that there is one
 ANSWER_S = 60.0  # by the wall clock; at the first session the planner may still be starting
-SHARE = 0.5  # of the session's own wall time at most; the watchdog counts from the examination on
+SHARE = 0.5  # of the time that the contract allows the whole examination
 PATH_SPEED = 1.0
 NUDGE_RAD = 0.01  # the shortest line that there is to time
 HAND_M = 0.05  # a tool point that grasps a thing is this near to its solids at most
@@ -51,6 +53,11 @@ STILL = frozenset(
     {"open_gripper", "close_gripper", "locate", "attach", "look", "verify_grasp", "wait"}
 )  # move no thing
 WITH_THE_THING = frozenset({"move_to", "move_linear"})  # between the two, only what is held moves
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """The tree goes to the home posture, before anything has moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +98,7 @@ class DryRun:
     patience_s: float = ANSWER_S
 
     def run(self, session: Session, tree: str, now: Environment, *, thorough: bool) -> tuple[Trial, ...]:
-        """Try the first grasp and the place that follows it.
+        """Look at the posture that the arm begins with; try the first grasp and the place that follows it.
 
         Args:
             session: The contract.
@@ -108,8 +115,16 @@ class DryRun:
             self._ask(
                 TimeLine(waypoints_rad=np.stack((q_rad, q_rad + NUDGE_RAD)))
             )  # it is ready: the costs are its own
+        start = self._try_posture(session, "start", world, q_rad)
+        if start.outcome != "possible" or thorough:
+            trials.append(start)
         for motion in find_motions(tree, session.parameters, self.library):
-            if isinstance(motion, Grasp):
+            if isinstance(motion, Home):
+                home_rad = np.asarray(self.home_rad, dtype=np.float64)
+                if float(np.abs(home_rad - q_rad).max()) > NUDGE_RAD:
+                    trials.append(self._try_posture(session, "home", world, home_rad))
+                    q_rad = home_rad
+            elif isinstance(motion, Grasp):
                 entity = now.entities.get(motion.object)
                 if entity is None:
                     break  # told by the names
@@ -126,6 +141,22 @@ class DryRun:
             elif grasped is not None and grasped.entity == motion.object:
                 trials.append(self._try_place(session, motion, grasped, now, world, q_rad))
         return tuple(trials)
+
+    def _try_posture(self, session: Session, name: str, world: World, q_rad: "np.ndarray") -> Trial:
+        """What the arm touches of itself and of what cannot be moved, where it stands or where the tree sends it.
+
+        It can leave a contact at the start if there is a short way out; into one it is never led.
+        """
+        movable = tuple(each.name for each in world.entities if each.movable)
+        answer, ms = self._ask(CheckPosture(world=world, q_rad=q_rad, seed=session.seed, ignore=movable))
+        if not isinstance(answer, Stance):
+            return _judge(f"{name} posture", answer, ms, proves=False)
+        if not answer.contacts:
+            return Trial(motion=f"{name} posture", outcome="possible", ms=ms)
+        is_proved = name == "home" or not answer.escapes
+        message = f"in this posture {', '.join(answer.contacts)} touch" + ("" if is_proved else "; there is a way out")
+        outcome: Literal["impossible", "undecided"] = "impossible" if is_proved else "undecided"
+        return Trial(motion=f"{name} posture", outcome=outcome, code="IN_COLLISION", message=message, ms=ms)
 
     def _try_grasp(
         self, session: Session, motion: Grasp, entity: Entity, world: World, q_rad: "np.ndarray"
@@ -197,7 +228,7 @@ def _compute_radius(shape: Shape) -> float:
 
 def find_motions(
     tree: str, arguments: Mapping[str, Any], library: Library, within: tuple[str, ...] = ()
-) -> Iterator[Grasp | Place]:
+) -> Iterator[Home | Grasp | Place]:
     """The grasp that a tree surely begins with, and the place that surely follows it.
 
     What stands in a fallback, a retry or any other control node is passed over, with everything after it: it may not
@@ -215,7 +246,7 @@ def find_motions(
 
 def _find_in(
     node: Node, known: Mapping[str, Any], library: Library, within: tuple[str, ...]
-) -> Iterator[Grasp | Place]:
+) -> Iterator[Home | Grasp | Place]:
     children = node.children if node.kind is Kind.SEQUENCE else (node,)
     for child in children:
         wired = {
@@ -226,6 +257,8 @@ def _find_in(
             yield from find_motions(child.type, wired, library, within)
         elif child.kind is not Kind.LEAF:
             return
+        elif child.type == "move_home":
+            yield Home()
         elif child.type == "plan_grasp":
             if not isinstance(object := wired.get("object"), str):
                 return

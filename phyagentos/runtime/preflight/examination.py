@@ -20,7 +20,7 @@ from phyagentos.runtime.execution.registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.motion.process import Planner
-from phyagentos.runtime.perception import Perception
+from phyagentos.runtime.perception.port import Perception
 from phyagentos.runtime.preflight.compatibility import Preflight, locate
 from phyagentos.runtime.preflight.dry_run import ANSWER_S, SHARE, DryRun, make_trial_problem
 from phyagentos.runtime.preflight.reach import compute_reach
@@ -71,13 +71,16 @@ class Examiner:
     clock: Clock
     _episode: str = field(default="", init=False)
 
-    def examine(self, session: Session, *, state: State | None = None, thorough: bool = False) -> Finding:
+    def examine(
+        self, session: Session, *, state: State | None = None, thorough: bool = False, may_reset: bool = True
+    ) -> Finding:
         """Everything that is wrong with a session, or what it is granted.
 
         Args:
             session: The contract.
             state: Where a repeated session begins; it is not tried out again.
             thorough: Make the dry run of every session and look for paths, not only of the first of an episode.
+            may_reset: Whether the episode that stands there may end for it.
         """
         began_s = self.clock.now_s()
         loading_s = 0.0
@@ -89,7 +92,7 @@ class Examiner:
             problems += (missing := self._find_scene_problems(session))
             is_other = any(problem.code in _OTHER_TARGET for problem in mismatches)
             if not missing and not is_other and session.target == self.preflight.profile.target:
-                loading_s = self._load(session, state)
+                loading_s = self._load(session, state, may_reset=may_reset)
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self.preflight.find_scene_problems(session, live)
                 found, trials = self._look(session, live, is_repeated=state is not None, thorough=thorough)
@@ -105,10 +108,10 @@ class Examiner:
         plan, tools = self.preflight.plan(session, live)
         return Finding(plan=plan, tools=tools, trials=trials, ms=ms)
 
-    def _load(self, session: Session, state: State | None) -> float:
+    def _load(self, session: Session, state: State | None, *, may_reset: bool) -> float:
         """Make the session's world the present one; how long that took [s]."""
         began_s = self.clock.now_s()
-        self.handle.load(session.scene, state)
+        self.handle.load(session.scene, state, may_reset=may_reset)
         return self.clock.now_s() - began_s
 
     def _look(
@@ -153,6 +156,6 @@ class Examiner:
             clock=self.clock,
             home_rad=profile.arm.home_rad,
             reach=reach,
-            patience_s=min(ANSWER_S, SHARE * session.limits.wall_timeout_s),
+            patience_s=min(ANSWER_S, SHARE * session.limits.preflight_s),
         )
         return dry_run.run(session, skill.tree, now, thorough=thorough)

@@ -11,6 +11,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.operations import CORE_OPERATIONS, SESSION_OPERATIONS, Operation
 from phyagentos.protocol.runtime_contract import RuntimeContract
+from phyagentos.protocol.sessions import Session
 from phyagentos.protocol.skill_runtimes import SkillRuntime
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
@@ -30,6 +31,20 @@ def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterat
                 by = f"skill {skill.skill}: needs.{name}"
                 fix = f"Choose a target that offers it; {profile.target} does not."
                 yield make_unknown(code, f"skill.needs.{name}", need, offered, triggered_by=by, fix=fix)
+
+
+def iter_resource_problems(session: Session, contract: RuntimeContract) -> Iterator[Problem]:
+    """Resources that nobody declares: two sessions that call one thing by two names would have it at once."""
+    for index, name in enumerate(session.resources):
+        if name not in contract.resources:
+            yield make_unknown(
+                "RESOURCE_UNDECLARED",
+                f"resources[{index}]",
+                name,
+                contract.resources,
+                triggered_by="runtime_contract.yaml: resources",
+                fix="Add it to 'resources' of runtime_contract.yaml.",
+            )
 
 
 def find_operations(skill: SkillRuntime) -> tuple[Operation, ...]:

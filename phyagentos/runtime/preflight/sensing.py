@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.perception import Perception
 from phyagentos.protocol.runtime_contract import RuntimeContract
-from phyagentos.protocol.sensors import Modality, Sensor, Sensors
+from phyagentos.protocol.sensors import Modality, Sensor, Sensors, find_sensor
 from phyagentos.protocol.skill_runtimes import SkillRuntime
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.preflight.findings import make_problem
@@ -24,11 +24,6 @@ MODALITIES: dict[str, Modality] = {  # of what this project's targets measure, b
     "camera_depth": "depth",
     "contact": "contact",
 }
-
-
-def find_sensor(sensors: Sensors, observation: str) -> tuple[str, Sensor] | None:
-    """The first sensor that provides an observation, with its name."""
-    return next(((name, each) for name, each in sensors.sensors.items() if observation in each.provides), None)
 
 
 def iter_sensing_problems(
@@ -62,7 +57,8 @@ def iter_sensor_problems(
     place = f"sensors.yaml: sensors.{name}"
     for each in sensor.provides:
         usual = MODALITIES.get(each, sensor.modality)
-        if sensor.modality != usual:
+        both = sensor.modality == "rgbd" and usual in ("rgb", "depth")
+        if sensor.modality != usual and not both:
             address = f"{place}.modality"
             yield make_problem(
                 "SENSOR_MODALITY", address, sensor.modality, f"{usual}, for {each!r}", triggered_by=triggered_by

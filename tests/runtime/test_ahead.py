@@ -1,0 +1,245 @@
+"""The next session is checked while one runs, and nothing is commanded before its start is on the disk."""
+
+import msgspec
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.errors import Problem
+from phyagentos.protocol.estop import Latch, latch
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.store.segments import SystemIO
+from phyagentos.runtime.ahead import Ahead
+from phyagentos.runtime.dispatch import Check, Checked, Prepare, Run
+from phyagentos.runtime.watchdog import Watchdog
+
+from .test_watchdog import PLAN, TOOLS, ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
+
+
+def tell(worker) -> list[tuple[str, str]]:
+    """The orders that a worker was given."""
+    return [(type(order).__name__, order.session.id) for order in worker.orders if isinstance(order, Check | Run)]
+
+
+def during(id: str, act):
+    """A run in which something happens elsewhere while one session runs; it ends when that has happened."""
+
+    def run(order: Run):
+        if order.session.id == id:
+            act()
+        return finish(Ended.COMPLETED)(order)
+
+    return run
+
+
+def record_as_operator(stand, *entries: Entry) -> None:  # noqa: F811
+    journal = Journal(stand.workspace.root, side=Side.OPERATOR, by="hand", clock=SystemClock())
+    journal.commit(entries)
+    journal.close()
+
+
+def test_every_session_is_checked_once_though_it_is_asked_for_ahead(stand):  # noqa: F811
+    stand.submit(*(make_session(f"g.{name}") for name in "abc"))
+    stand.watch(worker := ScriptedWorker())
+
+    stand.wait_for("g.c", "awaiting_verification")
+
+    assert tell(worker) == [(kind, f"g.{name}") for name in "abc" for kind in ("Check", "Run")]
+    for name in "abc":
+        assert stand.events(f"g.{name}") == ["submit", "claim", "start", "finish"]
+
+
+def test_a_session_is_recorded_as_finished_before_the_next_one_starts(stand):  # noqa: F811
+    stand.submit(make_session("g.a"), make_session("g.b"))
+    stand.watch(ScriptedWorker())
+
+    stand.wait_for("g.b", "awaiting_verification")
+
+    told = [(record.id, record.ev) for record in stand.records if record.ev in {"claim", "start", "finish"}]
+    assert told == [(f"g.{name}", ev) for name in "ab" for ev in ("claim", "start", "finish")]
+
+
+def test_a_more_urgent_session_that_comes_meanwhile_has_its_turn(stand):  # noqa: F811
+    urgent = during("g.a", lambda: stand.submit(make_session("g.c", priority=5)))
+    stand.submit(make_session("g.a"), make_session("g.b"))
+    stand.watch(worker := ScriptedWorker(on_run=urgent))
+
+    stand.wait_for("g.b", "awaiting_verification")
+
+    assert [id for kind, id in tell(worker) if kind == "Run"] == ["g.a", "g.c", "g.b"]
+
+
+def test_a_contract_that_was_amended_meanwhile_is_checked_again(stand):  # noqa: F811
+    def amend() -> None:
+        record_as_operator(stand, Entry("g.b", "amend", {"limits": {"timeout_s": 7.0}}))
+
+    stand.submit(make_session("g.a"), make_session("g.b"))
+    stand.watch(worker := ScriptedWorker(on_run=during("g.a", amend)))
+
+    stand.wait_for("g.b", "awaiting_verification")
+
+    checked = [order.session.limits.timeout_s for order in worker.orders if isinstance(order, Check)]
+    assert checked[-1] == 7.0
+    assert worker.orders[-1].session.limits.timeout_s == 7.0
+
+
+def test_a_session_that_was_cancelled_meanwhile_never_starts(stand):  # noqa: F811
+    def cancel() -> None:
+        record_as_operator(stand, Entry("g.b", "cancel", {"reason": "no more"}))
+
+    stand.submit(make_session("g.a"), make_session("g.b"), make_session("g.c"))
+    stand.watch(worker := ScriptedWorker(on_run=during("g.a", cancel)))
+
+    stand.wait_for("g.c", "awaiting_verification")
+
+    assert stand.ledger.sessions["g.b"].state == "cancelled"
+    assert ("Run", "g.b") not in tell(worker)
+
+
+def test_a_stop_that_is_latched_meanwhile_leaves_the_next_session_waiting(stand):  # noqa: F811
+    def stop() -> None:
+        latch(stand.workspace.signals.parent, Latch(by="test", reason="enough"))
+
+    stand.submit(make_session("g.a"), make_session("g.b"))
+    stand.watch(worker := ScriptedWorker(on_run=during("g.a", stop)))
+
+    stand.wait_for("g.a", "awaiting_verification")
+    stand.watchdog.stop()
+    stand.thread.join(20.0)
+
+    assert stand.poll("g.b") == "pending"
+    assert ("Run", "g.b") not in tell(worker)
+
+
+def test_a_session_that_fails_the_check_ahead_is_rejected_when_its_turn_comes(stand):  # noqa: F811
+    problem = Problem(code="SKILL_UNKNOWN", address="g.b: skill", found="'s'")
+
+    def check(order: Check) -> Checked:
+        if order.session.id == "g.b":
+            return Checked(session="g.b", plan=None, tools=None, problems=(problem,))
+        return Checked(session=order.session.id, plan=PLAN, tools=TOOLS)
+
+    stand.submit(make_session("g.a"), make_session("g.b"))
+    stand.watch(ScriptedWorker(on_check=check))
+
+    stand.wait_for("g.b", "rejected")
+
+    order = [(record.id, record.ev) for record in stand.records]
+    assert order.index(("g.a", "finish")) < order.index(("g.b", "reject"))
+
+
+def test_what_a_lost_worker_was_asked_ahead_is_asked_again(stand):  # noqa: F811
+    left = [1]
+
+    def die_once(order: Run):
+        left[0] -= 1
+        return "die" if left[0] == 0 else finish(Ended.COMPLETED)(order)
+
+    stand.submit(make_session("g.a"), make_session("g.b"))
+    stand.watch(worker := ScriptedWorker(on_run=die_once))
+
+    stand.wait_for("g.b", "awaiting_verification")
+
+    assert worker.restarts == 1
+    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert tell(worker)[-2:] == [("Check", "g.b"), ("Run", "g.b")]
+
+
+class Course:
+    """What happened, in order, as a worker and a disk see it."""
+
+    def __init__(self) -> None:
+        self.events: list[str] = []
+
+
+class WatchedDisk(SystemIO):
+    """Notes what is written and what is waited for."""
+
+    def __init__(self, course: Course) -> None:
+        self._course = course
+
+    def write(self, fd, data):
+        self._course.events += [ev for ev in ("start", "finish") if b'"ev":"%b"' % ev.encode() in bytes(data)]
+        return super().write(fd, data)
+
+    def fdatasync(self, fd):
+        super().fdatasync(fd)
+        self._course.events.append("on the disk")
+
+
+class Observer(ScriptedWorker):
+    """Notes what it is asked to do."""
+
+    def __init__(self, course: Course, **answers) -> None:
+        super().__init__(**answers)
+        self._course = course
+
+    def send(self, order) -> None:
+        self._course.events += [type(order).__name__] if isinstance(order, Prepare | Run) else []
+        super().send(order)
+
+
+def watch_disk(stand, worker, disk):  # noqa: F811
+    """As `Stand.watch`, with a disk of its own."""
+    clock = SystemClock()
+    journal = Journal(stand.workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock, file_io=disk)
+    hire = {"panda": worker}.get
+    return Watchdog(workspace=stand.workspace, journal=journal, hire=hire, clock=clock, publish=lambda: None)
+
+
+def test_a_run_is_ordered_only_when_its_start_is_on_the_disk(stand):  # noqa: F811
+    course = Course()
+    stand.submit(*(make_session(f"g.{number}") for number in range(5)))
+    worker = Observer(course)
+    watchdog = watch_disk(stand, worker, WatchedDisk(course))
+    worker._on_run = stop_after(5, watchdog.stop)
+    watchdog.run()
+
+    told = [event for event in course.events if event != "finish"]
+    first = told.index("start")
+    assert told[first : first + 4] == ["start", "Prepare", "on the disk", "Run"]
+    assert told.count("Run") == 5
+    for index, event in enumerate(told):
+        if event == "Run":
+            assert told[index - 3 : index] == ["start", "Prepare", "on the disk"]
+
+
+def test_a_disk_that_does_not_confirm_a_start_lets_nothing_move(stand):  # noqa: F811
+    class Failing(WatchedDisk):
+        def fdatasync(self, fd):
+            if "start" in self._course.events:
+                raise OSError(5, "Input/output error")
+            super().fdatasync(fd)
+
+    course = Course()
+    stand.submit(make_session("g.a"))
+    watchdog = watch_disk(stand, Observer(course), Failing(course))
+
+    with pytest.raises(Exception, match="JOURNAL_NOT_DURABLE"):
+        watchdog.run()
+
+    assert course.events[-2:] == ["start", "Prepare"]
+
+
+def stop_after(runs: int, stop):
+    left = [runs]
+
+    def run(order: Run):
+        left[0] -= 1
+        if not left[0]:
+            stop()
+        return finish(Ended.COMPLETED)(order)
+
+    return run
+
+
+def test_a_guess_fits_only_the_very_contract_under_the_very_epoch():
+    session = make_session("g.a")
+    ahead = Ahead(session, 3)
+
+    assert ahead.fits(make_session("g.a"), 3)
+    assert not ahead.fits(session, 4)
+    assert not ahead.fits(msgspec.structs.replace(session, priority=1), 3)
+    ahead.take_in(Checked(session="g.b", plan=PLAN, tools=TOOLS))
+    assert ahead.answer is None

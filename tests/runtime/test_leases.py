@@ -1,0 +1,157 @@
+"""A worker goes on only as long as a watchdog says so; what the wall clock does in the meantime changes nothing."""
+
+import threading
+from multiprocessing import Pipe
+
+import pytest
+
+from phyagentos.clock import ManualClock, SystemClock
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.sessions import Ended, Limits
+from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.workspace import Workspace
+from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.dispatch import (
+    Check,
+    Checked,
+    Finished,
+    Ready,
+    Reconcile,
+    Renew,
+    Run,
+    Stop,
+    receive_answer,
+    send,
+)
+from phyagentos.runtime.heartbeat import HeartbeatWriter
+from phyagentos.runtime.preflight.examination import Finding
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.worker import WorkerLoop
+
+from .test_watchdog import ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
+
+LEASE_S = 15.0
+PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="planted", observation_path=(), action_path=())
+
+
+class Grants:
+    """An examiner that finds nothing wrong."""
+
+    def examine(self, session, **_):
+        return Finding(plan=PLAN, tools=TargetToolManifest(expose=("apply", "observe", "settle")))
+
+
+class Employed:
+    """A worker in a thread, which runs a skill without end, and the watchdog's end of its pipe."""
+
+    def __init__(self, bench, session, root) -> None:
+        self.bench, self.session, self.clock = bench, session, ManualClock()
+        workspace = Workspace.create(root, Library(()))
+        self.ours, theirs = Pipe()
+        self.worker = WorkerLoop(
+            control=theirs,
+            handle=bench.handle,
+            examiner=Grants(),
+            runner=bench.runner,
+            perception=bench.runner._perception,
+            heartbeat=HeartbeatWriter(workspace.heartbeats, "panda", self.clock),
+            workspace=workspace,
+            clock=self.clock,
+        )
+        self.thread = threading.Thread(target=self.worker.run, daemon=True)
+        self.thread.start()
+        assert isinstance(self.hear(), Ready)
+
+    def hear(self):
+        assert self.ours.poll(20.0), "the worker says nothing"
+        return receive_answer(self.ours)
+
+    def start(self) -> None:
+        bench, session = self.bench, self.session
+        bench.handle.load(session.scene)
+        send(self.ours, Check(session=session, epoch=1))
+        assert isinstance(self.hear(), Checked)
+        send(self.ours, Run(session=session, epoch=1, evidence="evidence/s", until_s=self.clock.now_s() + LEASE_S))
+        while not bench.target.commands():
+            SystemClock().sleep(0.01)
+
+    def wait_for_a_renewal(self) -> None:
+        while self.worker._lease_until_s < self.clock.now_s() + 1.5 * LEASE_S:
+            SystemClock().sleep(0.01)
+
+    def close(self) -> None:
+        self.ours.close()
+        self.thread.join(20.0)
+
+
+@pytest.fixture
+def employed(build_bench, plant, build_session, tmp_path):
+    bench = build_bench(library=plant(["wait: {seconds: 1000000}"]))
+    limits = Limits(timeout_s=1e9, wall_timeout_s=1e9)
+    session = build_session(skill="planted", parameters={}, limits=limits)
+    employed = Employed(bench, session, tmp_path / "w")
+    yield employed
+    employed.close()
+
+
+def test_a_worker_whose_lease_nobody_renews_brings_its_target_to_rest_and_says_why(employed):
+    employed.start()
+    employed.clock.advance(LEASE_S + 0.1)
+
+    finished = employed.hear()
+
+    assert isinstance(finished, Finished)
+    assert (finished.execution.ended, finished.execution.code) == (Ended.SAFETY_STOP, "LEASE_LOST")
+    kinds = [type(request) for request in employed.bench.target.requests]
+    assert wire.Command not in kinds[kinds.index(wire.Halt) :]
+
+
+def test_a_worker_whose_lease_is_renewed_goes_on_until_it_is_asked_to_stop(employed):
+    employed.start()
+    for _ in range(5):
+        send(employed.ours, Renew(until_s=employed.clock.now_s() + 1.5 * LEASE_S))
+        employed.wait_for_a_renewal()
+        employed.clock.advance(LEASE_S)
+    assert not employed.ours.poll(0.1)
+    send(employed.ours, Stop(session=employed.session.id, reason="stalled"))
+
+    execution = employed.hear().execution
+
+    assert (execution.ended, execution.code) == (Ended.STALLED, "NO_PROGRESS")
+
+
+class Jumping(SystemClock):
+    """A wall clock that is set back by a year, and forward by two, again and again; time itself goes on."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def wall_iso(self) -> str:
+        self._count += 1
+        return ("2024", "2027", "2026")[self._count % 3] + super().wall_iso()[4:]
+
+
+def test_a_wall_clock_that_jumps_ends_no_lease_and_no_session(stand, monkeypatch):  # noqa: F811
+    worker = ScriptedWorker(on_run=lambda _: None)
+    stand.watch(worker, clock=Jumping(), lease_s=1.0)
+    stand.submit(make_session("g.a", wall_timeout_s=30.0), make_session("g.b", queue_s=30.0))
+    stand.wait_for("g.a", "running")
+    stand.clock.sleep(1.5)
+
+    assert stand.poll("g.a") == "running"
+    assert stand.poll("g.b") == "pending"
+    assert not [order for order in worker.orders if isinstance(order, Stop | Reconcile)]
+
+
+def test_the_claim_of_a_dead_watchdog_is_taken_over_at_once_whatever_the_clock_says(stand):  # noqa: F811
+    stand.submit(make_session())
+    dead = Journal(stand.workspace.root, side=Side.RUNTIME, by="dead", clock=Jumping())
+    dead.commit([Entry("g.a", "claim"), Entry("g.a", "start")])
+    dead.close()
+
+    stand.watch(worker := ScriptedWorker(), clock=Jumping())
+
+    stand.wait_for("g.a", "awaiting_verification")
+    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert not [order for order in worker.orders if isinstance(order, Run)]

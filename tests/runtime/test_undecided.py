@@ -1,0 +1,74 @@
+"""A target whose last look left the acceptance undecided gets no other work before the verdict."""
+
+from typing import Any, cast
+
+import msgspec
+import pytest
+
+from phyagentos.protocol.environment import Entity, Environment, Pose
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.runtime.execution.undecided import find_undecided
+from phyagentos.runtime.posts import VERDICT_S, Phase, Post
+
+SESSION = Session(
+    id=SessionId("g.red"),
+    goal=GoalId("g"),
+    node="red",
+    objective="",
+    skill="pick_and_place",
+    target="panda",
+    parameters={},
+    accept=("inside(red_cube, tray)", "visible(tray)"),
+    scene=Scene(name="s", seed=0, episode="g"),
+    seed=0,
+)
+
+
+def make_world(**cube: Any) -> Environment:
+    tray = Entity(name="tray", kind="tray", movable=False, pose=Pose())
+    red = Entity(name="red_cube", kind="cube", pose=Pose(), observed_at_s=9.9)
+    entities = {"tray": tray, "red_cube": msgspec.structs.replace(red, **cube)}
+    return Environment(time_s=10.0, scene="s", episode="g", revision=1, sensing="perceived", entities=entities)
+
+
+@pytest.mark.parametrize(
+    ("world", "found"),
+    [
+        (make_world(), ()),
+        (make_world(visible=False), ("red_cube",)),
+        (make_world(observed_at_s=8.0), ("red_cube",)),
+        (msgspec.structs.replace(make_world(), entities={}), ("red_cube", "tray")),
+        (msgspec.structs.replace(make_world(visible=False), sensing="truth"), ()),
+    ],
+)
+def test_what_the_acceptance_names_and_nobody_saw_is_undecided(world, found):
+    assert find_undecided(SESSION, world) == found
+
+
+def make_post(*undecided: str) -> Post:
+    post = Post(target="panda", worker=cast(Any, None), monitor=cast(Any, None), phase=Phase.IDLE)
+    post.note_end(SESSION, Execution(ended=Ended.COMPLETED, evidence="", undecided=undecided), 100.0)
+    return post
+
+
+def make_ledger(state: SessionState) -> Ledger:
+    ledger = Ledger()
+    ledger.sessions[SESSION.id] = SessionStatus(contract=SESSION, state=state)
+    return ledger
+
+
+def test_the_target_waits_for_the_verdict_of_a_session_that_is_undecided():
+    post = make_post("red_cube")
+    assert not post.is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.1)
+    assert not post.is_free(make_ledger(SessionState.VERIFYING), 100.2)
+    assert post.is_free(make_ledger(SessionState.REPLANNED), 100.3)
+
+
+def test_it_does_not_wait_for_an_agent_that_is_gone():
+    assert make_post("red_cube").is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.0 + VERDICT_S)
+
+
+def test_it_does_not_wait_when_everything_was_seen():
+    assert make_post().is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.0)

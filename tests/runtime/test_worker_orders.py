@@ -1,0 +1,174 @@
+"""What a worker makes of its orders: beside, behind and instead of each other."""
+
+import threading
+from multiprocessing import Pipe
+
+import msgspec
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.channel import Link
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.sessions import Ended, Execution, Scene
+from phyagentos.protocol.workspace import Workspace
+from phyagentos.runtime.dispatch import Check, Checked, Finished, Prepare, Ready, Run, receive_answer, send
+from phyagentos.runtime.heartbeat import HeartbeatWriter
+from phyagentos.runtime.preflight.examination import Finding
+from phyagentos.runtime.worker import WorkerLoop
+
+from .test_watchdog import PLAN, TOOLS, make_session
+
+
+class Steps:
+    """Examiner, runner, handle and perception that only note what is asked of them."""
+
+    is_at_rest = True
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.may_end = threading.Event()
+
+    def examine(self, session, **_) -> Finding:
+        self.told.append(f"check {session.id}")
+        return Finding(plan=PLAN, tools=TOOLS)
+
+    def prepare(self, session, epoch, plan, **_) -> None:
+        self.told.append(f"prepare {session.id}")
+
+    def run(self, session, epoch, plan, *, evidence, cancel, beat, **_) -> Execution:
+        self.told.append(f"begin {session.id}")
+        self.may_end.wait(10.0)
+        reason = cancel()
+        self.told.append(f"end {session.id}")
+        return Execution(ended=Ended(reason) if reason else Ended.COMPLETED, evidence=evidence)
+
+    def permit(self, operations) -> None:
+        """Nothing is forbidden."""
+
+    def perceive(self, *_, **__):
+        raise ExecutionError("TARGET_LOST", "nobody looks")
+
+    observe = perceive
+
+
+class Place:
+    """A worker in a thread, and the watchdog's end of its channel."""
+
+    def __init__(self, root) -> None:
+        self.steps = Steps()
+        self.ours, theirs = Pipe()
+        workspace = Workspace.create(root, Library(()))
+        self.loop = WorkerLoop(
+            control=Link(theirs, spin_s=0.0),
+            handle=self.steps,
+            examiner=self.steps,
+            runner=self.steps,
+            perception=self.steps,
+            heartbeat=HeartbeatWriter(workspace.heartbeats, "panda", SystemClock()),
+            workspace=workspace,
+            clock=SystemClock(),
+        )
+        self.thread = threading.Thread(target=self.loop.run, daemon=True)
+        self.thread.start()
+        assert isinstance(receive_answer(self.ours), Ready)
+
+    def ask(self, *orders) -> None:
+        for order in orders:
+            send(self.ours, order)
+
+    def hear(self):
+        assert self.ours.poll(10.0)
+        return receive_answer(self.ours)
+
+    def close(self) -> None:
+        self.steps.may_end.set()
+        self.ours.close()
+        self.thread.join(10.0)
+
+
+@pytest.fixture
+def place(tmp_path):
+    place = Place(tmp_path / "w")
+    yield place
+    place.close()
+
+
+def check(id: str, **changes) -> Check:
+    return Check(session=msgspec.structs.replace(make_session(id), **changes), epoch=1)
+
+
+def run(id: str, epoch: int = 1) -> Run:
+    return Run(session=make_session(id), epoch=epoch, evidence=f"evidence/{id}")
+
+
+def test_a_check_that_comes_during_a_run_is_made_in_the_world_that_it_leaves_and_told_with_its_end(place):
+    place.ask(check("g.a"))
+    assert isinstance(place.hear(), Checked)
+
+    place.ask(run("g.a"), check("g.b"))
+    place.steps.may_end.set()
+    answer = place.hear()
+
+    assert isinstance(answer, Finished)
+    assert (answer.session, answer.ahead.session) == ("g.a", "g.b")
+    assert place.steps.told == ["check g.a", "begin g.a", "end g.a", "check g.b"]
+
+
+def test_a_session_that_was_checked_ahead_runs_without_another_check(place):
+    place.steps.may_end.set()
+    place.ask(check("g.a"))
+    place.hear()
+    place.ask(run("g.a"), check("g.b"))
+    if place.hear().ahead is None:
+        place.hear()
+    place.ask(run("g.b"))
+
+    assert place.hear().execution.ended is Ended.COMPLETED
+    assert place.steps.told == ["check g.a", "begin g.a", "end g.a", "check g.b", "begin g.b", "end g.b"]
+
+
+def test_the_end_of_a_session_does_not_wait_for_a_scene_to_be_loaded(place):
+    place.ask(check("g.a"))
+    place.hear()
+    place.ask(run("g.a"), check("g.b", scene=Scene(name="s", seed=1, episode="another")))
+    place.steps.may_end.set()
+
+    first, second = place.hear(), place.hear()
+
+    assert isinstance(first, Finished)
+    assert first.ahead is None
+    assert isinstance(second, Checked)
+
+
+def test_a_run_of_what_was_not_checked_last_moves_nothing(place):
+    place.steps.may_end.set()
+    place.ask(check("g.a"), check("g.b"))
+    place.hear()
+    place.hear()
+    place.ask(run("g.a"))
+
+    assert place.hear().execution.code == "NOT_CHECKED"
+    place.ask(run("g.b", epoch=2))
+    assert place.hear().execution.code == "NOT_CHECKED"
+    assert not any(each.startswith("begin") for each in place.steps.told)
+
+
+def test_what_was_prepared_waits_for_the_order_to_run(place):
+    place.ask(check("g.a"))
+    place.hear()
+    place.ask(Prepare(session=make_session("g.a"), epoch=1, evidence="evidence/g.a"), check("g.b"))
+    place.hear()  # so it has dealt with what came before
+
+    assert place.steps.told == ["check g.a", "prepare g.a", "check g.b"]
+
+
+def test_a_watchdog_that_goes_between_prepare_and_run_leaves_nothing_begun(place):
+    place.ask(check("g.a"))
+    place.hear()
+    place.ask(Prepare(session=make_session("g.a"), epoch=1, evidence="evidence/g.a"))
+    place.ours.close()
+    place.thread.join(10.0)
+
+    assert not place.thread.is_alive()
+    assert place.steps.told == ["check g.a", "prepare g.a"]
