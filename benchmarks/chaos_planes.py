@@ -61,14 +61,15 @@ class Planes:
         graph: The goal.
         seed: Of the goal.
         clock: For waiting.
+        mode: How the worlds keep time.
     """
 
-    def __init__(self, root: Path, graph: Path, seed: int, clock: Clock) -> None:
+    def __init__(self, root: Path, graph: Path, seed: int, clock: Clock, mode: str = "lockstep") -> None:
         self.root, self.goal = root, f"chaos-{seed}"
         self._clock = clock
         place = ["--workspace", str(root)]
         self._commands = {
-            "watchdog": ["watch", *place, "--no-pictures"],
+            "watchdog": ["watch", *place, "--no-pictures", "--world-mode", mode],
             "agent": ["agent", str(graph), *place, "--seed", str(seed), "--goal", self.goal],
         }
         self._log = (root.parent / "planes.log").open("ab")

@@ -17,7 +17,7 @@ from phyagentos.runtime.execution.registry import build_registry
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception import TruthPerception
+from phyagentos.runtime.perception.truth import TruthPerception
 from phyagentos.runtime.runner import SessionRunner
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule

@@ -93,11 +93,13 @@ def verdict(id: str) -> list[Entry]:
 
 
 def prepare_life(agent: Journal, runtime: Journal, id: str) -> list[tuple[Journal, list[Entry], bool]]:
-    """One session as the two planes record it: six records, five commits, three of them durable."""
+    """One session as the two planes record it: six records, four commits, three of them durable.
+
+    The watchdog records a claim together with the start that it leads to (see `runtime.watchdog`).
+    """
     return [
         (agent, [submit(id)], True),
-        (runtime, [claim(id)], False),
-        (runtime, [start(id)], True),
+        (runtime, [claim(id), start(id)], True),
         (runtime, [finish(id)], False),
         (agent, verdict(id), True),
     ]

@@ -1,22 +1,32 @@
 """The agent plane: what `paos agent` starts. Loads nothing of the runtime."""
 
 import signal
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
 
 from phyagentos.agent.mission import Mission
 from phyagentos.agent.mission_report import MissionReport
+from phyagentos.assembly.experience import open_memory
 from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import find_project, open_project
+from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.sessions import GoalId
 from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.verdicts import VerificationMode
 
 
 def run_agent(
-    root: Path, graph: Path, seed: int, *, overrides: Mapping[str, str] | None = None, goal: str | None = None
+    root: Path,
+    graph: Path,
+    seed: int,
+    *,
+    overrides: Mapping[str, str] | None = None,
+    goal: str | None = None,
+    verify: VerificationMode | None = None,
 ) -> MissionReport:
     """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
 
@@ -25,12 +35,22 @@ def run_agent(
         graph: The goal graph.
         seed: Root of every random choice.
         overrides: Dotted path -> YAML value (`targets.arm` -> `panda`).
+        verify: What judgements are for, instead of what runtime_contract.yaml says.
         goal: Its id; with one, a goal that has its verdict is reported and not begun anew.
     """
     clock = SystemClock()
     workspace = open_project(root, find_project(graph))
+    verifier = build_verifier(workspace, clock, mode=verify)
     journal = Journal(workspace.root, side=Side.AGENT, by="agent", clock=clock)
-    mission = Mission(workspace, journal, clock=clock)
+    remembering = open_memory(workspace, clock, lambda text: print(text, file=sys.stderr))  # noqa: T201 - the agent's log
+    mission = Mission(
+        workspace,
+        journal,
+        clock=clock,
+        verifier=verifier,
+        advisor=remembering.advisor,
+        observers=(remembering.keeper,),
+    )
 
     def on_signal(_number: int, _frame: FrameType | None) -> None:
         mission.cancel()
@@ -41,4 +61,5 @@ def run_agent(
     try:
         return mission.run(graph, seed=seed, overrides=overrides, goal=GoalId(goal) if goal else None)
     finally:
+        remembering.memory.close()
         journal.close()

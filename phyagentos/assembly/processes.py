@@ -15,16 +15,23 @@ import msgspec
 
 from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import FAULTS, STRIKES
+from phyagentos.assembly.rehearsal import make_command
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.cameras import WORLD
 from phyagentos.protocol.channel import Channel, Link
 from phyagentos.protocol.estop import is_latched
+from phyagentos.protocol.perception import Sensing
 from phyagentos.protocol.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.safety import TargetLimits
+from phyagentos.protocol.targets import TargetProfile
 from phyagentos.protocol.workspace import Workspace
 
 if TYPE_CHECKING:
     from phyagentos.runtime.handle import TargetSessionHandle
+    from phyagentos.runtime.perception.detection.detector import Detector
+    from phyagentos.runtime.perception.port import Perception
+    from phyagentos.runtime.preflight.settings import Settings
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
 
@@ -50,6 +57,7 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
         os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
     from phyagentos.protocol.faults import read_faults
     from phyagentos.protocol.runtime_contract import WorldMode, read_runtime_contract
+    from phyagentos.protocol.sensors import read_sensors
     from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule, read_strikes
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -72,7 +80,8 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
     stops = StopListener(workspace.signals.parent, clock)
     mode = read_runtime_contract(workspace.runtime_contract).world_mode
-    world = MujocoWorld(profile, folder, library, log, make_faults, stops.is_latched, mode)
+    sensors = read_sensors(workspace.sensors)
+    world = MujocoWorld(profile, folder, library, log, make_faults, stops.is_latched, mode, sensors, stops.keep)
     if mode is WorldMode.REALTIME:
         serve_realtime(world, socket, clock)
     else:
@@ -81,11 +90,15 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
 
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
     """The worker process of one target: serve the watchdog until it is gone."""
+    from phyagentos.protocol.runtime_contract import WorldMode
     from phyagentos.runtime.blanks import Blanks
     from phyagentos.runtime.execution.registry import build_registry
     from phyagentos.runtime.heartbeat import HeartbeatWriter
+    from phyagentos.runtime.lookahead.gate import LookaheadGate
+    from phyagentos.runtime.lookahead.process import RehearsalProcess
     from phyagentos.runtime.motion.process import NoPlanner, Planner, PlannerProcess
-    from phyagentos.runtime.perception import TruthPerception
+    from phyagentos.runtime.policies.client import ask_policy
+    from phyagentos.runtime.policies.policies import Policies
     from phyagentos.runtime.preflight.compatibility import Preflight
     from phyagentos.runtime.preflight.examination import Examiner
     from phyagentos.runtime.preflight.settings import read_settings
@@ -119,7 +132,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     else:
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
     handle = open_handle(connection, settings.limits, workspace)
-    perception = TruthPerception(target)
+    perception = open_perception(workspace, target, profile, handle, settings)
     blanks = Blanks(workspace.cache / f"blanks-{target}", WRITTEN)
     runner = SessionRunner(
         handle=handle,
@@ -134,13 +147,22 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         settings=(workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract),
         pictures=pictures,
         blanks=blanks,
+        policies=Policies(
+            skills=skills,
+            profile=profile,
+            sensors=settings.sensors,
+            capture=handle.capture,
+            is_realtime=settings.contract.world_mode is WorldMode.REALTIME,
+        ),
     )
+    oracle = RehearsalProcess(make_command(workspace.root, target))
+    gate = LookaheadGate(oracle=oracle, handle=handle, perception=perception, evidence=workspace.evidence)
     collect_rarely()
     WorkerLoop(
         control=orders,
         handle=handle,
         examiner=Examiner(
-            preflight=Preflight(skills=skills, profile=profile, settings=settings),
+            preflight=Preflight(skills=skills, profile=profile, settings=settings, ask_policy=ask_policy),
             handle=handle,
             perception=perception,
             planner=planner,
@@ -153,9 +175,46 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         heartbeat=HeartbeatWriter(workspace.heartbeats, target, clock),
         workspace=workspace,
         clock=clock,
+        blanks=blanks,
+        gate=gate,
     ).run()
+    gate.close()
     planner.close()
     blanks.close()
+
+
+def open_perception(
+    workspace: Workspace, target: str, profile: TargetProfile, handle: "TargetSessionHandle", settings: "Settings"
+) -> "Perception":
+    """The pipeline that perception.yaml chooses; a debug target has no cameras, and its truth is all there is."""
+    from phyagentos.runtime.perception.truth import TruthPerception
+
+    if settings.perception.sensing is Sensing.TRUTH or profile.kind == "debug":
+        return TruthPerception(target)
+    from phyagentos.runtime.perception.embedded import EmbeddedPerception
+    from phyagentos.runtime.perception.robot_mask import RobotMask
+
+    library = workspace.library()
+    cameras = settings.sensors.cameras.items()
+    return EmbeddedPerception(
+        target,
+        handle,
+        library,
+        RobotMask(profile, library.get_target(target).parent),
+        moving=[name for name, sensor in cameras if sensor.camera is not None and sensor.camera.mount != WORLD],
+        max_age_s=settings.perception.embedded.max_age_s,
+        detector=open_detector(settings),
+    )
+
+
+def open_detector(settings: "Settings") -> "Detector | None":
+    """The detector that perception.yaml names; None where colours tell things apart."""
+    from phyagentos.runtime.perception.detection.registry import build_detector_registry
+
+    chosen = settings.perception.detector
+    if chosen is None:
+        return None
+    return build_detector_registry().open(chosen.name, chosen.settings, "perception.yaml: detector.name")
 
 
 def open_handle(connection: Channel, limits: TargetLimits, workspace: Workspace) -> "TargetSessionHandle":

@@ -13,8 +13,9 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.edits.desk import Desk
 from phyagentos.protocol.edits.signal_desk import SignalDesk
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.perception import Sensing, declare_sensing
 from phyagentos.protocol.registries import read_target_registry
-from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode, read_runtime_contract
+from phyagentos.protocol.runtime_contract import RuntimeContract, WorldMode, declare_world_mode, read_runtime_contract
 from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.views.renderer import Views
 from phyagentos.protocol.views.runtime_signal import RuntimeSignal
@@ -34,6 +35,7 @@ def run_watch(
     pictures: bool = True,
     once_idle: bool = False,
     world_mode: WorldMode | None = None,
+    sense: Sensing | None = None,
     outlived: bool = True,
 ) -> None:
     """The runtime plane: supervise until interrupted.
@@ -43,6 +45,7 @@ def run_watch(
         faults: Fault file for the simulated worlds.
         pictures: Whether evidence has pictures.
         world_mode: Declared in the workspace's runtime_contract.yaml; None leaves what stands there.
+        sense: Declared in the workspace's perception.yaml; None leaves what stands there.
         once_idle: End when every goal has its verdict.
         outlived: Whether worlds wait for another watchdog when this one dies.
 
@@ -50,16 +53,38 @@ def run_watch(
         ExecutionError: `WATCHED_ALREADY`.
     """
     workspace, clock = open_project(root), SystemClock()
-    if world_mode is not None:
-        declare_world_mode(workspace.runtime_contract, world_mode)
-    if faults is not None:
-        (workspace.root / FAULTS).parent.mkdir(exist_ok=True)
-        shutil.copyfile(faults, workspace.root / FAULTS)
     become_sole(workspace.root / WATCHDOG_LOCK, clock, "WATCHED_ALREADY", "another watchdog supervises this workspace")
+    if sense is not None:
+        declare_sensing(workspace.perception, sense)
+    declare_world(workspace, faults, world_mode)
     try:
         _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)
     finally:
         end_worlds(workspace.root)
+
+
+def declare_world(workspace: Workspace, faults: Path | None, mode: WorldMode | None) -> None:
+    """Write down how worlds are started from now on, and end those that an earlier watchdog started otherwise.
+
+    Args:
+        workspace: Supervised by nobody else.
+        faults: Fault file; None leaves what stands there.
+        mode: World mode; None leaves what stands there.
+    """
+    before = _read_terms(workspace)
+    if mode is not None:
+        declare_world_mode(workspace.runtime_contract, mode)
+    if faults is not None:
+        (workspace.root / FAULTS).parent.mkdir(exist_ok=True)
+        shutil.copyfile(faults, workspace.root / FAULTS)
+    if _read_terms(workspace) != before:
+        end_worlds(workspace.root)
+
+
+def _read_terms(workspace: Workspace) -> tuple[WorldMode, bytes]:
+    """What a world is started with, and keeps."""
+    path = workspace.root / FAULTS
+    return _read_rules(workspace).world_mode, path.read_bytes() if path.exists() else b""
 
 
 def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:
@@ -83,7 +108,19 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         if once_idle and goals and all(goal.verdict or goal.is_cancelled for goal in goals):
             watchdog.stop()
 
-    watchdog = Watchdog(workspace=workspace, journal=journal, hire=hire, clock=clock, publish=publish)
+    rules = _read_rules(workspace)
+    watchdog = Watchdog(
+        workspace=workspace,
+        journal=journal,
+        hire=hire,
+        clock=clock,
+        publish=publish,
+        on_record=views.take_in,
+        ageing_per_s=rules.ageing_per_min / 60.0,
+        lease_s=rules.lease_s,
+    )
+
+    views.share(watchdog.ledger, watchdog.follow)
 
     def on_signal(_number: int, _frame: FrameType | None) -> None:
         watchdog.stop()
@@ -91,7 +128,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, on_signal)
     collect_rarely()
-    if not _may_keep_real_time(workspace):
+    if rules.world_mode is WorldMode.LOCKSTEP:
         ask_for_prompt_wakeups()
     watchdog.run()
     views.close()
@@ -101,12 +138,18 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     journal.close()
 
 
-def _may_keep_real_time(workspace: Workspace) -> bool:
-    """Whether a world of this workspace keeps real time; also when that cannot be read."""
+def _read_rules(workspace: Workspace) -> RuntimeContract:
+    """What runtime_contract.yaml says; where it cannot be read, preflight tells, and until then the defaults hold."""
     try:
-        return read_runtime_contract(workspace.runtime_contract).world_mode is WorldMode.REALTIME
+        return read_runtime_contract(workspace.runtime_contract)
     except DefinitionError:
-        return True
+        return RuntimeContract(
+            world_mode=WorldMode.REALTIME,
+            control_period_s=0.02,
+            physics_step_s=0.002,
+            command_representation="joint_position_velocity",
+            sampling_hz=50.0,
+        )
 
 
 def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: bool, outlives: bool = False) -> Worker:

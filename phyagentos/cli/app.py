@@ -15,12 +15,14 @@ from phyagentos.cli import (
     evidence,
     explaining,
     importing,
+    memory,
     preflight,
     running,
     scaffolding,
     showing,
     stopping,
     store,
+    verification,
 )
 from phyagentos.cli.doctor import command as doctor
 from phyagentos.cli.outcome import ExitCode, is_debugging, report_exception
@@ -68,6 +70,8 @@ for group in (
     doctor,
     error_codes,
     store,
+    verification,
+    memory,
 ):
     group.register(app)
 

@@ -24,6 +24,7 @@ STYLES = {
     "blocked": "red",
     "replanned": "yellow",
     "replan": "yellow",
+    "unverified": "yellow",
     "cancelled": "magenta",
     "running": "bold cyan",
     "waiting": "dim",
@@ -85,7 +86,7 @@ class RunConsole:
         self._console.print(
             Text.assemble(f"{row.name}: ", (row.state, STYLES.get(row.state, "")), f"  {describe(row)}")
         )
-        for criterion in row.session.attempts[-1].criteria if row.session.attempts else ():
+        for criterion in row.session.decision.criteria if row.session.decision is not None else ():
             self._console.print(build_criterion_line(criterion))
 
 
@@ -112,9 +113,9 @@ def summarise(row: Row) -> str:
     session = row.session
     if session is None:
         return f"after {', '.join(row.after)}" if row.after else ""
-    if not session.attempts:
+    attempt = session.decision
+    if attempt is None:
         return describe(row)
-    attempt = session.attempts[-1]
     if attempt.verdict is not Verdict.SUCCESS:
         return f"{attempt.cause} {session.execution.leaf if session.execution else ''}".rstrip()
     held = sum(criterion.truth is Truth.TRUE for criterion in attempt.criteria)
@@ -125,8 +126,8 @@ def describe(row: Row) -> str:
     """Why a row stands where it does, in a sentence."""
     if row.session is None:
         return ""
-    if row.session.attempts:
-        attempt = row.session.attempts[-1]
+    attempt = row.session.decision
+    if attempt is not None:
         return " ".join(part for part in (attempt.cause, attempt.reason) if part)
     execution = row.session.execution
     return row.session.reason or (f"{execution.ended.value} {execution.code}".strip() if execution is not None else "")

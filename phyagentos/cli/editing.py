@@ -54,16 +54,18 @@ def edit(
 def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
     """Judge the sessions by hand that have run: those that serve no goal, which no agent looks at."""
     from phyagentos.agent.by_hand import judge_by_hand
+    from phyagentos.assembly.verification import build_verifier
     from phyagentos.clock import SystemClock
     from phyagentos.protocol.lifecycle import Side
     from phyagentos.protocol.store.journal import Journal
     from phyagentos.protocol.verdicts import Verdict
     from phyagentos.protocol.workspace import Workspace
 
-    place = Workspace.open(workspace)
-    journal = Journal(place.root, side=Side.AGENT, by="paos judge", clock=SystemClock())
+    place, clock = Workspace.open(workspace), SystemClock()
+    verifier = build_verifier(place, clock)
+    journal = Journal(place.root, side=Side.AGENT, by="paos judge", clock=clock)
     try:
-        judged = judge_by_hand(place, journal)
+        judged = judge_by_hand(place, journal, verifier)
     finally:
         journal.close()
     for id, attempt in judged:

@@ -26,12 +26,14 @@ from phyagentos.cli.report import build_report, compute_exit_code, print_report,
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.perception import Sensing, declare_sensing
 from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode
 from phyagentos.protocol.schema import Address, read_yaml
 from phyagentos.protocol.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.protocol.store.journal import Entry, IllegalEvent, Journal
 from phyagentos.protocol.store.mailbox import Signal, drop_signal
 from phyagentos.protocol.store.watch import Watch
+from phyagentos.protocol.verdicts import VerificationMode
 from phyagentos.protocol.workspace import Workspace
 
 VIEW_PERIOD_S = 0.1  # ten pictures a second are enough for people
@@ -51,6 +53,8 @@ class Order:
     pictures: bool = True
     quiet: bool = False
     world_mode: WorldMode | None = None
+    verify: VerificationMode | None = None
+    sense: Sensing | None = None
 
 
 class Interrupts:
@@ -91,6 +95,8 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
     workspace = Workspace.create(root, open_library(graph))
     if order.world_mode is not None:
         declare_world_mode(workspace.runtime_contract, order.world_mode)
+    if order.sense is not None:
+        declare_sensing(workspace.perception, order.sense)
     print_note(f"workspace {root}")
     started_s = clock.now_s()
     fold = RunFold(workspace.heartbeats)
@@ -167,6 +173,7 @@ def start_planes(order: Order, graph: Path, faults: Path | None, workspace: Work
     watch += ["--faults", str(faults)] if faults is not None else []
     watch += [] if order.pictures else ["--no-pictures"]
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed)]
+    agent += ["--verify", order.verify] if order.verify is not None else []
     agent += [part for override in order.overrides for part in ("--set", override)]
     return [Plane("watch", watch, workspace.logs), Plane("agent", agent, workspace.logs)]
 

@@ -53,9 +53,9 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """The latest judgement, empty before."""
-        attempts = self.session.attempts if self.session is not None else ()
-        return attempts[-1].verdict.value if attempts else ""
+        """The judgement that decided, empty before."""
+        decision = self.session.decision if self.session is not None else None
+        return decision.verdict.value if decision is not None else ""
 
     @property
     def sim_time_s(self) -> float:

@@ -12,7 +12,9 @@ import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.cli.overrides import Overrides, parse_overrides
+from phyagentos.protocol.perception import Sensing
 from phyagentos.protocol.runtime_contract import WorldMode
+from phyagentos.protocol.verdicts import VerificationMode
 
 Graph = Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
@@ -23,6 +25,14 @@ WithParent = Annotated[bool, typer.Option("--with-parent", hidden=True)]
 Mode = Annotated[
     WorldMode | None,
     typer.Option(help="How simulated time advances; declared in the workspace's runtime_contract.yaml."),
+]
+Sense = Annotated[
+    Sensing | None,
+    typer.Option(help="What agent and verifier see; declared in the workspace's perception.yaml."),
+]
+Verify = Annotated[
+    VerificationMode | None,
+    typer.Option(help="What judgements are for, instead of what runtime_contract.yaml says."),
 ]
 
 PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
@@ -48,6 +58,8 @@ def run(
     no_pictures: NoPictures = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the final table.")] = False,
     world_mode: Mode = None,
+    verify: Verify = None,
+    sense: Sense = None,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
     from phyagentos.cli.mission_run import Order, run_mission
@@ -63,6 +75,8 @@ def run(
             pictures=not no_pictures,
             quiet=quiet,
             world_mode=world_mode,
+            verify=verify,
+            sense=sense,
         )
     )
 
@@ -79,13 +93,15 @@ def agent(
         ),
     ] = None,
     with_parent: WithParent = False,
+    verify: Verify = None,
 ) -> int:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
     from phyagentos.cli.projects import get_file
 
     _prepare(with_parent)
-    report = run_agent(workspace, get_file(graph, "goal_graphs"), seed, overrides=parse_overrides(set_), goal=goal)
+    file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
+    report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify)
     print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
     return report.exit_code
 
@@ -97,6 +113,7 @@ def watch(
     once_idle: Annotated[bool, typer.Option(help="End when no goal and no session is left.")] = False,
     with_parent: WithParent = False,
     world_mode: Mode = None,
+    sense: Sense = None,
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
@@ -109,6 +126,7 @@ def watch(
         pictures=not no_pictures,
         once_idle=once_idle,
         world_mode=world_mode,
+        sense=sense,
         outlived=not with_parent,  # with a parent there is nobody who would start another one
     )
 

@@ -8,6 +8,7 @@ import typer
 from phyagentos.cli.explaining import Space, get_session
 from phyagentos.cli.outcome import print_result
 from phyagentos.clock import SystemClock
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol import estop as latches
 from phyagentos.protocol.store.mailbox import EVERY_SESSION, Signal, drop_signal
 from phyagentos.protocol.workspace import Workspace
@@ -48,7 +49,12 @@ def estop(
     if reset:
         print_result(f"reset; the former latch is kept in {latches.reset(signals, reason, clock)}")
         return
-    latches.latch(signals, latches.Latch(by="paos estop", reason=reason, at=clock.wall_iso()))
+    try:
+        latches.latch(signals, latches.Latch(by="paos estop", reason=reason, at=clock.wall_iso()))
+    except OSError as error:
+        if not latches.is_latched(signals):
+            raise ExecutionError("LATCH_UNWRITABLE", f"{signals}: {error}; use the stop of the robot itself") from error
+        print_result(f"latched, but the disk did not confirm it ({error}): a restart of the machine may forget it")
     print_result(f"latched: {signals / latches.LATCH}; `paos estop --reset --reason …` lets targets move again")
 
 

@@ -6,7 +6,8 @@ Upstream: ledger and evidence bundle. It judges nothing again: the diagnosis is 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from phyagentos.agent.diagnosis import diagnose, find_failed_leaf
+from phyagentos.agent.course import find_failed_leaf
+from phyagentos.agent.diagnosis import diagnose
 from phyagentos.protocol.evidence import Bundle, read_bundle
 from phyagentos.protocol.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions import Execution, SessionId, SessionStatus
@@ -23,6 +24,7 @@ def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
     lines = [f"{id}: {status.state}", f"  objective   {status.contract.objective}"]
     if status.contract.parent is not None:
         lines.append(f"  parent      {status.contract.parent}, strategy {_show(status.contract.strategy)}")
+    lines += [f"  advised     {sentence}" for sentence in status.contract.advice]
     lines += _explain_execution(status)
     if status.execution is not None:
         bundle = read_bundle(workspace.root / status.execution.evidence, status.contract, status.execution)
@@ -53,7 +55,9 @@ def _explain_execution(status: SessionStatus) -> Iterator[str]:
 
 
 def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:
-    yield f"  verdict     {attempt.verdict.value}, sensing {attempt.sensing}, by {attempt.verifier}"
+    kind = "review " if attempt.is_review else "verdict"
+    by = f"by {attempt.verifier}, mode {attempt.mode.value}"
+    yield f"  {kind}     {attempt.verdict.value}, sensing {attempt.sensing}, {by}"
     for criterion in attempt.criteria:
         because = criterion.because or _show(criterion.measured)
         at = f" at {criterion.at_s:.2f} s" if criterion.at_s is not None else ""

@@ -4,6 +4,7 @@ The bundle is complete without this package: the scene loads in MuJoCo alone, ar
 is JSON or YAML. Paper section 4.2.
 """
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import msgspec
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.sessions import Execution, Session
-from phyagentos.protocol.verdicts import Criterion
+from phyagentos.protocol.verdicts import Criterion, EvidenceReference
 
 CONTRACT = "contract.yaml"  # the session as submitted, adapter plan and hashes of the settings files
 SCENE_MODEL = "scene.mjb"  # compiled model, loadable by MuJoCo alone
@@ -72,6 +73,7 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
         before: World before the session, None when it could not be observed.
         after: World after it.
         holds: Worst sample of each hold condition and constraint.
+        references: The files that this was read from, with their hashes.
     """
 
     folder: Path
@@ -82,6 +84,7 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
     holds: tuple[Criterion, ...]
     trace: tuple[TraceEvent, ...]
     events: tuple[Event, ...]
+    references: tuple[EvidenceReference, ...] = ()
 
 
 def read_bundle(folder: Path, session: Session, execution: Execution, *, with_course: bool = True) -> Bundle:
@@ -96,19 +99,27 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
     Raises:
         ExecutionError: `EVIDENCE_UNREADABLE` when a file is damaged; a missing or empty one reads as None or empty.
     """
+    names = (BEFORE, AFTER, HOLDS, *((TRACE, EVENTS) if with_course else ()))
     try:
+        data = {name: found for name in names if (found := _find_bytes(folder / name))}  # an empty one is none
         return Bundle(
             folder=folder,
             session=session,
             execution=execution,
-            before=_read_json(folder / BEFORE, Environment),
-            after=_read_json(folder / AFTER, Environment),
-            holds=_read_json(folder / HOLDS, tuple[Criterion, ...]) or (),
-            trace=_read_lines(folder / TRACE, TraceEvent) if with_course else (),
-            events=_read_lines(folder / EVENTS, Event) if with_course else (),
+            before=_decode(data.get(BEFORE), Environment),
+            after=_decode(data.get(AFTER), Environment),
+            holds=_decode(data.get(HOLDS), tuple[Criterion, ...]) or (),
+            trace=_decode_lines(data.get(TRACE), TraceEvent),
+            events=_decode_lines(data.get(EVENTS), Event),
+            references=tuple(refer_to(name, found) for name, found in data.items()),
         )
     except (msgspec.MsgspecError, OSError) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
+
+
+def refer_to(file: str, data: bytes) -> EvidenceReference:
+    """What a judgement records of a file that it read."""
+    return EvidenceReference(file=file, sha256=hashlib.sha256(data).hexdigest())
 
 
 def encode_json(value: Any) -> bytes:
@@ -131,13 +142,12 @@ def write_lines(path: Path, values: list[Any]) -> None:
     path.write_bytes(encode_lines(values))
 
 
-def _read_json(path: Path, kind: Any) -> Any:
-    data = _find_bytes(path)
-    return msgspec.json.decode(data, type=kind) if data else None  # an empty file was never written
+def _decode(data: bytes | None, kind: Any) -> Any:
+    return msgspec.json.decode(data, type=kind) if data else None
 
 
-def _read_lines(path: Path, kind: Any) -> Any:
-    return tuple(msgspec.json.decode(line, type=kind) for line in (_find_bytes(path) or b"").splitlines())
+def _decode_lines(data: bytes | None, kind: Any) -> Any:
+    return tuple(msgspec.json.decode(line, type=kind) for line in (data or b"").splitlines())
 
 
 def _find_bytes(path: Path) -> bytes | None:

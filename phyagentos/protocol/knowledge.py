@@ -1,9 +1,10 @@
-"""Knowledge: facts about a place that hold beyond one session. Its document is KNOWLEDGE.md.
+"""Knowledge: what repeated episodes show, and facts that people add. Its document is KNOWLEDGE.md.
 
-Upstream: people. Downstream: whoever plans next.
+Upstream: the agent's memory, and people. Downstream: whoever plans next. Paper section 4.3.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 from phyagentos.protocol.document import Document, DocumentFormat, Front, read_document
 from phyagentos.protocol.markdown import render_entries
@@ -15,9 +16,15 @@ class Fact(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         source: Where it comes from, when not from evidence (a person, a data sheet).
+        strategy: What the sessions that it counts did; empty for the skill's own way.
+        rate: First attempts that succeeded, with the 95 % interval.
+        promoted: Whether this way has become the default of the skill in this scope.
     """
 
     source: str = ""
+    strategy: dict[str, Any] = {}
+    rate: str = ""
+    promoted: bool = False
 
 
 KNOWLEDGE = DocumentFormat(
@@ -29,12 +36,12 @@ KNOWLEDGE = DocumentFormat(
 )
 _HEAD = """# Knowledge
 
-Facts about this place that hold beyond one session: where things belong, what they weigh, who uses them. One section a
-fact; each names its source or its evidence.
+What holds beyond one session: how often which way of doing something succeeded, and facts that people add. One section
+a fact; each names its source or its evidence.
 
-- **Written by** people, for now: nothing in this version derives facts from evidence, and no planner reads them yet.
-- **An edit stands.** `paos lint KNOWLEDGE.md` checks it. Retract a fact with `state: retracted` and a `reason`; do not
-  delete it.
+- **Written by** the agent, from the records of memory, at the end of a goal; at most 500, the best supported first.
+- **An edit is taken in** at the end of the next goal: a new section with a `source`, `state: retracted` with a
+  `reason`, `note`. A section that is missing means nothing.
 
 """
 

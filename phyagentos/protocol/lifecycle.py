@@ -42,6 +42,8 @@ class SessionState(StrEnum):
     """The objective was not met. Final."""
     REPLANNED = "replanned"
     """A child session continues. Final."""
+    UNVERIFIED = "unverified"
+    """It was executed, and nobody judged it, because verification is off; no success. Final."""
     REJECTED = "rejected"
     """Preflight refused it; nothing moved. Final."""
     CANCELLED = "cancelled"
@@ -53,6 +55,7 @@ FINAL_STATES = frozenset(
         SessionState.SUCCEEDED,
         SessionState.FAILED,
         SessionState.REPLANNED,
+        SessionState.UNVERIFIED,
         SessionState.REJECTED,
         SessionState.CANCELLED,
     }
@@ -67,6 +70,9 @@ class Side(StrEnum):
     OPERATOR = "operator"
 
 
+REVIEW = "review"  # adds a judgement to a session that has its verdict, and changes nothing else
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One row of the table: `trigger` leads from each of `sources` to `dest`, fired by one of `by`."""
@@ -79,6 +85,7 @@ class Row:
 
 _S = SessionState
 _HELD = (_S.CLAIMED, _S.PREFLIGHT, _S.RUNNING, _S.HALTING)
+_JUDGED = (_S.SUCCEEDED, _S.FAILED, _S.REPLANNED, _S.UNVERIFIED)  # final, and there is evidence to judge again
 _ANY = (Side.AGENT, Side.RUNTIME, Side.OPERATOR)
 
 SESSION_TRANSITIONS: tuple[Row, ...] = (
@@ -94,6 +101,8 @@ SESSION_TRANSITIONS: tuple[Row, ...] = (
     Row("accept", (_S.VERIFYING,), _S.SUCCEEDED, (Side.AGENT,)),
     Row("refuse", (_S.VERIFYING,), _S.FAILED, (Side.AGENT,)),
     Row("replan", (_S.VERIFYING,), _S.REPLANNED, (Side.AGENT,)),
+    Row("skip", (_S.VERIFYING,), _S.UNVERIFIED, (Side.AGENT,)),
+    *(Row(REVIEW, (state,), state, (Side.AGENT,)) for state in _JUDGED),
     Row("cancel", (_S.PENDING, _S.AWAITING_VERIFICATION, _S.VERIFYING), _S.CANCELLED, _ANY),
     Row("request_cancel", _HELD, _S.CANCELLING, _ANY),
     Row("confirm_cancel", (_S.CANCELLING,), _S.CANCELLED, (Side.RUNTIME,)),
@@ -115,7 +124,9 @@ class IllegalTransition(PhyAgentOSError):
 
     def __init__(self, session_id: str, state: str, trigger: str, side: str, allowed: tuple[str, ...]) -> None:
         self.session_id, self.state, self.trigger, self.side, self.allowed = session_id, state, trigger, side, allowed
-        possible = ", ".join(allowed) or "none, the state is final"
+        is_final = state in FINAL_STATES
+        possible = ", ".join(allowed) or "none"
+        possible += ", the state is final" if is_final else ""
         super().__init__(
             f"session {session_id}: {side} asked for {trigger!r} in state {state!r}. Possible: {possible}. "
             "A change of mind about a final session is a new child session."

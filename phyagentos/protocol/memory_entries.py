@@ -15,10 +15,30 @@ Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 class Standing(StrEnum):
     """Whether an entry counts."""
 
+    HYPOTHESIS = "hypothesis"
+    """It was tried or proposed and no verdict supports it: nobody may rest on it."""
     ACTIVE = "active"
-    """It may be used."""
+    """Verified; it may be used."""
+    EXPIRED = "expired"
+    """Nothing has confirmed it for long, or later verdicts speak against it; used no more."""
     RETRACTED = "retracted"
     """It is kept for the record and used no more."""
+
+
+class Embodiment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The body of a target, as far as what it learned depends on it.
+
+    Attributes:
+        kind: `arm`, `base`, ...
+        grip_width_m: Widest opening of its gripper, 0 without one.
+        grip_force_n: Force of each finger.
+        control_period_s: Length of one command [s].
+    """
+
+    kind: str = ""
+    grip_width_m: float = 0.0
+    grip_force_n: float = 0.0
+    control_period_s: float = 0.0
 
 
 class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -28,13 +48,19 @@ class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         scene: Name of a scene (`tabletop/cubes_and_trays`).
         skill: Name of a skill.
         target: Name of a target.
+        object: Kind of the thing that is acted on.
+        destination: Kind of the place where it goes.
         entities: Names or kinds of the things it is about.
+        body: Of the target where it was learned: another target must have one that matches.
     """
 
     scene: str = ""
     skill: str = ""
     target: str = ""
+    object: str = ""
+    destination: str = ""
     entities: tuple[str, ...] = ()
+    body: Embodiment | None = None
 
 
 class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -49,7 +75,7 @@ class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         contradicted: Number of verified outcomes that speak against it.
         confidence: 0..1; how it follows from the two counts is up to whoever writes it.
         state: Whether it counts.
-        reason: Why it was retracted; empty while it is active.
+        reason: Why it was retracted or has expired; empty while it is active.
         note: What a person adds.
         by: Who wrote it.
         at: UTC wall time of the latest change.

@@ -26,6 +26,7 @@ behaviour tree that carries it out.
 - **Written by** the registry, once, when the workspace is created, from the front of `library/skills/*/SKILL.md`.
 - **An edit stands**, and counts from the next start of agent and runtime on: this document is what both read. It is
   checked then, and by `paos lint`. To change a skill for good, edit its SKILL.md in the project.
+- **What memory has promoted** stands in `promoted`, and is renewed at the end of a goal when it changes.
 - **No limit is here**: what the guard enforces is in `safety.yaml`.
 
 """

@@ -11,6 +11,7 @@ from typing import Annotated, Any, NewType
 import msgspec
 
 from phyagentos.protocol.document import Document, DocumentFormat, FrontMatter, read_document
+from phyagentos.protocol.lookahead import LookaheadRequest
 from phyagentos.protocol.verdicts import Attempt
 
 SessionId = NewType("SessionId", str)
@@ -38,6 +39,17 @@ class Ended(StrEnum):
     """Somebody asked for an end."""
 
 
+class ResetPolicy(StrEnum):
+    """When the world of a target may be begun anew for a session of another episode."""
+
+    NEVER = "never"
+    """Never: it acts in the episode that stands there, or in a world in which none has begun."""
+    BETWEEN_GOALS = "between_goals"
+    """Once every other goal of that target is over."""
+    ON_NEW_EPISODE = "on_new_episode"
+    """Whenever it belongs to another episode."""
+
+
 class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Bounds that the watchdog enforces.
 
@@ -45,13 +57,21 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
         timeout_s: Longest execution in the target's own time [s].
         wall_timeout_s: Longest execution by the wall clock, thinking included [s].
         queue_s: Longest wait for a free target, by the wall clock [s].
+        preflight_s: Longest check before it starts, by the wall clock [s].
         heartbeat_s: Longest silence of the runner, by the wall clock [s].
+        stall_s: Longest time in which the runner says that it acts and no control period passes, by the wall clock [s].
+        think_s: Longest time in which it waits for a planner and no control period passes, by the wall clock [s].
+        policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
     """
 
     timeout_s: float = 60.0
     wall_timeout_s: float = 120.0
     queue_s: float = 3600.0
+    preflight_s: float = 120.0
     heartbeat_s: float = 10.0
+    stall_s: float = 20.0
+    think_s: float = 90.0
+    policy_s: float = 10.0
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True):
@@ -88,7 +108,13 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         seed: Root of every random choice of this session.
         limits: Bounds.
         strategy: What the replanner asks to do differently (`avoid_grasps`, `avoid_sites`, `speed`), empty at first.
-        priority: Larger runs first.
+        priority: Larger runs first; a waiting session gains priority with time (`RuntimeContract.ageing_per_min`).
+        resources: What it must have for itself while it runs, beside its target (a tray that two arms reach).
+        reset_policy: When its target's world may be begun anew for it.
+        purpose: Empty when it pursues the objective of its node; `inspect` or `clear` when it prepares that.
+        advice: What memory advised for the strategy, one sentence each.
+        advised_by: Ids of the entries of memory that this rests on.
+        lookahead: What is to be simulated before it starts; None for nothing.
     """
 
     id: SessionId
@@ -108,6 +134,12 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     limits: Limits = Limits()
     strategy: dict[str, Any] = {}
     priority: int = 0
+    resources: tuple[str, ...] = ()
+    reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
+    purpose: str = ""
+    advice: tuple[str, ...] = ()
+    advised_by: tuple[str, ...] = ()
+    lookahead: LookaheadRequest | None = None
 
 
 class Amendment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -144,6 +176,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         sim_time_s: Simulated time spent [s].
         interventions: Number of safety interventions.
         ticks: Control periods commanded.
+        undecided: Things that the acceptance names and the last look did not show; the target waits for the verdict.
     """
 
     ended: Ended
@@ -155,6 +188,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     sim_time_s: float = 0.0
     interventions: int = 0
     ticks: int = 0
+    undecided: tuple[str, ...] = ()
 
 
 class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -167,9 +201,9 @@ class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
         epoch: Fencing token of the latest claim.
         claimed_by: Who holds it.
         execution: Present once it has left `running`.
-        attempts: Judgements so far.
+        attempts: Judgements so far, those included that were added after the verdict.
         reason: Why it was rejected, cancelled or lost.
-        updated_at: Wall time of the latest record, UTC.
+        updated_at: Wall time of the latest record that changed its state, UTC.
     """
 
     contract: Session
@@ -181,6 +215,11 @@ class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     attempts: tuple[Attempt, ...] = ()
     reason: str = ""
     updated_at: str = ""
+
+    @property
+    def decision(self) -> Attempt | None:
+        """The judgement that decided; None before the verdict."""
+        return next((attempt for attempt in reversed(self.attempts) if not attempt.is_review), None)
 
 
 SESSIONS = DocumentFormat(

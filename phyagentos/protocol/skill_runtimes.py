@@ -74,6 +74,7 @@ class Needs(Authored):
         actions: Names of the target's `actions`.
         capabilities: Names of the target's `capabilities`.
         operations: Operations besides commanding, observing, halting and settling.
+        resources: What no session on another target may use meanwhile; names of runtime_contract.yaml.
         phyagentos: Versions of this software that can run it, as in `>=0.2,<1` (PEP 440); empty for any.
     """
 
@@ -81,7 +82,30 @@ class Needs(Authored):
     actions: tuple[str, ...] = ()
     capabilities: tuple[str, ...] = ()
     operations: tuple[Operation, ...] = ()
+    resources: tuple[str, ...] = ()
     phyagentos: str = ""
+
+
+class PromotedWay(Authored):
+    """A strategy that has proved itself as the default of a skill in one scope; written by memory, never by hand.
+
+    Attributes:
+        entry: Of KNOWLEDGE.md, which tells what it rests on.
+        scene: Name of the scene; empty for any, as below.
+        target: Name of the target.
+        object: Kind of the thing that is acted on.
+        destination: Kind of the place where it goes.
+        strategy: What is done differently.
+        rate: First attempts that succeeded when it was promoted.
+    """
+
+    entry: str
+    scene: str = ""
+    target: str = ""
+    object: str = ""
+    destination: str = ""
+    strategy: dict[str, Any]
+    rate: str = ""
 
 
 class SkillRuntime(Authored):
@@ -102,6 +126,7 @@ class SkillRuntime(Authored):
         needs: Of its target.
         action_space: How a policy speaks; a tree of leaves speaks the target's own language.
         policy: The policy server of a `policy`.
+        promoted: Ways that have become its default somewhere.
     """
 
     skill: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
@@ -116,6 +141,7 @@ class SkillRuntime(Authored):
     needs: Needs = Needs()
     action_space: ActionSpace | None = None
     policy: PolicyDescriptor | None = None
+    promoted: tuple[PromotedWay, ...] = ()
 
     @pydantic.model_validator(mode="before")
     @classmethod

@@ -83,7 +83,7 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
         accept: Predicates that decide the goal.
         constraints: Predicates that must hold all through every session.
         replans: Budget spent so far.
-        verdict: `success` or `failure`; empty until it is judged.
+        verdict: `success` or `failure`, `unverified` when verification is off; empty before the end.
         criteria: What the verdict rests on; the evidence is a path relative to the workspace.
         reason: Why the verdict fell, or the goal was cancelled.
         is_cancelled: Whether somebody asked for an end.

@@ -88,6 +88,11 @@ class Workspace:
         return self.root / "evidence"
 
     @property
+    def memory(self) -> Path:
+        """The records of memory, one folder a lane."""
+        return self.root / "memory"
+
+    @property
     def signals(self) -> Path:
         """Where stop requests are dropped: `signals/new/`; taken ones lie beside it (see `mailbox`)."""
         return self.root / "signals" / "new"

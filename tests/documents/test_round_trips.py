@@ -16,7 +16,8 @@ from phyagentos.protocol.skill_runtimes import Needs, Output, Parameter, SkillRu
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.targets import Health, RegisteredTarget, TargetHealth, read_targets
 from phyagentos.protocol.tasks import GoalStatus, read_tasks
-from phyagentos.protocol.views.environment import compute_relations, render_environment
+from phyagentos.protocol.relations import compute_relations
+from phyagentos.protocol.views.environment import render_environment
 from phyagentos.protocol.views.log import render_log
 from phyagentos.protocol.views.runtime_signal import render_runtime_signal
 from phyagentos.protocol.views.sessions import Page, render_page

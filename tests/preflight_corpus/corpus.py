@@ -235,7 +235,7 @@ class RecordedHandle:
     def describe(self) -> Description:
         return self._live
 
-    def load(self, scene: object, state: object = None) -> None:
+    def load(self, scene: object, state: object = None, *, may_reset: bool = True) -> None:
         pass
 
     def observe(self) -> None:

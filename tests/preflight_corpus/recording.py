@@ -44,7 +44,7 @@ def get_file(scene: str) -> Path:
 
 def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recorded:
     """Ask a simulated world, as the world process would hold it."""
-    from phyagentos.runtime.perception import TruthPerception
+    from phyagentos.runtime.perception.truth import TruthPerception
     from phyagentos.runtime.targets.faults import FaultInjector, Schedule
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.robot import read_profile

@@ -12,7 +12,12 @@ ATTEMPT = {
     "verdict": "success",
     "criteria": [{"text": "a", "kind": "accept", "truth": "true", "measured": {"d_m": 0.1}}],
 }
-BODIES = {"finish": {"execution": EXECUTION}, "accept": {"attempt": ATTEMPT}, "cancel": {"reason": "enough"}}
+BODIES = {
+    "finish": {"execution": EXECUTION},
+    "accept": {"attempt": ATTEMPT},
+    "review": {"attempt": ATTEMPT | {"verdict": "failure", "is_review": True}},
+    "cancel": {"reason": "enough"},
+}
 LIFE = ("claim", "start", "finish", "verify", "accept")
 SIDES = {row.trigger: row.by[0] for row in SESSION_TRANSITIONS}
 

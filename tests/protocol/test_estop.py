@@ -1,13 +1,15 @@
 """The latch of the emergency stop: durable, first one stays, reset only with a reason."""
 
+import errno
 import json
 import os
+from pathlib import Path
 
 import pytest
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.estop import LATCH, Latch, is_latched, latch, read_latch, reset
+from phyagentos.protocol.estop import LATCH, RESERVE, Latch, is_latched, latch, provide_reserve, read_latch, reset
 
 
 def test_the_first_latch_stays(tmp_path):
@@ -55,3 +57,46 @@ def test_a_latch_that_cannot_be_read_still_stops(tmp_path):
 
     assert is_latched(tmp_path)
     assert "cannot be read" in read_latch(tmp_path).reason
+
+
+def refuse_to_write(monkeypatch):
+    """A full disk: no new file, no byte more; what is there can be renamed."""
+
+    def refuse(path, *_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "open", refuse)
+
+
+def test_on_a_full_disk_the_reserve_becomes_the_latch(tmp_path, monkeypatch):
+    provide_reserve(tmp_path)
+    with monkeypatch.context() as full:
+        refuse_to_write(full)
+        latch(tmp_path, Latch(by="anna", reason="smoke"))
+
+    assert is_latched(tmp_path)
+    assert "the disk was full" in read_latch(tmp_path).reason
+    reset(tmp_path, "all is well", ManualClock())
+    assert not is_latched(tmp_path)
+    assert (tmp_path / RESERVE).exists()
+
+
+def test_a_full_disk_takes_no_second_latch_and_keeps_the_first(tmp_path, monkeypatch):
+    provide_reserve(tmp_path)
+    latch(tmp_path, Latch(by="anna", reason="smoke"))
+    with monkeypatch.context() as full:
+        refuse_to_write(full)
+        with pytest.raises(OSError, match="No space"):
+            latch(tmp_path, Latch(by="ben"))
+
+    assert read_latch(tmp_path).by == "anna"
+
+
+def test_a_full_disk_without_a_reserve_says_so_and_no_reserve_is_left_half(tmp_path, monkeypatch):
+    with monkeypatch.context() as full:
+        refuse_to_write(full)
+        provide_reserve(tmp_path)
+        with pytest.raises(OSError):  # noqa: PT011 - whichever of the two
+            latch(tmp_path, Latch(by="anna"))
+
+    assert not list(tmp_path.iterdir())

@@ -1,13 +1,16 @@
 """Stop requests as files: each arrives once, and what cannot be read is kept with the reason."""
 
+import errno
 import os
 import re
 import threading
+from pathlib import Path
 
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.store.mailbox import Signal, SignalReader, drop_signal, take_signals
+from phyagentos.protocol.store import mailbox
+from phyagentos.protocol.store.mailbox import DONE_KEPT, Signal, SignalReader, drop_signal, take_signals
 
 
 def make_old(path):
@@ -188,3 +191,57 @@ def test_readers_and_the_taker_at_the_same_time_lose_nothing(tmp_path):
 
     for each in heard:
         assert sorted(int(signal.reason) for signal in each) == list(range(50))
+
+
+def lay(folder, count, mtime_s):
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(count):
+        path = folder / f"{mtime_s}-{number}.json"
+        path.write_bytes(b'{"kind":"cancel"}')
+        os.utime(path, (mtime_s, mtime_s))
+
+
+def test_a_reader_looks_through_a_bounded_folder_however_many_requests_there_were(tmp_path, clock, monkeypatch):
+    lay(tmp_path / "done", 10_000, 1_000)
+    reader = SignalReader(tmp_path)
+    drop_signal(tmp_path, Signal(kind="cancel", session="last"), clock)
+    take_signals(tmp_path)
+    looked_at, scan = [], os.scandir
+    monkeypatch.setattr(os, "scandir", lambda folder: looked_at.extend(entries := list(scan(folder))) or iter(entries))
+
+    assert [signal.session for signal in reader.read_new()] == ["last"]
+    assert len(looked_at) <= DONE_KEPT
+    monkeypatch.undo()
+    assert sum(1 for _ in (tmp_path / "archive").iterdir()) == 10_001 - DONE_KEPT
+
+
+def test_what_a_slow_reader_may_not_have_seen_is_not_archived(tmp_path, clock, monkeypatch):
+    monkeypatch.setattr(mailbox, "DONE_KEPT", 3)
+    reader = SignalReader(tmp_path)
+    for number in range(9):
+        drop_signal(tmp_path, Signal(kind="cancel", session=str(number)), clock)
+    take_signals(tmp_path)
+
+    assert len(reader.read_new()) == 9
+
+
+def fill_disk(monkeypatch):
+    def refuse(path, *_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "touch", refuse)
+    monkeypatch.setattr(Path, "write_text", refuse)
+
+
+def test_on_a_full_disk_a_stop_is_told_at_once_and_everything_else_waits(tmp_path, clock, monkeypatch):
+    drop_signal(tmp_path, Signal(kind="estop"), clock)
+    drop_signal(tmp_path, Signal(kind="cancel"), clock)
+    (tmp_path / "new" / "garbage").write_text("garbage")
+    make_old(tmp_path / "new" / "garbage")
+    with monkeypatch.context() as full:
+        fill_disk(full)
+        assert [signal.kind for signal in take_signals(tmp_path)] == ["estop"]
+        assert len(list((tmp_path / "new").iterdir())) == 3
+
+    assert [signal.kind for signal in take_signals(tmp_path)] == ["estop", "cancel"]
+    assert not list((tmp_path / "new").iterdir())

@@ -21,6 +21,13 @@ PATHS = {
     "cancelling": (("claim", Side.RUNTIME), ("request_cancel", Side.OPERATOR)),
     "outcome_unknown": (("claim", Side.RUNTIME), ("lose", Side.RUNTIME)),
 }
+PATHS |= {
+    state: (*PATHS["verifying"], (trigger, Side.AGENT))
+    for state, trigger in (
+        ("succeeded", "accept"), ("failed", "refuse"), ("replanned", "replan"), ("unverified", "skip"),
+    )
+}  # fmt: skip
+BODIES = {"review": {"attempt": {"verdict": "success", "criteria": [], "is_review": True}}}
 ROWS = [
     (source.value, row.trigger, side, row) for row in SESSION_TRANSITIONS for source in row.sources for side in Side
 ]
@@ -43,7 +50,7 @@ def test_a_trigger_is_recorded_for_its_own_sides_and_refused_to_the_others(
     stood = read_bytes(journals[side])
 
     if side in row.by:
-        (record,) = journals[side].commit([Entry("s", trigger)])
+        (record,) = journals[side].commit([Entry("s", trigger, BODIES.get(trigger))])
         assert (record.source, record.to, record.side) == (state, row.dest, side)
     else:
         with pytest.raises(IllegalTransition, match=f"{side} asked for '{trigger}' in state '{state}'"):

@@ -12,7 +12,7 @@ import pydantic
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
 from phyagentos.protocol.schema import Address, Authored, Located, parse_yaml, validate
-from phyagentos.protocol.sessions import Amendment, GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.sessions import Amendment, GoalId, Limits, ResetPolicy, Scene, Session, SessionId
 from phyagentos.protocol.store.records import JOURNAL_ID
 
 BY_HAND = GoalId("")  # goal of a session that serves none
@@ -31,7 +31,11 @@ class LimitsForm(Authored):
     timeout_s: _Seconds = Limits().timeout_s
     wall_timeout_s: _Seconds = Limits().wall_timeout_s
     queue_s: _Seconds = Limits().queue_s
+    preflight_s: _Seconds = Limits().preflight_s
     heartbeat_s: _Seconds = Limits().heartbeat_s
+    stall_s: _Seconds = Limits().stall_s
+    think_s: _Seconds = Limits().think_s
+    policy_s: _Seconds = Limits().policy_s
 
 
 class SceneForm(Authored):
@@ -58,6 +62,8 @@ class ContractForm(Authored):
     limits: LimitsForm = LimitsForm()
     strategy: dict[str, Any] = {}
     priority: _Priority = 0
+    resources: tuple[_Word, ...] = ()
+    reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
 
 
 class SubmitRequest(Authored):
@@ -202,4 +208,6 @@ def _to_session(form: ContractForm, id: SessionId) -> Session:
         limits=Limits(**form.limits.model_dump()),
         strategy=form.strategy,
         priority=form.priority,
+        resources=form.resources,
+        reset_policy=form.reset_policy,
     )

@@ -21,6 +21,7 @@ from phyagentos.protocol.edits.reading import is_whole
 GRACE_S = 60.0  # an editor that opened the file before the swap has this long to write to it
 SETTLED_S = 1.0  # between finding the file and opening it an editor's process may have been held up this long
 QUIET_S = 0.5  # where the system does not tell who writes: unchanged for so long is finished
+LOOK_PERIOD_S = 0.03  # at a rendering every 10 ms a hundred versions wait to be settled
 MISSING_S = 1.0  # an editor that moved the file away has this long to write a new one
 
 _LAST = "last"  # file with the hash of what was put in last
@@ -40,6 +41,7 @@ class _Kept:
         digest: Of the contents that were dealt with.
         stamp: Of the file when it was last read or put in; None before.
         changed_s: When its stamp was last seen to change.
+        look_s: When it is to be looked at again.
     """
 
     path: Path
@@ -47,6 +49,7 @@ class _Kept:
     digest: bytes
     stamp: Stamp | None
     changed_s: float
+    look_s: float = 0.0
 
 
 class TwoWayFile:
@@ -61,6 +64,7 @@ class TwoWayFile:
 
     def __init__(self, path: Path, aside: Path, clock: Clock, *, swap: Swap = exchange) -> None:
         self._path, self._aside, self._clock, self._swap = path, aside, clock, swap
+        self._lock_file = str(aside / ".lock")
         aside.mkdir(parents=True, exist_ok=True)
         self._kept: list[_Kept] = []
         self._last_fd = os.open(aside / _LAST, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -90,8 +94,7 @@ class TwoWayFile:
         Args:
             wait: Until whoever holds it lets go.
         """
-        self._aside.mkdir(parents=True, exist_ok=True)
-        fd = os.open(self._aside / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        fd = self._open_lock()
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             yield True
@@ -99,6 +102,14 @@ class TwoWayFile:
             yield False
         finally:
             os.close(fd)
+
+    def _open_lock(self) -> int:
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+        try:
+            return os.open(self._lock_file, flags, 0o644)
+        except FileNotFoundError:  # somebody cleaned up
+            self._aside.mkdir(parents=True, exist_ok=True)
+            return os.open(self._lock_file, flags, 0o644)
 
     def put(self, text: str) -> bool:
         """Swap a rendering in, unless another process holds the file or an editor is just replacing it.
@@ -135,8 +146,8 @@ class TwoWayFile:
 
     def _put(self, data: bytes) -> bool:
         fresh = self._write_aside(data)
-        stamp = _read_stamp(fresh)
-        self._note_last(_hash(data))  # before the swap: a wrong one costs a comparison
+        stamp, digest = _read_stamp(fresh), _hash(data)
+        self._note_last(digest)  # before the swap: a wrong one costs a comparison
         try:
             is_swapped = self._swap_in(fresh)
         except FileNotFoundError:
@@ -146,7 +157,7 @@ class TwoWayFile:
             is_swapped = False
         if is_swapped:
             self._keep(fresh, self._digest, self._stamp, self._clock.now_s())
-        self._digest, self._stamp, self._is_checked = _hash(data), stamp, False
+        self._digest, self._stamp, self._is_checked = digest, stamp, False
         self._put_at_s, self._missing_since_s = self._clock.now_s(), None
         return True
 
@@ -184,6 +195,9 @@ class TwoWayFile:
         now_s = self._clock.now_s()
         age_s = now_s - kept.since_s
         is_settled = at_once or age_s >= SETTLED_S
+        if not is_settled and now_s < kept.look_s:
+            return True
+        kept.look_s = now_s + LOOK_PERIOD_S
         try:
             stamp = _read_stamp(kept.path)
             if stamp == kept.stamp and not is_settled:
@@ -223,9 +237,8 @@ class TwoWayFile:
                 return path
 
     def _write_aside(self, data: bytes) -> Path:
-        self._aside.mkdir(parents=True, exist_ok=True)
         path = self._choose_name()
-        path.write_bytes(data)
+        path.write_bytes(data)  # the folder is there: its lock is held
         return path
 
 
@@ -238,7 +251,7 @@ def _read(path: Path) -> tuple[bool | None, bytes]:
 
 
 def _read_stamp(path: Path) -> Stamp:
-    found = path.stat()
+    found = os.stat(path)  # noqa: PTH116 - of every version that came out, in every turn
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 

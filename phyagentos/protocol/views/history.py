@@ -41,9 +41,28 @@ class History:
         self._lane = lane
         self.ledger, self._follower = _begin(lane)
         self._on_record = on_record
+        self._follow: Callable[[], None] | None = None  # of whoever shares the fold
+        self._told_seq = 0
         self._texts: Cache = {}
         self._pages: dict[int, Page] = {}  # the oldest first
         self._statuses_kept, self._statuses = statuses_kept, 0
+
+    def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
+        """From now on use the fold of somebody else in this thread, so that no record is read and applied twice.
+
+        Args:
+            ledger: The fold.
+            follow: Brings it up to date; `take_in` is told of each record that is applied to it.
+        """
+        follow()
+        self.read_new()  # at least as far as the fold of the other
+        self._follower.close()
+        self._told_seq, self.ledger, self._follow = self.ledger.seq, ledger, follow
+
+    def take_in(self, record: Record) -> None:
+        """A record was applied to the shared fold."""
+        if self._follow is not None and record.seq > self._told_seq and self._on_record is not None:
+            self._on_record(record, self.ledger)
 
     def read_new(self) -> int:
         """Take in what was recorded since the last call; how many records there were.
@@ -51,6 +70,10 @@ class History:
         Raises:
             ExecutionError: `JOURNAL_DAMAGED`.
         """
+        if self._follow is not None:
+            before = self.ledger.seq
+            self._follow()
+            return self.ledger.seq - before
         records = self._follower.read_new()
         for record in records:
             self.ledger.apply(record)
@@ -60,7 +83,8 @@ class History:
 
     def close(self) -> None:
         """Let go of the journal."""
-        self._follower.close()
+        if self._follow is None:
+            self._follower.close()
 
     def build_page(self, notes: Sequence[str] = ()) -> Page:
         """What is to be shown now; it is remembered."""

@@ -161,7 +161,8 @@ def _find_judged(record: Record, body: dict[str, Any], ledger: Ledger) -> str:
     status = ledger.goals.get(GoalId(goal))
     sessions = status.nodes[node].sessions if status is not None and node in status.nodes else ()
     latest = ledger.sessions.get(sessions[-1]) if sessions else None
-    is_told = latest is not None and bool(latest.attempts) and latest.attempts[-1].reason == body.get("reason")
+    decision = latest.decision if latest is not None else None
+    is_told = decision is not None and decision.reason == body.get("reason")
     return f"{sessions[-1]} {latest.state}" if is_told and latest is not None else ""
 
 

@@ -1,12 +1,12 @@
 """The rendered documents of the runtime plane: SESSIONS.md and LOG.md, kept in step with the journal.
 
-Upstream: a follower of its own, so it can run in any process and never slows the one that decides. Downstream: people,
+Upstream: a follower of its own, so that it can run in any process, or the fold of that process. Downstream: people,
 who may also write into SESSIONS.md: a desk takes their edits in between two renderings (see `edits`).
 TASK.md is the agent's (`tasks`); SKILLRUNTIME.md and TARGETS.md are in `registries`, ENVIRONMENT.md in
 `environment_view`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -19,6 +19,7 @@ from phyagentos.protocol.views.log import LogTail
 from phyagentos.protocol.workspace import Workspace
 
 PERIOD_S = 0.2  # a person reads no faster
+SHARE = 0.02  # of the time at most
 CLOSING_TURNS = 3  # an edit comes out with the first rendering, is shown by the second
 
 
@@ -64,7 +65,15 @@ class Views:
         self._log = LogTail()
         self._history = History(lane, on_record=self._note)
         self._published_seq = -1
-        self._published_at_s = -float("inf")
+        self._due_at_s = -float("inf")
+
+    def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
+        """Use the fold of whoever runs in this process; see `History.share`."""
+        self._history.share(ledger, follow)
+
+    def take_in(self, record: Record) -> None:
+        """A record was applied to the shared fold."""
+        self._history.take_in(record)
 
     @property
     def ledger(self) -> Ledger:
@@ -84,13 +93,15 @@ class Views:
         is_edited = self._desk is not None and (
             self._desk.take(self._history, at_once=at_once) or self._desk.is_touched()
         )
-        is_early = self._clock.now_s() - self._published_at_s < self._period_s and not at_once
+        begin_s = self._clock.now_s()
+        is_early = begin_s < self._due_at_s and not at_once
         if not is_edited and (is_early or self.ledger.seq == self._published_seq):
             return False
         if self._put_sessions():
             self._published_seq = self.ledger.seq
         publish(self._workspace.log, self._log.render(self.ledger.seq))
-        self._published_at_s = self._clock.now_s()
+        cost_s = self._clock.now_s() - begin_s
+        self._due_at_s = begin_s + max(self._period_s, cost_s / SHARE)
         return True
 
     def close(self) -> None:

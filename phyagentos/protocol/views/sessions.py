@@ -201,7 +201,7 @@ def _draw_statechart() -> str:
 
 def _render_row(status: SessionStatus) -> str:
     contract = status.contract
-    verdict = status.attempts[-1].verdict.value if status.attempts else ""
+    verdict = status.decision.verdict.value if status.decision is not None else ""
     ended = status.execution.ended.value if status.execution is not None else ""
     return render_row((contract.id, status.state, verdict, ended, contract.skill, contract.target, contract.objective))
 

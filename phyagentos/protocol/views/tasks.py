@@ -142,8 +142,8 @@ def _render_replans(goal: GoalStatus, ledger: Ledger) -> str:
 def split_reason(replan: Replan, ledger: Ledger) -> tuple[str, str]:
     """What went wrong, and what the child does differently; all of it as the former when they cannot be told apart."""
     parent = ledger.sessions.get(replan.session)
-    if parent is not None and parent.attempts:
-        attempt = parent.attempts[-1]
+    attempt = parent.decision if parent is not None else None
+    if attempt is not None:
         wrong = f"{attempt.cause}: {attempt.reason}".rstrip(".")
         if replan.reason.startswith(wrong):
             return wrong, replan.reason[len(wrong) :].strip(" .;")

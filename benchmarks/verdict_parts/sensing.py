@@ -1,0 +1,60 @@
+"""The verifier under one sensing: what it is shown of a case, and what it says."""
+
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from benchmarks.recorded import Robot
+from benchmarks.verdict_parts import truth_sensing
+from benchmarks.verdict_parts.cases import Lie
+from benchmarks.verdict_parts.worlds import World
+from phyagentos.agent.verifier import History, SessionVerifier
+from phyagentos.protocol.verdicts import Attempt
+
+TRUTH = "truth"
+LEVELS = (TRUTH, "none", "nominal", "harsh")
+
+
+class Sensing(Protocol):
+    """Shows cases to the verifier."""
+
+    level: str
+
+    def judge(self, right: np.ndarray, now: np.ndarray, lie: Lie, rng: np.random.Generator) -> Attempt:
+        """The verdict on a world whose state is `now`, and was `right` when lying sensors last told the truth."""
+        ...
+
+
+class TruthSensing:
+    """The simulator's own state is believed.
+
+    Args:
+        world: Of the cases.
+    """
+
+    level = TRUTH
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        world.restore(world.recorded.before)
+        self._before = truth_sensing.look(world, 1)
+
+    def judge(self, right: np.ndarray, now: np.ndarray, lie: Lie, rng: np.random.Generator) -> Attempt:
+        """The verdict; the bundle is that of the recorded session with other snapshots."""
+        world = self._world
+        world.restore(right)
+        seen_right = truth_sensing.look(world)
+        world.restore(now)
+        after = truth_sensing.lie_about(truth_sensing.look(world), seen_right, world.object, lie, rng)
+        bundle = msgspec.structs.replace(world.recorded.bundle, before=self._before, after=after)
+        return SessionVerifier().judge(bundle, History(max_replans=1))
+
+
+def make_sensing(level: str, robot: Robot, world: World) -> Sensing:
+    """The sensing of this name."""
+    if level == TRUTH:
+        return TruthSensing(world)
+    from benchmarks.verdict_parts.perceived_sensing import PerceivedSensing
+
+    return PerceivedSensing(level, robot, world)

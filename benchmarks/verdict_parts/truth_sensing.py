@@ -1,0 +1,45 @@
+"""What the verifier is shown when the simulator's own state is believed, and when what is told of it is a lie."""
+
+import msgspec
+import numpy as np
+
+from benchmarks.verdict_parts.cases import Lie
+from benchmarks.verdict_parts.worlds import World
+from phyagentos.protocol.environment import Environment
+
+AGE_S = (1.5, 8.0)  # of what is stale
+SENSING = "truth"
+
+
+def look(world: World, revision: int = 2) -> Environment:
+    """The world as it is."""
+    physics, scene = world.physics, world.recorded.bundle.session.scene
+    target = world.recorded.bundle.session.target
+    physics.look()
+    state = physics.read_target(physics.find_touching())
+    entities = physics.read_entities(target, state.holding)
+    return Environment(
+        time_s=physics.time_s,
+        scene=scene.name,
+        episode=scene.episode,
+        revision=revision,
+        sensing=SENSING,
+        entities={entity.name: entity for entity in entities},
+        regions={region.name: region for region in physics.regions},
+        targets={target: state},
+    )
+
+
+def lie_about(now: Environment, right: Environment, thing: str, lie: Lie, rng: np.random.Generator) -> Environment:
+    """What is told of a world that is `now`, by sensors that last told the truth when it was `right`.
+
+    The arm's own sensors never lie here. A frozen picture cannot be had of a simulator's state; its stamps are old.
+    """
+    if lie is Lie.NONE:
+        return now
+    if lie is Lie.HIDDEN:
+        hidden = msgspec.structs.replace(right.entities[thing], visible=False)
+        return msgspec.structs.replace(now, entities={**now.entities, thing: hidden})
+    seen_s = now.time_s - float(rng.uniform(*AGE_S))
+    old = {name: msgspec.structs.replace(each, observed_at_s=seen_s) for name, each in right.entities.items()}
+    return msgspec.structs.replace(now, entities=old)

@@ -1,0 +1,312 @@
+"""The rows of the table of error codes, by phase: a code, then what it means. `codes` reads them."""
+
+AUTHORED = """
+AMBIGUOUS_REFERENCE  A reference names a node that `foreach` made several of.
+API_KEY_MISSING      The environment variable that holds a model's key is not set.
+BROKEN_BEHAVIOURS    A Python package of leaves cannot be imported or registered.
+BROKEN_TREE          A tree uses another one that is wrong itself.
+CYCLE                Nodes wait for each other, or trees contain each other.
+DUPLICATE_BLOCK      A document holds the same block twice.
+DUPLICATE_ID         Two imported entries have the same id.
+DUPLICATE_KEY        A mapping holds the same key twice.
+DUPLICATE_LEAF       Two packages offer a leaf of the same name.
+DUPLICATE_VALUE      A `foreach` names the same value twice.
+EMPTY_FOREACH        A `foreach` names no value.
+FRONT_MATTER_MISSING A document does not begin with its front matter.
+INVALID_CONTRACT     A session's contract lacks something or holds a value of the wrong kind.
+INVALID_ID           An imported entry has no id, or one that is no text.
+INVALID_LINE         A line of LOG.md is no event.
+INVALID_NAME         A name holds signs that names may not have.
+INVALID_OVERRIDE     `--set` names a place that is not in the file.
+INVALID_PARAMETER    An argument is of the wrong type or out of range.
+INVALID_VALUE        A value is of the wrong type or out of range.
+LIMITS_MISSING       safety.yaml says nothing about the target, or lacks a limit.
+MISSING_KEY          A key that the format needs.
+MISSING_PARAMETER    An argument that the skill needs.
+MISSING_PORT         A port that the leaf or subtree needs.
+MODEL_MISSING        A target names a model file that is not there.
+MODEL_UNREADABLE     MuJoCo cannot read a model file.
+NAME_MISMATCH        A name differs from that of its file or folder.
+NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
+NOT_A_KEY            A port is wired to something that is no blackboard key.
+NOT_A_LEAF           A registered class is no leaf.
+NOT_A_NODE           A value of a tree is no node.
+NOT_A_NUMBER         A comparison needs a number.
+NOT_A_PREDICATE      A condition of a tree is no predicate.
+NOT_A_WIRING         The ports of a node are no mapping.
+NOT_COMPARED         A number stands without a comparison, or a truth with one.
+NO_CANDIDATE         No skill and target together guarantee what is asked.
+NO_SERIAL_CHAIN      The model's arm is no serial chain from base to tool.
+NO_YAML_BLOCK        An imported document holds no complete fenced block of YAML.
+PREDICATE_SYNTAX     A predicate cannot be parsed.
+RECURSION            A tree contains itself.
+SCENE_OVERFULL       The bodies of a scene find no room without touching.
+UNCLOSED_FENCE       Nothing closes a fenced block of a document.
+VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configured.
+UNKNOWN_JUDGE        A judge that nobody knows.
+UNKNOWN_BLOCK        A document holds a block that it should not.
+UNKNOWN_KEY          A key that the format does not have.
+UNKNOWN_KIND         No authored file is recognised by this name and content.
+UNKNOWN_LEAF         No leaf of this name.
+UNKNOWN_NOISE_LEVEL  No noise level of this name in sensors.yaml.
+UNKNOWN_NODE         No node of this name in the goal graph.
+UNKNOWN_OUTPUT       The skill has no output of this name.
+UNKNOWN_PARAMETER    The skill has no parameter of this name.
+UNKNOWN_PORT         The leaf or subtree has no port of this name.
+UNKNOWN_PREDICATE    No predicate of this name.
+UNKNOWN_REFERENCE    A `$reference` that nothing defines.
+UNKNOWN_SCENE        No scene of this name.
+UNKNOWN_SENSOR       No sensor of this name in sensors.yaml.
+UNKNOWN_SKILL        No skill of this name.
+UNKNOWN_TARGET       No target of this name.
+UNKNOWN_TREE         No tree of this name.
+UNKNOWN_VERSION      An imported document says a version that nobody knows, or none.
+UNREADABLE_FILE      A file cannot be read, or is no text.
+UNSOURCED_LIMIT      A limit of safety.yaml does not say where its number comes from.
+UNWRITTEN_KEY        A tree reads a blackboard key that nothing has written by then.
+UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
+WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.
+WRONG_ARGUMENTS      A predicate has too many or too few arguments.
+WRONG_DOCUMENT       The front matter names another document.
+WRONG_LENGTH         A list has not one value per joint.
+WRONG_TYPE           A mapping, list or text stands where another kind belongs.
+WRONG_UNIT           A limit is given in another unit than its check uses.
+YAML_SYNTAX          The text is not YAML.
+"""
+
+OPERATION = """
+ALREADY_IMPORTED  An earlier import stands in the folder.
+NOTHING_TO_IMPORT The sources hold no document of the 0.1.x system.
+NOT_A_WORKSPACE   The folder is no workspace.
+NOT_BY_HAND       A field that a hand edit may not change.
+NOT_EXECUTED      The session never ran, so it cannot be run again.
+NOT_LATCHED       There is no latched emergency stop to reset.
+NO_JOURNAL        The workspace has no such lane of the journal.
+REASON_MISSING    A reset of the emergency stop without a reason.
+SOCKETS_UNSAFE    The folder of the sockets can be used by others.
+UNKNOWN_CODE      No error code of this name.
+UNKNOWN_ENTRY     Memory holds no lesson or fact of this name.
+UNKNOWN_FILE      No file of this name.
+UNKNOWN_FOLDER    No folder of this name.
+UNKNOWN_GOAL      The workspace knows no goal of this name.
+UNKNOWN_REQUEST   No request of this kind can be dropped into the inbox.
+UNKNOWN_SCHEMA    No schema of this name.
+WATCHED_ALREADY   Another watchdog supervises the workspace.
+WOULD_OVERWRITE   A file stands where one was to be written.
+YAML_VALUE        A block of a document is not YAML.
+"""
+
+STORE = """
+BODY_UNREADABLE      The body of a record cannot be read.
+CHECKPOINT_UNUSED    The checkpoint fits no place in the journal, so nobody uses it.
+CHECKPOINT_WRONG     The checkpoint holds another state than the records before it lead to.
+END_TORN             The beginning of a batch that nobody was told of; the next writer cuts it.
+EVIDENCE_BUSY        Somebody else prunes the evidence.
+EVIDENCE_UNREADABLE  A bundle lacks a file, or holds one that cannot be read.
+EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
+INDEX_UNAVAILABLE    The index in .cache cannot be used now; it is rebuilt.
+JOURNAL_CLOSED       The journal was closed.
+JOURNAL_DAMAGED      Bytes of the journal are not as they were written.
+JOURNAL_LOCKED       Another process has held the lane's lock for ten seconds.
+JOURNAL_MOVED        A file or folder of the journal was moved or replaced while it was open.
+JOURNAL_NOT_DURABLE  The disk did not confirm a write; the process must end.
+JOURNAL_UNREADABLE   The system refused to read a file of the journal.
+JOURNAL_WRITE_FAILED The disk took no record, and none was acknowledged.
+LANE_UNCLEAR         Several hosts have written here; name a lane.
+MANIFEST_DAMAGED     A manifest of evidence does not hold what it should.
+MISMATCH             A file of evidence has another hash than its manifest says.
+MISSING              A file of evidence is gone, and its manifest does not say so.
+NOTHING_OBSERVED     ENVIRONMENT.md holds no snapshot yet.
+RECORDS_MISSING      Records that were given a number are gone.
+RECORD_DAMAGED       A record is not as it was written.
+RECORD_ILLEGAL       A record that the lifecycle does not allow there.
+RECORD_TOO_LARGE     A record is larger than a journal line may be.
+SEGMENT_MISLINKED    A segment does not fit the one before it.
+SEGMENT_TWICE        A segment stands in the lane and in the archive.
+UNLISTED             A file lies in a bundle whose manifest does not name it.
+UNSEALED             A bundle has no manifest.
+"""
+
+PREFLIGHT = """
+ACTION_SPACE_INVALID     A description of an action space contradicts itself.
+ACTION_UNAVAILABLE       The target does not take an action that the skill needs.
+CAPABILITY_UNAVAILABLE   The target lacks a capability that the skill needs.
+CHUNK_LENGTH             A chunk is longer or shorter than the target takes.
+CLAMP_UNBOUNDED          A projection into range is asked for without a range.
+CONTRACT_MISMATCH        runtime_contract.yaml counts on another period, step, rate or mode than the target.
+ENDPOINT_INVALID         The endpoint of a policy is no address.
+ENTITY_UNKNOWN           An argument names a thing that is not in the world.
+FRAME_UNKNOWN            No transform leads from the source's frame to the target's.
+GRIPPER_MISMATCH         One side commands a gripper that the other does not have.
+JOINT_MISSING            The target has a joint for which the source gives no value.
+JOINT_UNKNOWN            The source names a joint that the target does not have.
+LIMIT_EMPTY              The least value of a limit is not below its greatest.
+LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
+LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
+NOT_CHECKED              A session was to run without a preflight.
+OBSERVATION_DTYPE        A policy takes another element type than the sensor gives.
+OBSERVATION_FRAME        A policy takes an observation in another frame than the sensor gives.
+OBSERVATION_MODALITY     A policy takes another modality than the sensor measures.
+OBSERVATION_RATE         A policy wants an observation more often than the sensor measures.
+OBSERVATION_SHAPE        A policy takes an array of another shape than the sensor gives, or its form is not declared.
+OBSERVATION_UNAVAILABLE  The target does not give an observation that the skill needs.
+OBSERVATION_UNIT         A policy takes another unit than the sensor gives.
+OPERATION_FORBIDDEN      runtime_contract.yaml does not permit an operation that the skill needs.
+OPERATION_UNAVAILABLE    The target does not offer an operation that the skill needs.
+OUT_OF_REACH             What the session is about lies further away than the arm reaches, in every way to take it.
+PARAMETER_INVALID        An argument of the contract is of the wrong type or out of range.
+PARAMETER_MISSING        The contract lacks an argument.
+PARAMETER_UNKNOWN        The contract holds an argument that the skill does not know.
+POLICY_MISMATCH          The policy server is not the one that SKILL.md describes.
+POLICY_TOO_SLOW          The policy takes longer to answer than one of its chunks lasts.
+POLICY_UNDECLARED        A policy skill does not say what its policy takes, or how it speaks.
+POLICY_UNREACHABLE       No policy server answers.
+PRECONDITION_UNMET       A precondition is false or unknown in the world as observed.
+RATE_UNBRIDGED           No resampling leads from the source's rate to the target's.
+REPRESENTATION_UNBRIDGED No bridge leads from the source's representation to the target's.
+RESOURCE_UNDECLARED      The contract names a resource that runtime_contract.yaml does not.
+SENSOR_MISSING           No sensor of sensors.yaml provides an observation that is needed.
+SENSOR_MODALITY          A sensor cannot measure what it is said to provide.
+SENSOR_RATE              A sensor measures more seldom than conditions are sampled, or oftener than the world changes.
+SENSOR_UNREAD            No pipeline of perception.yaml reads a sensor that is needed.
+SKILL_KIND_UNSUPPORTED   This runtime cannot run skills of this kind.
+START_OUTSIDE            The tool stands outside the workspace, or in a keep-out volume, before anything has moved.
+TARGET_MISMATCH          The live target is not what TARGETS.md says.
+TARGET_UNAVAILABLE       The target's worker cannot be started.
+TARGET_UNKNOWN           No worker serves a target of this name.
+TREE_INVALID             The skill's tree cannot be built.
+VERSION_MISMATCH         Skill, policy, target and this software are not of versions that go together.
+UNKNOWN_DETECTOR         perception.yaml names a detector that nobody has registered.
+"""
+
+SUPERVISION = """
+PREFLIGHT_TIMED_OUT     The check of a session took longer than its contract allows; nothing was commanded.
+QUEUE_TIMED_OUT         A session waited longer for its target, or its resources, than its contract allows.
+RESET_FORBIDDEN         The target would have to begin its world anew, and the contract does not permit that.
+RESOURCE_UNAVAILABLE    A resource that the session needs is held by a target that is broken.
+"""
+
+PLANNING = """
+IN_COLLISION            The arm, or every goal posture, touches something.
+NO_FREE_SITE            There is no free room at the destination.
+LOAD_LOST               What was to travel on a thing did not arrive with it.
+LOOKAHEAD_FAILED        The look-ahead that was asked for could not be carried out.
+LOOKAHEAD_LOW           Too few of the imagined executions met the contract, so nothing was moved.
+NO_IK                   No joint posture reaches what is asked.
+NO_MODEL                The planner was asked before it was given a robot.
+NO_PATH_FOUND           No way between start and goals was found in the budget.
+NO_SLIDE                What shall be pulled or pushed open or closed is nothing that slides.
+NO_SPACE                The destination is too small for the object.
+TILT                    No carrying motion within the tilt limit was found.
+TOO_SHORT               The way to push is shorter than the fingers need.
+TOO_TALL                The thing to push is taller than the hand can go behind.
+TOO_WIDE                The object is wider than the gripper opens.
+UNKNOWN_ENTITY          The name of something that the world does not hold.
+"""
+
+EXECUTION = """
+GRASP_LOST              The object was held and is not any more.
+GRASP_MISSED            The fingers closed and do not hold the object.
+HOLD_VIOLATED           A condition that had to hold all through did not.
+LEAF_ERROR              A leaf failed by an error of its own.
+NOT_AT_START            A motion does not begin where the arm stands.
+NOT_IMPORTED            A skill was imported without its behaviour; its tree is a draft.
+NOT_VISIBLE             The object is believed, but was not seen.
+NO_PROGRESS             The tree runs, yet neither commands nor thinks; or longer than the contract allows.
+OUT_OF_TIME             A timeout of the tree ran out, in simulated time.
+POLICY_FAULT            The policy server said that it cannot answer, or said what is no answer.
+POLICY_LOST             The policy server has gone, or has said nothing for longer than the contract allows.
+STALLED                 A motor does not follow its set-points.
+STILL_HELD              The fingers opened and still hold the object.
+TIMED_OUT               A time limit of the contract was reached.
+UNMET                   A condition of the tree is false or unknown."""
+
+VERIFICATION = """
+CONSTRAINT_VIOLATED A condition that had to hold all through did not.
+ADAPTER_REFUSED     A command did not fit the target: an adapter or the target itself refused it.
+BUDGET              The goal's budget of sessions or simulated time is spent.
+EVIDENCE_MISSING    The evidence does not tell whether the objective was met.
+EXECUTION_MISSING   The bundle does not say how the execution ended.
+NOT_JUDGED          A session has no verdict yet to which a judgement could be added.
+MODEL_MALFORMED     The vision model's answer has another form than the one asked for.
+MODEL_REFUSED       The vision model's server answered with an error.
+MODEL_UNREACHABLE   The vision model did not answer in time.
+IMPOSSIBLE          This skill has no motion for what was asked; another one may.
+NO_PLAN             No motion was found.
+OBJECT_HIDDEN       The object is believed to exist and was not seen.
+OBJECT_MOVED        The object was not where it had been when the motion was planned.
+OUTPUT_MISSING      A session succeeded without an output that a later node needs.
+POLICY_FAILED       The policy gave no usable action.
+PLACED_WRONG        The object was moved and is not where it was wanted.
+SENSOR_STALE        The latest measurement is too old to tell how the world stands.
+UNDECIDABLE         Everything was seen, and still a criterion cannot be decided.
+UNKNOWN             None of the other causes.
+WITHOUT_EFFECT      The robot moved, the object did not."""
+
+HOPELESS = """
+CANCELLED               Somebody asked for an end.
+NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.
+NO_CRITERIA             The contract holds nothing that could be accepted.
+OBJECT_GONE             The object is not in the believed world.
+"""
+
+SAFETY = """
+CLAMPED             A value was projected into its range, as the contract declares.
+CLAMPED_GRIPPER     An opening was projected into the gripper's range, as safety.yaml allows.
+CLAMPED_JOINT       A joint set-point was projected into its range, as safety.yaml allows.
+COLLISION           The commanded posture would touch something.
+COLLISION_STOP      The target stopped itself: a contact force was too large.
+DEADMAN             No command came in time while the arm moved; the target brought itself to rest.
+DISCONTINUOUS       A chunk jumps further than the target's velocity permits.
+DRIVES_OFF          The target's drives are off since a stop of category 1.
+ESTOPPED            The emergency stop is latched.
+EXPIRED             The command came after its expiry.
+EXPIRY_TOO_LATE     The command would be valid for longer than allowed.
+GRIPPER_FORCE       The target's gripper can press harder than allowed.
+GRIPPER_WIDTH       The opening is outside the gripper's range.
+JOINT_ACCELERATION  The velocity set-points change too fast.
+JOINT_JERK          The acceleration changes too much within one control period.
+JOINT_POSITION      A joint set-point is outside its range.
+JOINT_VELOCITY      A joint set-point, or the difference of two rows, is too fast.
+KEEP_OUT            The tool centre point would enter a keep-out volume.
+NOT_FINITE          A set-point is NaN or infinite.
+PROTECTIVE_STOP     The target stopped itself and waits for a halt.
+RATE                Commands come faster than allowed.
+ROTATION_INVALID    Columns that should be a rotation are none.
+SAFETY_STOP         A safety layer stopped the execution.
+SESSION_TOO_LONG    The session has been commanding for longer than allowed.
+SET_POINTS_DISAGREE The velocity rows are not the velocity of the position rows.
+WORKSPACE           The tool centre point is outside the workspace.
+WRONG_SHAPE         An array of a command has another shape or type than one control period.
+"""
+
+TARGET = """
+CAMERA_SILENT           A camera gives no frames at all.
+DETECTOR_MALFORMED      A detector's answer is not of the form that was agreed.
+DETECTOR_REFUSED        A detector answered with an HTTP error.
+DETECTOR_TIMEOUT        A detector gave no answer in time.
+DETECTOR_UNREACHABLE    A detector cannot be reached.
+EPISODE_CONFLICT        The target already runs an episode with another scene or seed.
+FRAME_DROPPED           The latest frames of a camera were all lost.
+HEARTBEAT_INCONSISTENT  Two processes beat for one target, or what a worker says runs backwards.
+HEARTBEAT_LOST          The worker lives, and has said nothing new for longer than the contract allows.
+INVALID_CROP            A window of a camera's picture is empty, or leaves the picture.
+LEASE_LOST              No watchdog has renewed the lease of a session that runs; the worker ended it.
+LATCH_UNWRITABLE        The disk takes no latch of the emergency stop, and has no reserve for it.
+LOG_UNWRITABLE          The target cannot write its receive log, so it accepts no command.
+MALFORMED               A message on the wire could not be read.
+NO_AUTHORITY            A command came without a claim.
+NO_GRAPHICS             This machine cannot draw; sensors.yaml may say `backend: ray`.
+NO_STATE                Frames came before the target had said anything of itself.
+NO_SCENE                The target was asked before an episode began.
+OUT_OF_SEQUENCE         A command's number does not follow the one before.
+PLANNER_LOST            The planner process died or broke its protocol.
+PROTOCOL_BROKEN         The target answered something that was not asked.
+RUNNER_LOST             The worker died.
+RUNTIME_LOST            Nobody runs the sessions that the agent waits for.
+STALE_TOKEN             A command came under a claim that is no longer in force.
+TARGET_BUSY             Another process serves the target.
+TARGET_LIMIT            The target itself refused a command.
+TARGET_LOST             The target no longer answers.
+UNKNOWN_CAMERA          No camera of this name in sensors.yaml, or nothing in this world that carries it.
+"""

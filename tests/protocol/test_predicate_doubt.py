@@ -1,0 +1,93 @@
+"""What the measurement could turn over is unknown: margins from stated uncertainty."""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from phyagentos.protocol.environment import Pose, TargetState
+from phyagentos.protocol.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.verdicts import Truth
+
+from .predicate_worlds import cube, tray, truth, value, world
+
+STDS = st.floats(0.0005, 0.004)
+SHIFTS = st.floats(-0.12, 0.12)
+TEXTS = ("inside(a, tray)", "on(a, tray)", "at(a, (0.5, 0, 0.03), 0.05)", "near(a, b, 0.1)", "not moved(a)")
+
+
+def seen(x: float, y: float = 0.0, z: float = 0.03, std_m: float = 0.0, **more):
+    return world(cube("a", x, y, z, position_std_m=std_m, **more), cube("b", 0.5, 0.1), tray(), sensing="perceived")
+
+
+@given(st.sampled_from(TEXTS), SHIFTS, SHIFTS, STDS, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_a_pose_that_is_off_by_less_than_is_stated_never_turns_a_verdict_over(text, x, y, std_m, dx, dy, dz):
+    length = max(1.0, (dx * dx + dy * dy + dz * dz) ** 0.5)
+    off = [DOUBT_STDS * std_m * each / length * 0.999 for each in (dx, dy, dz)]
+    before = seen(0.5, 0.0)
+    real = world(cube("a", 0.5 + x, y, 0.03), cube("b", 0.5, 0.1), tray())
+    told = truth(text, seen(0.5 + x + off[0], y + off[1], 0.03 + off[2], std_m), before)
+    is_true = truth(text, real, world(*before.entities.values()))
+    assert told in {is_true, Truth.UNKNOWN}
+
+
+@given(st.sampled_from(TEXTS), SHIFTS, SHIFTS)
+def test_what_is_known_exactly_is_never_in_doubt(text, x, y):
+    now, before = (world(cube("a", 0.5 + dx, dy, 0.03), cube("b", 0.5, 0.1), tray()) for dx, dy in ((x, y), (0, 0)))
+    assert truth(text, now, before) is not Truth.UNKNOWN
+
+
+@pytest.mark.parametrize(("x", "expected"), [(0.5, "true"), (0.59, "unknown"), (0.62, "false")])
+def test_only_what_is_near_the_limit_is_unknown(x, expected):
+    found = value("inside(a, tray)", seen(x))
+    assert found.truth == expected
+    assert ("within what the measurement may be off" in found.because) == (expected == "unknown")
+
+
+def test_a_larger_uncertainty_leaves_more_open():
+    assert truth("inside(a, tray)", seen(0.58)) is Truth.TRUE
+    assert truth("inside(a, tray)", seen(0.58, std_m=0.006)) is Truth.UNKNOWN
+
+
+def test_a_change_is_compared_with_the_uncertainty_of_both_snapshots():
+    barely = MOVED_M - PERCEIVED_STD_M * DOUBT_STDS
+    assert truth("not moved(a)", seen(0.5 + barely), seen(0.5)) is Truth.UNKNOWN
+    assert truth("not moved(a)", seen(0.505), seen(0.5)) is Truth.TRUE
+
+
+def holding(touching: int, **more):
+    state = TargetState(
+        q_rad=(), qd_rad_s=(), gripper_width_m=0.04, tcp=Pose(), fingers_touching=touching, holding=("a",)
+    )
+    return world(cube("a", **more), sensing="perceived", targets={"arm": state})
+
+
+@pytest.mark.parametrize(
+    ("touching", "more", "expected"),
+    [
+        (2, {"held_by": "arm"}, "true"),
+        (2, {}, "false"),
+        (2, {"visible": False}, "unknown"),
+        (1, {"held_by": "arm"}, "false"),
+        (0, {"visible": False}, "false"),
+    ],
+)
+def test_touch_tells_that_something_is_held_and_perception_tells_what(touching, more, expected):
+    assert truth("holding(arm, a)", holding(touching, **more)) == expected
+
+
+def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():
+    assert truth("metric(peak_force_n) <= 40", world()) is Truth.UNKNOWN
+    view = View(now=world(), metrics={"peak_force_n": 41.5})
+    found = parse_predicate("metric(peak_force_n) <= 40").evaluate(view)
+    assert (found.truth, found.measured) == (Truth.FALSE, {"peak_force_n": 41.5})
+    assert "peak_force_n is 41.5 (asked: <= 40)" in found.because
+
+
+def test_a_fact_may_be_no_older_than_the_view_allows():
+    now = msgspec.structs.replace(world(cube("a", 0.5, observed_at_s=8.0), tray()), time_s=10.0)
+    predicate = parse_predicate("inside(a, tray)")
+    assert predicate.evaluate(View(now=now)).truth is not Truth.UNKNOWN
+    found = predicate.evaluate(View(now=now, max_age_s=1.0))
+    assert "a was last seen 2.0 s before, allowed are 1 s" in found.because
