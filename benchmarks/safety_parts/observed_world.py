@@ -97,6 +97,7 @@ def main() -> None:
         library,
         log,
         is_estopped=stops.is_latched if stops else lambda: False,
+        keep_stop=stops.keep if stops else lambda: None,
         mode=WorldMode.REALTIME if given.realtime else WorldMode.LOCKSTEP,
     )
     if given.realtime:

@@ -204,6 +204,7 @@ def open_perception(
         moving=[name for name, sensor in cameras if sensor.camera is not None and sensor.camera.mount != WORLD],
         max_age_s=settings.perception.embedded.max_age_s,
         detector=open_detector(settings),
+        noisy=settings.sensors.get_noise().varies,
     )
 
 

@@ -10,13 +10,13 @@ from phyagentos.protocol.knowledge import Fact, read_knowledge, render_knowledge
 from phyagentos.protocol.lessons import Lesson, read_lessons, render_lessons
 from phyagentos.protocol.log import LogLine, read_log
 from phyagentos.protocol.registries import read_target, render_skills, render_targets
+from phyagentos.protocol.relations import compute_relations
 from phyagentos.protocol.runtime_signal import RuntimeState, Signs, read_runtime_signal
 from phyagentos.protocol.sessions import Session, SessionStatus, read_sessions
 from phyagentos.protocol.skill_runtimes import Needs, Output, Parameter, SkillRuntime, read_skill_runtimes
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.targets import Health, RegisteredTarget, TargetHealth, read_targets
 from phyagentos.protocol.tasks import GoalStatus, read_tasks
-from phyagentos.protocol.relations import compute_relations
 from phyagentos.protocol.views.environment import render_environment
 from phyagentos.protocol.views.log import render_log
 from phyagentos.protocol.views.runtime_signal import render_runtime_signal

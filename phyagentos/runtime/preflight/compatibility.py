@@ -130,7 +130,7 @@ class Preflight:
         return locate(session, problems)
 
     def plan(self, session: Session, live: Description) -> tuple[AdapterPlan, TargetToolManifest]:
-        """The execution path that is granted to a session without problems; worked out once for a skill and a target."""
+        """The execution path that is granted to a session without problems; worked out once a skill and a target."""
         known = self._granted.get((session.skill, session.target))
         if known is not None and known[0] is live:
             return known[1], known[2]
