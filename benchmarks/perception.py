@@ -107,7 +107,8 @@ class Stage:
         self.physics = Physics(profile, folder, spec, seed)
         self.physics.start(spec.settle_s)
         self._cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
-        self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), profile.target)
+        noisy = sensors.get_noise(level).varies
+        self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), profile.target, noisy=noisy)
         self._scene = Scene(name=scene, seed=seed, episode="bench")
         self._rng = np.random.default_rng(seed)
         self.time_s, self.belief = 1.0, None

@@ -60,9 +60,10 @@ class Tally:
 
 
 @contextmanager
-def watching(workspace: Workspace, faults: Path | None) -> Iterator[None]:
+def watching(workspace: Workspace, faults: Path | None, sense: str) -> Iterator[None]:
     """A runtime plane over the workspace."""
     command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
+    command += ["--sense", sense]
     command += ["--faults", str(faults)] if faults else []
     with (workspace.logs / "watch.log").open("wb") as log:
         process = subprocess.Popen(command, stdout=log, stderr=log)
@@ -73,10 +74,10 @@ def watching(workspace: Workspace, faults: Path | None) -> Iterator[None]:
             process.wait(20)
 
 
-def run_lane(root: Path, seeds: Sequence[int], faults: Path | None, tally: Tally, console: Console) -> None:
+def run_lane(root: Path, seeds: Sequence[int], faults: Path | None, tally: Tally, sense: str, console: Console) -> None:
     """One warm runtime plane and its share of the seeds."""
     workspace = open_project(root, ROOT)
-    with watching(workspace, faults):
+    with watching(workspace, faults, sense):
         for episode in run_suite(workspace, GRAPH, seeds, SystemClock()):
             count_episode(episode, tally)
             done = len(tally.goals)
@@ -173,13 +174,15 @@ def show(console: Console, clean: Tally, faulty: Tally, alone: Tally) -> None:
             console.print(f"{tally.name}: {reason}")
 
 
-def run_pass(base: Path, seeds: int, lanes: int, faults: Path | None, tally: Tally, console: Console) -> None:
+def run_pass(
+    base: Path, seeds: int, lanes: int, faults: Path | None, tally: Tally, sense: str, console: Console
+) -> None:
     """All seeds, shared among warm runtime planes side by side."""
     name = tally.name.replace(" ", "_")
     with ThreadPoolExecutor(lanes) as pool:
         shares = [range(lane, seeds, lanes) for lane in range(lanes)]
         ended = [
-            pool.submit(run_lane, base / f"{name}-{lane}", share, faults, tally, console)
+            pool.submit(run_lane, base / f"{name}-{lane}", share, faults, tally, sense, console)
             for lane, share in enumerate(shares)
         ]
         for each in ended:
@@ -194,17 +197,20 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="folder for the workspaces, kept afterwards")
     parser.add_argument("--only", choices=("clean", "faulty", "speed"), help="one of the three passes")
     parser.add_argument("--faults", type=Path, default=FAULTS, help="what goes wrong in the second pass")
+    parser.add_argument(
+        "--sense", choices=("perceived", "truth"), default="perceived", help="what agent and skills see"
+    )
     given = parser.parse_args()
     console = Console(stderr=True)
     clean, faulty, alone = Tally("no fault"), Tally("one fault"), Tally("alone")
     with tempfile.TemporaryDirectory(prefix="tabletop-") as scratch:
         base = given.keep or Path(scratch)
         if given.only in {None, "clean"}:
-            run_pass(base, given.seeds, given.lanes, None, clean, console)
+            run_pass(base, given.seeds, given.lanes, None, clean, given.sense, console)
         if given.only in {None, "faulty"}:
-            run_pass(base, given.seeds, given.lanes, given.faults, faulty, console)
+            run_pass(base, given.seeds, given.lanes, given.faults, faulty, given.sense, console)
         if given.only in {None, "speed"}:
-            run_pass(base, min(given.seeds, SPEED_SEEDS), 1, None, alone, console)
+            run_pass(base, min(given.seeds, SPEED_SEEDS), 1, None, alone, given.sense, console)
     show(Console(), clean, faulty, alone)
     figures = {
         "first_attempt_cubes": Rate(sum(clean.first_attempts), len(clean.first_attempts)).value,

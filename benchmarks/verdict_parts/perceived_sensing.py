@@ -50,7 +50,8 @@ class PerceivedSensing:
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
         self._cameras = open_cameras(self._model, sensors, seed=self._scene.seed, level=level)
         spec = read_scene(robot.library.get_scene(self._scene.name))
-        self._pipeline = Pipeline(build_inventory(spec), RobotMask(robot.profile, robot.folder), robot.profile.target)
+        mask, noisy = RobotMask(robot.profile, robot.folder), sensors.get_noise(level).varies
+        self._pipeline = Pipeline(build_inventory(spec), mask, robot.profile.target, noisy=noisy)
         self._before = self._begin(np.random.default_rng(self._scene.seed))
 
     def judge(self, right: np.ndarray, now: np.ndarray, lie: Lie, rng: np.random.Generator) -> Attempt:

@@ -121,3 +121,8 @@ class NoiseLevel(Authored):
     frame_dropout: float = pydantic.Field(default=0.0, ge=0.0, lt=1.0)
     calibration_position_m: float = pydantic.Field(default=0.0, ge=0.0, le=0.5)
     calibration_rotation_rad: float = pydantic.Field(default=0.0, ge=0.0, le=0.5)
+
+    @property
+    def varies(self) -> bool:
+        """Whether two pictures of a still scene differ."""
+        return self.color_std > 0.0 or self.depth_constant_m > 0.0 or self.depth_quadratic_per_m > 0.0

@@ -207,6 +207,8 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
         pose: `world_T_camera` as it was told with that frame, in OpenCV's convention.
         focal_px: (fx, fy, cx, cy) of the whole picture.
         size_px: (width, height) of the whole picture.
+        pulse: Hash of a small window of its latest frame, and the stamp of that: `hash@time_s`.
+        pulse_s: When that window was asked for [s].
     """
 
     status: str = "live"
@@ -217,6 +219,8 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     pose: Pose | None = None
     focal_px: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     size_px: tuple[int, int] = (0, 0)
+    pulse: str = ""
+    pulse_s: float = 0.0
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):

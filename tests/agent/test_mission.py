@@ -121,6 +121,18 @@ def test_a_refused_first_session_blocks_its_node_and_the_exit_code_says_so(make_
     assert report.nodes == {"red": "blocked", "green": "done"}
 
 
+@pytest.mark.parametrize("accept", ['["inside(red_cube, red_tray)"]', "[]"])
+def test_a_goal_with_a_blocked_node_is_not_met_though_nothing_speaks_against_its_acceptance(
+    make_stage, write_graph, accept
+):
+    graph = write_graph(TIDY.partition("    accept:")[0] + f"    accept: {accept}\n")
+    done_already = put(make_world(), "red_cube", (0.55, 0.3, 0.03))
+
+    report = make_stage(world=done_already, refuse={"red": "ACTION_UNAVAILABLE: joint_torque"}).pursue(graph)
+
+    assert (report.verdict, report.nodes) == ("failure", {"red": "blocked", "green": "done"})
+
+
 def test_a_thing_that_vanished_before_its_own_session_is_an_objective_not_met(make_stage, tidy):
     def take_green(world, session):
         play = succeed(world, session)

@@ -30,7 +30,7 @@ def test_a_retry_runs_the_child_again_and_the_trace_shows_each_attempt(build_ben
 
     assert (execution.code, execution.leaf) == ("NOPE", "planted/retry/fail")
     trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
-    assert [event.code for event in trace if event.leaf == "fail"] == ["NOPE"] * 3
+    assert [(event.status, event.code) for event in trace if event.leaf == "fail"] == [("FAILURE", "NOPE")] * 3
 
 
 def test_a_condition_reads_the_world_through_keys_of_the_tree(build_bench, session, plant):

@@ -34,7 +34,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         features: What it was about.
         strategy: What was done differently from the skill's own way.
         advised_by: Entries of memory that asked for that.
-        verdict: As judged.
+        verdict: As the evidence says, also where the mode of verification let something else decide.
         cause: Coded cause of what went wrong.
         purpose: As the contract has it: `inspect` or `clear` when it prepared another attempt, empty for an attempt.
         sensing: What the judgement rests on, `truth` or `perceived`.
@@ -96,7 +96,7 @@ def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode |
         features=surroundings.describe(contract),
         strategy=contract.strategy,
         advised_by=contract.advised_by,
-        verdict=decision.verdict,
+        verdict=decision.found or decision.verdict,  # in an audit the controller's word decides; it is no experience
         cause=decision.cause,
         purpose=status.contract.purpose,
         sensing=decision.sensing,

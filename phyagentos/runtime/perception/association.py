@@ -6,7 +6,7 @@ unlike things, the last pose between like ones.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,10 @@ from scipy.optimize import linear_sum_assignment
 
 from phyagentos.protocol.environment import Entity, Status
 from phyagentos.runtime.perception.clusters import POINTS_MIN, find_clusters, split
+from phyagentos.runtime.perception.contacts import part
 from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import Thing
-from phyagentos.runtime.perception.solids import Array, compute_rotation
+from phyagentos.runtime.perception.solids import Array, Solids, compute_rotation
 from phyagentos.runtime.perception.views import Cloud, Eye
 
 LINK_M = 0.016  # points of one surface are this near: two pixels of a camera a metre away
@@ -26,6 +27,9 @@ TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
 ROOM = 1.6  # a cluster may be this much larger than a thing that it is
 HUGE = 1e3
+BLOCKED_M = 0.008  # so deep in a solid of the map a line of sight ends: calibration and depth err by less
+SIGHT_STEP_M = 0.01  # between the points of a line of sight that are looked up
+SIGHT_REACH_M = 0.5  # so much of it, before the thing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +49,7 @@ def associate(
     believed: Mapping[str, Entity],
     cloud: Cloud,
     eyes: tuple[Eye, ...],
+    map_solids: Solids | None = None,
 ) -> dict[str, Match]:
     """What is seen of each movable thing; those that are not seen are left out.
 
@@ -53,6 +58,7 @@ def associate(
         believed: Where they were; those never seen are missing.
         cloud: Points that no fixed thing and no hand explains.
         eyes: The cameras.
+        map_solids: What nobody sees through; points behind it come from edges and noise. None for nothing.
     """
     matches: dict[str, Match] = {}
     for color in dict.fromkeys(thing.colors[0] for thing in things.values()):
@@ -61,13 +67,34 @@ def associate(
         if len(indices) < POINTS_MIN:
             continue
         pieces = [indices[piece] for piece in _cut(group, believed, cloud.points_m[indices])]
+        pieces = [piece for piece in pieces if not _is_behind_map(cloud.take(piece), eyes, map_solids)]
         tracked = _track(group, believed, cloud, pieces, eyes)
         matches |= tracked
         taken = {id(match.points) for match in tracked.values()}
         rest = [thing for thing in group if thing.name not in tracked]
         if rest:
             matches |= _assign(rest, believed, cloud, [piece for piece in pieces if id(piece) not in taken], eyes)
-    return matches
+    if map_solids is None:
+        return matches
+    fits = {name: match.fit for name, match in matches.items()}
+    points = {name: cloud.points_m[match.points] for name, match in matches.items()}
+    parted = part(things, fits, points, eyes, map_solids)
+    return {name: replace(match, fit=parted[name]) for name, match in matches.items()}
+
+
+def _is_behind_map(seen: Cloud, eyes: tuple[Eye, ...], map_solids: Solids | None) -> bool:
+    """Whether every camera would have seen these points through a solid of the map, as a thing below a table."""
+    if map_solids is None or not map_solids.kinds:
+        return False
+    for index in np.unique(seen.eyes).tolist():
+        middle = np.median(seen.points_m[seen.eyes == index], axis=0)
+        towards = eyes[index].position_m - middle
+        length = float(np.linalg.norm(towards))
+        along = np.arange(SIGHT_STEP_M, min(length, SIGHT_REACH_M), SIGHT_STEP_M)
+        line = middle + along[:, None] * towards / max(length, SIGHT_STEP_M)
+        if not len(line) or map_solids.near(line, 0.0).measure(line).min() > -BLOCKED_M:
+            return False
+    return True
 
 
 def _track(

@@ -31,6 +31,7 @@ GONE_FRACTION = 0.6  # of its surface seen through
 SEEN_FRACTION = 0.25  # less of it in view tells nothing about it
 NEAR_FIXED_M = 0.004  # what is this near to a fixed thing and of a colour like it belongs to it
 HAND_M = 0.008
+SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
 SPEED_S = (0.08, 2.0)  # a speed is told from two looks this far apart
 
 
@@ -69,9 +70,9 @@ def update_belief(
     rest = _leave_out(cloud, inventory, entities, held)
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
-    _look_at_loose(loose, entities, rest, eyes, time_s)
+    _look_at_loose(loose, entities, rest, eyes, inventory, time_s)
     outside, filled = _take_filling(filling, entities, rest)
-    spilt = associate(filling, entities, outside, eyes)
+    spilt = associate(filling, entities, outside, eyes, inventory.map)
     for name, thing in filling.items():
         if name in spilt:
             entities[name] = _see(thing, entities.get(name), spilt[name], outside, eyes, time_s)
@@ -81,9 +82,14 @@ def update_belief(
 
 
 def _look_at_loose(
-    loose: Mapping[str, Thing], entities: dict[str, Entity], cloud: Cloud, eyes: tuple[Eye, ...], time_s: float
+    loose: Mapping[str, Thing],
+    entities: dict[str, Entity],
+    cloud: Cloud,
+    eyes: tuple[Eye, ...],
+    inventory: Inventory,
+    time_s: float,
 ) -> None:
-    matches = associate(loose, entities, cloud, eyes)
+    matches = associate(loose, entities, cloud, eyes, inventory.map)
     for name, thing in loose.items():
         match, entity = matches.get(name), entities.get(name)
         if match is not None:
@@ -322,7 +328,8 @@ def _rate(found: Fit) -> float:
     shown = 1.0 - found.sight.contradicted_fraction
     fitting = float(np.exp(-((found.rms_m / 0.006) ** 2)))
     enough = min(1.0, found.count / 20)
-    return round(shown * (0.4 + 0.6 * fitting) * enough, 3)
+    possible = float(np.exp(-((found.sunk_m / SUNK_DOUBT_M) ** 2)))
+    return round(shown * (0.4 + 0.6 * fitting) * enough * possible, 3)
 
 
 def _measure_turn(a: Array, b: Array) -> float:

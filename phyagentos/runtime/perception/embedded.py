@@ -21,12 +21,14 @@ from phyagentos.runtime.perception.detection.segmentation import DetectorSegment
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.sensor_health import feel_pulses, find_pulses
 from phyagentos.runtime.perception.windows import Stand, find_windows
 from phyagentos.runtime.targets.wire import Observation
 
 SAME_S = 1e-9
 STATES_KEPT = 32  # control periods: longer than any latency
 GLANCE_CAMERAS = 1
+PULSE_S = 0.5  # between two proofs that the cameras live: a frozen one is believed for twice this at most
 MEMORY = 8  # scenes whose inventory is kept
 
 
@@ -41,6 +43,7 @@ class EmbeddedPerception:
         moving: Cameras that the robot carries.
         max_age_s: Older frames tell nothing of now.
         detector: Tells things apart instead of their colours.
+        noisy: Whether the sensors declare noise, so that no picture comes twice.
     """
 
     def __init__(
@@ -52,7 +55,10 @@ class EmbeddedPerception:
         moving: Collection[str] = (),
         max_age_s: float = MAX_AGE_S,
         detector: Detector | None = None,
+        *,
+        noisy: bool = True,
     ) -> None:
+        self._noisy = noisy
         self._detector = detector
         self._target, self._handle, self._library, self._robot = target, handle, library, robot
         self._moving, self._max_age_s = frozenset(moving), max_age_s
@@ -62,13 +68,16 @@ class EmbeddedPerception:
 
     def perceive(self, observation: Observation, scene: Scene, focus: Collection[str] = ()) -> Environment:
         """Look, unless this moment was looked at already."""
-        before, state, now_s = self._take(scene), observation.target, observation.time_s
+        state, now_s = observation.target, observation.time_s
+        self._take(scene)
         self.note(now_s, state)
+        before = self._belief
         if before is not None and abs(before.looked_at_s - now_s) < SAME_S:
             return before
         pipeline = self._get_pipeline(scene)
         if focus and before is not None:
             return self._glance(pipeline, before, state, scene, now_s, focus)
+        before = self._feel_pulses(now_s, 0.0)
         frames = self._handle.capture()
         self._belief = pipeline.sense(frames, state, scene, now_s, before, find_state=self._find_state)
         return self._belief
@@ -85,6 +94,7 @@ class EmbeddedPerception:
         """Remember what the target said of itself, for frames that come later than they were taken."""
         if not self._states or time_s > self._states[-1][0] + SAME_S:
             self._states.append((time_s, state))
+            self._feel_pulses(time_s, PULSE_S)
 
     def find_held(self, state: TargetState, time_s: float) -> tuple[str, ...]:
         """Names of the things between the fingers, by touch and by where things were."""
@@ -123,7 +133,7 @@ class EmbeddedPerception:
         stands = {
             camera: stand
             for camera, health in before.sensors.items()
-            if camera not in self._moving and (stand := Stand.find(health)) is not None
+            if camera not in self._moving and health.status != "frozen" and (stand := Stand.find(health)) is not None
         }
         most = len(stands) if hidden else GLANCE_CAMERAS
         windows = find_windows(loose, carried.entities, pipeline.inventory, stands, most)
@@ -135,6 +145,19 @@ class EmbeddedPerception:
             frames, state, scene, now_s, carried, focus=frozenset(loose), find_state=self._find_state
         )
         return self._belief
+
+    def _feel_pulses(self, time_s: float, period_s: float) -> Environment | None:
+        """The belief, with cameras known as frozen that are; asked for no more often than once in a period."""
+        belief = self._belief
+        if belief is None or not self._noisy:
+            return belief
+        windows = find_pulses(belief.sensors)
+        latest_s = max((belief.sensors[camera].pulse_s for camera in windows), default=0.0)
+        if windows and time_s - latest_s > max(period_s - SAME_S, SAME_S):
+            frames = self._handle.capture(tuple(windows), windows)
+            sensors = feel_pulses(frames, belief.sensors, time_s)
+            self._belief = belief = msgspec.structs.replace(belief, sensors=sensors)
+        return belief
 
     def _take(self, scene: Scene) -> Environment | None:
         """The belief, when it is of this episode."""
@@ -150,7 +173,9 @@ class EmbeddedPerception:
                 self._pipelines.clear()
             inventory = build_inventory(read_scene(self._library.get_scene(scene.name)))
             segmenter = DetectorSegmenter(self._detector, inventory) if self._detector is not None else None
-            self._pipelines[scene.name] = Pipeline(inventory, self._robot, self._target, self._max_age_s, segmenter)
+            self._pipelines[scene.name] = Pipeline(
+                inventory, self._robot, self._target, self._max_age_s, segmenter, noisy=self._noisy
+            )
         return self._pipelines[scene.name]
 
     def _find_state(self, time_s: float) -> TargetState:

@@ -28,6 +28,7 @@ TILT_GAIN = 0.75  # a tilted fit must leave this fraction of an upright fit's co
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
 FREE = np.ones(6)
+SUNK_COST, SUNK_FREE_M = 0.5, 0.003  # per metre of depth within another solid, and what errors make of none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +43,7 @@ class Fit:
         sight: Of its surface.
         count: Points that it was fitted to.
         stretch: Factor of its height.
+        sunk_m: Depth of its surface within other solids, where that was asked.
     """
 
     rotation: Array
@@ -51,6 +53,7 @@ class Fit:
     sight: Sight
     count: int
     stretch: float = 1.0
+    sunk_m: float = 0.0
 
 
 def thin(points: Array) -> Array:
@@ -111,7 +114,19 @@ def compute_cost(solids: Solids, points: Array, rotation: Array, position_m: Arr
     return float(robust.mean()), float(np.sqrt(np.mean(np.minimum(distance, 4 * HUBER_M) ** 2)))
 
 
-def fit(thing: Thing, points: Array, eyes: tuple[Eye, ...], prior: tuple[Array, Array] | None = None) -> Fit | None:
+def measure_sunk(thing: Thing, rotation: Array, position_m: Array, obstacle: Solids) -> float:
+    """Depth of the deepest point of a posed surface within other solids [m]; 0 outside of them."""
+    surface = thing.samples_m @ rotation.T + position_m
+    return max(0.0, -float(obstacle.near(surface, 0.0).measure(surface).min(initial=0.0)))
+
+
+def fit(
+    thing: Thing,
+    points: Array,
+    eyes: tuple[Eye, ...],
+    prior: tuple[Array, Array] | None = None,
+    obstacle: Solids | None = None,
+) -> Fit | None:
     """The best pose of a movable thing for these points.
 
     Args:
@@ -119,11 +134,12 @@ def fit(thing: Thing, points: Array, eyes: tuple[Eye, ...], prior: tuple[Array, 
         points: (n, 3) of its surface, in the world.
         eyes: Cameras whose depth may contradict a pose.
         prior: Rotation and position believed so far: one more start.
+        obstacle: Solids in the world that it cannot be in; None where nobody asks.
     """
     points = thin(points)
     if len(points) < 4:
         return None
-    best = None if prior is None else _finish(thing, points, eyes, *prior)
+    best = None if prior is None else _finish(thing, points, eyes, *prior, obstacle)
     few = points[:: max(1, len(points) // COARSE_POINTS)]
     ranked: list[tuple[float, int, Array, Array]] = []
     for rotation, position in iter_starts(thing, points):
@@ -132,9 +148,10 @@ def fit(thing: Thing, points: Array, eyes: tuple[Eye, ...], prior: tuple[Array, 
         cost, _ = compute_cost(thing.solids, few, turned, moved)
         cost += CONTRADICTION_M * compute_sight(thing, turned, moved, eyes).contradicted_fraction
         cost += DOWN_M if thing.form is Form.ROUND and turned[2, 2] < -0.5 else 0.0
+        cost += _price_sunk(thing, turned, moved, obstacle)[1]
         ranked.append((cost, len(ranked), turned, moved))
     for _, _, rotation, position in sorted(ranked, key=lambda each: each[:2])[:2]:
-        candidate = _finish(thing, points, eyes, rotation, position)
+        candidate = _finish(thing, points, eyes, rotation, position, obstacle)
         if best is None or candidate.cost_m < best.cost_m:
             best = candidate
     return best
@@ -150,27 +167,61 @@ def track(thing: Thing, points: Array, eyes: tuple[Eye, ...], prior: tuple[Array
     return found if is_good else None
 
 
-def _finish(thing: Thing, points: Array, eyes: tuple[Eye, ...], rotation: Array, position_m: Array) -> Fit:
+def _price_sunk(thing: Thing, rotation: Array, position_m: Array, obstacle: Solids | None) -> tuple[float, float]:
+    """Depth within other solids [m], and its cost."""
+    sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
+    return sunk_m, SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M)
+
+
+def _finish(
+    thing: Thing,
+    points: Array,
+    eyes: tuple[Eye, ...],
+    rotation: Array,
+    position_m: Array,
+    obstacle: Solids | None = None,
+) -> Fit:
     """Refine upright where it stands, and freely; the free fit counts only where it is clearly better."""
     standing = thing.form is not Form.BALL and _is_standing(rotation)
     if standing:
         rotation = _stand_up(rotation)
     found = _weigh(
-        thing, points, eyes, *refine(thing.solids, points, rotation, position_m, UPRIGHT if standing else FREE, 8)
+        thing,
+        points,
+        eyes,
+        *refine(thing.solids, points, rotation, position_m, UPRIGHT if standing else FREE, 8),
+        obstacle,
     )
     if not standing or found.rms_m < 0.0025:
         return found
-    tilted = _weigh(thing, points, eyes, *refine(thing.solids, points, found.rotation, found.position_m, FREE, 8))
+    freely = refine(thing.solids, points, found.rotation, found.position_m, FREE, 8)
+    tilted = _weigh(thing, points, eyes, *freely, obstacle)
     leans = np.arccos(np.clip(np.abs(tilted.rotation[2]).max(), -1, 1))
     return tilted if leans > TILTED_RAD and tilted.cost_m < TILT_GAIN * found.cost_m else found
 
 
-def _weigh(thing: Thing, points: Array, eyes: tuple[Eye, ...], rotation: Array, position_m: Array) -> Fit:
+def _weigh(
+    thing: Thing,
+    points: Array,
+    eyes: tuple[Eye, ...],
+    rotation: Array,
+    position_m: Array,
+    obstacle: Solids | None = None,
+) -> Fit:
     cost, rms = compute_cost(thing.solids, points, rotation, position_m)
     sight = compute_sight(thing, rotation, position_m, eyes)
     cost += CONTRADICTION_M * sight.contradicted_fraction
     cost += DOWN_M if thing.form is Form.ROUND and rotation[2, 2] < -0.5 else 0.0
-    return Fit(rotation=rotation, position_m=position_m, cost_m=cost, rms_m=rms, sight=sight, count=len(points))
+    sunk_m, price = _price_sunk(thing, rotation, position_m, obstacle)
+    return Fit(
+        rotation=rotation,
+        position_m=position_m,
+        cost_m=cost + price,
+        rms_m=rms,
+        sight=sight,
+        count=len(points),
+        sunk_m=sunk_m,
+    )
 
 
 def _is_standing(rotation: Array) -> bool:

@@ -1,8 +1,8 @@
 """Whether what is in the hand looks like what it is taken for.
 
 Upstream: touch, which tells that something is held, and memory, which tells what was there when they closed.
-Downstream: `belief`. Somebody may have exchanged it, or it was another thing from the start: where the held thing should
-be, its own colour is nearly absent and that of another thing is there.
+Downstream: `belief`. Somebody may have exchanged it, or it was another thing from the start: where the held thing
+should be, its own colour is nearly absent and that of another thing is there.
 """
 
 import msgspec

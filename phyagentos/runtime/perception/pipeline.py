@@ -32,6 +32,7 @@ class Pipeline:
         target: Its name.
         max_age_s: Older frames tell nothing of now.
         segmenter: Tells pixels apart; by colour when absent.
+        noisy: Whether the sensors declare noise, so that no picture comes twice.
     """
 
     def __init__(
@@ -41,8 +42,10 @@ class Pipeline:
         target: str,
         max_age_s: float = MAX_AGE_S,
         segmenter: Segmenter | None = None,
+        *,
+        noisy: bool = True,
     ) -> None:
-        self.inventory = inventory
+        self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
         self._segmenter: Segmenter = segmenter or Palette(inventory.palette)
 
@@ -71,7 +74,7 @@ class Pipeline:
         known = before if before is not None and before.episode == scene.episode else None
         entities = dict(known.entities) if known is not None else {}
         earlier = known.sensors if known is not None and not focus else {}
-        believed, health = assess(frames, earlier, time_s, self._max_age_s)
+        believed, health = assess(frames, earlier, time_s, self._max_age_s, self._noisy)
         robots = tuple(self._robot.pose(find_state(each.time_s) if find_state else state) for each in believed)
         try:
             eyes, cloud = look(believed, self.inventory, self._segmenter, robots)

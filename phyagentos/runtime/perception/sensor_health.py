@@ -1,7 +1,9 @@
 """Whether a camera can be believed now: its frames come, advance in time, and are not the same picture again.
 
 Upstream: frames and the health before them. Downstream: the pipelines, ENVIRONMENT.md. The noise of a real sensor never
-repeats, so two pictures that are equal bit for bit are one picture.
+repeats, so two pictures that are equal bit for bit are one picture; a sensor that declares no noise may show a still
+scene twice, and only its stamps tell. Whole pictures are far apart in time, so a small window of each camera, its
+pulse, is asked for now and then: a camera that froze between two looks is known before the second.
 """
 
 import hashlib
@@ -11,14 +13,16 @@ import msgspec
 import numpy as np
 
 from phyagentos.protocol.environment import SensorHealth
-from phyagentos.runtime.targets.wire import Frame, Frames
+from phyagentos.runtime.targets.wire import Crop, Frame, Frames
 
 SAME_S = 1e-6  # stamps this near to each other are one
 AHEAD_S = 0.005  # no frame is from the future
+PULSE_PX = 12  # side of the window in the middle of a picture: a few hundred numbers with noise never repeat
+REPEATED = "a new stamp on the same picture"
 
 
 def assess(
-    frames: Frames, before: Mapping[str, SensorHealth], now_s: float, max_age_s: float
+    frames: Frames, before: Mapping[str, SensorHealth], now_s: float, max_age_s: float, noisy: bool = True
 ) -> tuple[tuple[Frame, ...], dict[str, SensorHealth]]:
     """The frames that can be believed, and how every camera does.
 
@@ -27,6 +31,7 @@ def assess(
         before: Health at the look before.
         now_s: Time of the target [s].
         max_age_s: Older frames are stale.
+        noisy: Whether the sensors declare noise, so that no picture comes twice.
     """
     health = dict(before)
     believed: list[Frame] = []
@@ -34,7 +39,7 @@ def assess(
         health[camera] = _turn(before.get(camera), "missing", now_s, code)
     for frame in frames.frames:
         was, digest = before.get(frame.camera), compute_digest(frame)
-        status, detail = _judge(frame, digest, was, now_s, max_age_s)
+        status, detail = _judge(frame, digest, was, now_s, max_age_s, noisy)
         turned = _turn(was, status, now_s, detail)
         health[frame.camera] = msgspec.structs.replace(
             turned,
@@ -49,6 +54,35 @@ def assess(
     return tuple(believed), health
 
 
+def find_pulses(health: Mapping[str, SensorHealth]) -> dict[str, Crop]:
+    """The windows to be asked for: the middle of every picture whose size is known."""
+    return {
+        camera: (each.size_px[0] // 2 - PULSE_PX // 2, each.size_px[1] // 2 - PULSE_PX // 2, PULSE_PX, PULSE_PX)
+        for camera, each in health.items()
+        if min(each.size_px) >= PULSE_PX
+    }
+
+
+def feel_pulses(frames: Frames, before: Mapping[str, SensorHealth], now_s: float) -> dict[str, SensorHealth]:
+    """How the cameras do, by these windows: one that comes again with a new stamp is of a frozen camera."""
+    health = {camera: msgspec.structs.replace(each, pulse_s=now_s) for camera, each in before.items()}
+    for frame in frames.frames:
+        was = health[frame.camera]
+        if not np.isfinite(frame.depth_m).any():
+            health[frame.camera] = msgspec.structs.replace(was, pulse="")  # darkness repeats
+            continue
+        digest, _, stamp = was.pulse.partition("@")
+        if stamp and frame.time_s <= float(stamp) + SAME_S:
+            continue  # the same frame once more: the next ones were lost
+        now = compute_digest(frame)
+        if now == digest:
+            was = _turn(was, "frozen", now_s, REPEATED)
+        elif was.status == "frozen":
+            was = _turn(was, "live", now_s, "")
+        health[frame.camera] = msgspec.structs.replace(was, pulse=f"{now}@{frame.time_s:.6f}")
+    return health
+
+
 def compute_digest(frame: Frame) -> str:
     """Hash of a picture."""
     digest = hashlib.blake2b(frame.rgb.tobytes(), digest_size=12)
@@ -56,7 +90,9 @@ def compute_digest(frame: Frame) -> str:
     return digest.hexdigest()
 
 
-def _judge(frame: Frame, digest: str, was: SensorHealth | None, now_s: float, max_age_s: float) -> tuple[str, str]:
+def _judge(
+    frame: Frame, digest: str, was: SensorHealth | None, now_s: float, max_age_s: float, noisy: bool
+) -> tuple[str, str]:
     age_s = now_s - frame.time_s
     if age_s > max_age_s:
         return "stale", f"its latest frame is {age_s:.2f} s old"
@@ -64,8 +100,12 @@ def _judge(frame: Frame, digest: str, was: SensorHealth | None, now_s: float, ma
         return "stale", f"its frame is dated {-age_s:.2f} s ahead"
     if not np.isfinite(frame.depth_m).any():
         return "dark", "no depth at all"
-    if was is not None and was.digest == digest and (was.status == "frozen" or frame.time_s > was.time_s + SAME_S):
-        return "frozen", "a new stamp on the same picture"
+    if was is None or not noisy:
+        return "live", ""
+    if was.status == "frozen" and (was.pulse or was.digest == digest):
+        return "frozen", REPEATED
+    if was.digest == digest and frame.time_s > was.time_s + SAME_S:
+        return "frozen", REPEATED
     return "live", ""
 
 

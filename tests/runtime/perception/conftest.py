@@ -80,7 +80,7 @@ class Stage:
         self.physics = Physics(profile, folder, spec, seed)
         self.physics.start(spec.settle_s)
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-        self._cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
+        self.cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
         self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), "panda")
         self.scene = Scene(name=scene, seed=seed, episode="one")
         self.time_s, self.belief, self.looks = 1.0, None, 0
@@ -103,9 +103,9 @@ class Stage:
         """What the cameras show now."""
         data = pose_state(self.physics.model, self.physics.data.qpos)
         self.looks += 1
-        names = cameras or self._cameras
-        rngs = {name: np.random.default_rng((self.looks, index)) for index, name in enumerate(self._cameras)}
-        return Frames(tuple(self._cameras[name].capture(data, self.time_s, rngs[name]) for name in names))
+        names = cameras or self.cameras
+        rngs = {name: np.random.default_rng((self.looks, index)) for index, name in enumerate(self.cameras)}
+        return Frames(tuple(self.cameras[name].capture(data, self.time_s, rngs[name]) for name in names))
 
     def look(self, frames=None, state=None, after_s=0.5, cameras=()):
         """The belief half a second later."""

@@ -1,0 +1,59 @@
+"""An episode tells what the evidence says of a session, whoever decided about it."""
+
+import pytest
+
+from phyagentos.agent.memory.episodes import find_episode
+from phyagentos.agent.memory.features import Surroundings
+from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.verdicts import Attempt, Verdict, VerificationMode
+
+
+def make_status(state, *attempts):
+    contract = Session(
+        id=SessionId("g.n"),
+        goal=GoalId("g"),
+        node="n",
+        objective="o",
+        skill="pick",
+        target="panda",
+        parameters={"object": "cube"},
+        accept=("holding(panda, cube)",),
+        scene=Scene(name="bench", seed=1, episode="g"),
+        seed=1,
+    )
+    execution = Execution(ended=Ended.COMPLETED, evidence="evidence/g.n")
+    return SessionStatus(contract=contract, state=state, execution=execution, attempts=attempts)
+
+
+@pytest.fixture
+def surroundings():
+    return Surroundings(scenes={}, targets={})
+
+
+def test_what_an_audit_let_pass_is_remembered_as_the_failure_that_was_found(surroundings):
+    audited = Attempt(
+        verdict=Verdict.SUCCESS, found=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", mode=VerificationMode.AUDIT
+    )
+    episode = find_episode(make_status(SessionState.SUCCEEDED, audited), surroundings)
+
+    assert (episode.verdict, episode.is_success, episode.cause) == (Verdict.REPLAN, False, "GRASP_LOST")
+
+
+def test_what_an_audit_held_up_is_remembered_as_the_success_that_was_found(surroundings):
+    audited = Attempt(verdict=Verdict.FAILURE, found=Verdict.SUCCESS, criteria=(), mode=VerificationMode.AUDIT)
+
+    assert find_episode(make_status(SessionState.FAILED, audited), surroundings).is_success
+
+
+def test_what_nobody_judged_is_no_episode(surroundings):
+    skipped = Attempt(verdict=Verdict.UNVERIFIED, criteria=(), mode=VerificationMode.OFF)
+
+    assert find_episode(make_status(SessionState.UNVERIFIED, skipped), surroundings) is None
+
+
+def test_a_judgement_that_was_added_later_changes_no_episode(surroundings):
+    decided = Attempt(verdict=Verdict.FAILURE, found=Verdict.FAILURE, criteria=(), cause="GRASP_LOST")
+    added = Attempt(verdict=Verdict.SUCCESS, found=Verdict.SUCCESS, criteria=(), is_review=True)
+
+    assert not find_episode(make_status(SessionState.FAILED, decided, added), surroundings).is_success

@@ -1,0 +1,93 @@
+"""Lies of leaves and of what carries them out: success without a deed, chance that no seed holds."""
+
+from tests.gauntlet.sabotage import Edit, Sabotage
+
+SABOTAGES = (
+    Sabotage(
+        name="leaf_always_succeeds",
+        lie="`verify_grasp` finds the object between the fingers whatever they touch.",
+        edits=(Edit("phyagentos.runtime.execution.leaves.verify_grasp", "if name in held:", "if True:"),),
+        tests=("tests/runtime/test_runner.py::test_a_grasp_on_air_fails_with_its_code",),
+    ),
+    Sabotage(
+        name="failing_leaf_is_a_success",
+        lie="A session whose tree failed is told as completed.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.execution.tree_runtime",
+                "if self._tree.root.status is not Status.FAILURE:",
+                "if True:",
+            ),
+        ),
+        tests=("tests/runtime/test_runner.py::test_a_grasp_on_air_fails_with_its_code",),
+    ),
+    Sabotage(
+        name="seed_ignored",
+        lie="A scene is drawn from the noise of the machine instead of its seed.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.targets.scene",
+                'rng = np.random.default_rng(compute_seed(seed, "scene", spec.scene))',
+                "rng = np.random.default_rng()",
+            ),
+        ),
+        tests=("tests/runtime/targets/test_scenes.py::test_a_seed_makes_the_scene[tabletop/cubes_and_trays]",),
+    ),
+    Sabotage(
+        name="one_seed_for_every_attempt",
+        lie="A child draws the very numbers with which its parent failed.",
+        edits=(
+            Edit(
+                "phyagentos.agent.compiler",
+                'seed=compute_seed(self.seed, "node", name, "attempt", attempt),\n            limits',
+                'seed=compute_seed(self.seed, "node", name, "attempt", 0),\n            limits',
+            ),
+        ),
+        tests=("tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of_its_own",),
+    ),
+    Sabotage(
+        name="child_without_parent",
+        lie="A child session is compiled as if nothing had gone before it.",
+        edits=(Edit("phyagentos.agent.compiler", "parent=revision.parent if revision else None,", "parent=None,"),),
+        tests=("tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of_its_own",),
+    ),
+    Sabotage(
+        name="precondition_not_asked",
+        lie="A session starts although what it requires does not hold in the world.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.preflight.arguments",
+                "    for text in session.requires:\n",
+                "    for text in ():\n",
+            ),
+        ),
+        tests=("tests/runtime/test_preflight.py::test_names_and_preconditions_are_judged_on_the_live_world",),
+    ),
+    Sabotage(
+        name="joints_not_compared",
+        lie="A target with six joints is taken for the one with seven that the profile describes.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.preflight.live",
+                '"n_joints": (live.n_joints, len(profile.arm.joints)),',
+                '"n_joints": (live.n_joints, live.n_joints),',
+            ),
+        ),
+        tests=("tests/runtime/test_preflight.py::test_a_live_target_that_is_not_what_it_was_said_to_be_is_refused",),
+    ),
+    Sabotage(
+        name="bridge_inverse_wrong",
+        lie="Quaternions are written with their real part last where it belongs first.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.actions.bridges.rotations",
+                "rotations.as_quat(canonical=True)[:, [3, 0, 1, 2]]",
+                "rotations.as_quat(canonical=True)",
+            ),
+        ),
+        tests=(
+            "tests/runtime/actions/bridges/test_conformance.py::"
+            "test_every_bridge_of_any_chain_is_undone_by_its_inverse_or_is_a_projection",
+        ),
+    ),
+)

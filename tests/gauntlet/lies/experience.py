@@ -1,0 +1,79 @@
+"""Lies of memory: what nobody verified is told as a fact, and where it was never verified."""
+
+from tests.gauntlet.sabotage import Edit, Sabotage
+
+METHODS = "phyagentos.agent.memory.methodological"
+
+SABOTAGES = (
+    Sabotage(
+        name="unverified_lesson_recalled",
+        lie="A correction that no verdict has confirmed is told as a lesson.",
+        edits=(
+            Edit(
+                METHODS,
+                'if not correction.tried.successes:\n        return Standing.HYPOTHESIS, ""',
+                'if not correction.tried.successes:\n        return Standing.ACTIVE, ""',
+            ),
+        ),
+        tests=(
+            "tests/agent/memory/test_lessons.py::"
+            "test_a_correction_that_was_not_confirmed_stays_a_hypothesis_and_is_never_recalled",
+        ),
+    ),
+    Sabotage(
+        name="lesson_of_another_hand",
+        lie="What one hand has learned is applied with any other.",
+        edits=(
+            Edit(
+                "phyagentos.agent.memory.scopes",
+                "return _compare_bodies(scope.body, case.body, strategy)",
+                'return ""',
+            ),
+        ),
+        tests=("tests/agent/memory/test_lessons.py::test_a_lesson_about_the_hand_needs_a_hand_alike",),
+    ),
+    Sabotage(
+        name="promotion_without_a_test",
+        lie="A way becomes the default after so many starts, however often it failed.",
+        edits=(
+            Edit(
+                "phyagentos.agent.memory.promotion",
+                "if ratio >= PROMOTES and len(starts) >= STARTS_MIN:",
+                "if len(starts) >= STARTS_MIN:",
+            ),
+        ),
+        tests=(
+            "tests/agent/memory/test_promotion.py::"
+            "test_a_way_that_is_not_good_enough_is_promoted_in_at_most_alpha_of_the_trials",
+        ),
+    ),
+    Sabotage(
+        name="memory_writes_safety",
+        lie="What memory knows of a limit is written into safety.yaml.",
+        edits=(
+            Edit(
+                "phyagentos.agent.memory.keeper",
+                "        self._memory.record(found)\n        self.publish()",
+                "        self._memory.record(found)\n"
+                '        (self._workspace.root / "safety.yaml").write_text("version: 2\\n")\n'
+                "        self.publish()",
+            ),
+        ),
+        tests=("tests/agent/memory/test_keeper.py::test_memory_never_writes_a_setting",),
+    ),
+    Sabotage(
+        name="memory_believes_an_audit",
+        lie="What an audit let pass on the controller's word is remembered as verified.",
+        edits=(
+            Edit(
+                "phyagentos.agent.memory.episodes",
+                "verdict=decision.found or decision.verdict,",
+                "verdict=decision.verdict,",
+            ),
+        ),
+        tests=(
+            "tests/agent/memory/test_episodes.py::"
+            "test_what_an_audit_let_pass_is_remembered_as_the_failure_that_was_found",
+        ),
+    ),
+)

@@ -1,0 +1,125 @@
+"""Lies of the guard, of the target's own limits and of authority: what must not move moves."""
+
+from tests.gauntlet.sabotage import Edit, Sabotage
+
+GUARD = "phyagentos.runtime.actions.guard"
+LIMITS = "phyagentos.runtime.targets.local_limits"
+AUTHORITY = "phyagentos.runtime.targets.authority"
+WORLD = "phyagentos.runtime.targets.world"
+
+SABOTAGES = (
+    Sabotage(
+        name="guard_bypassed",
+        lie="Commands leave the worker without having been looked at.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.handle",
+                "ruling = self._guard.judge(command, self.step)",
+                "ruling = Ruling(command)",
+            ),
+        ),
+        tests=("tests/runtime/test_runner.py::test_a_refused_command_never_reaches_the_wire_and_is_recorded",),
+    ),
+    Sabotage(
+        name="velocity_not_checked",
+        lie="The guard measures every joint as standing still.",
+        edits=(Edit(GUARD, "found[:, VELOCITY] = command.qd_rad_s", "found[:, VELOCITY] = 0.0"),),
+        tests=("tests/runtime/actions/test_guard.py::test_any_velocity_above_its_limit_is_refused",),
+    ),
+    Sabotage(
+        name="nan_passes",
+        lie="The guard asks whether a bound is exceeded, which a number that is none never does.",
+        edits=(
+            Edit(GUARD, "if not (found <= self._bounds).all():", "if (found > self._bounds).any():"),
+            Edit(
+                GUARD,
+                "if not (jerk <= self._limits.jerk_sum_max).all():",
+                "if (jerk > self._limits.jerk_sum_max).any():",
+            ),
+        ),
+        tests=("tests/runtime/actions/test_guard.py::test_a_single_bad_number_is_refused_as_not_finite",),
+    ),
+    Sabotage(
+        name="workspace_without_a_ceiling",
+        lie="The guard lets the tool out of its workspace on the far side of each axis.",
+        edits=(Edit(GUARD, "if not low <= value <= high:", "if not low <= value:"),),
+        tests=("tests/runtime/actions/test_guard.py::test_a_tool_outside_the_workspace_is_refused_with_its_axis",),
+    ),
+    Sabotage(
+        name="target_takes_any_motion",
+        lie="The target believes that whoever commands it has checked the motion already.",
+        edits=(
+            Edit(
+                LIMITS,
+                "return self._check_motion(q, qd, held) or self._check_place(q[-1], qd[-1])",
+                "return None",
+            ),
+        ),
+        tests=(
+            "tests/runtime/targets/test_hostile.py::"
+            "test_set_points_that_no_drive_should_follow_are_refused_and_move_nothing",
+        ),
+    ),
+    Sabotage(
+        name="deadman_off",
+        lie="An arm whose client falls silent in mid-motion may be commanded on as if nothing had happened.",
+        edits=(Edit(WORLD, "if self._drive.is_moving and self._authority.session:", "if False:"),),
+        tests=(
+            "tests/runtime/targets/test_realtime.py::"
+            "test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_up_again",
+        ),
+    ),
+    Sabotage(
+        name="estop_latch_ignored_by_guard",
+        lie="The guard takes a latched emergency stop for a released one.",
+        edits=(
+            Edit(
+                GUARD,
+                "if self._is_stopped is not None and self._is_stopped():",
+                "if self._is_stopped is not None and not self._is_stopped:",
+            ),
+        ),
+        tests=(
+            "tests/runtime/actions/test_guard_reactions.py::test_nothing_passes_while_the_emergency_stop_is_latched",
+        ),
+    ),
+    Sabotage(
+        name="estop_latch_ignored_by_target",
+        lie="The target never looks at the latch.",
+        edits=(Edit(WORLD, "if not self._is_estopped():", "if True:"),),
+        tests=(
+            "tests/runtime/targets/test_stop_on_a_full_disk.py::"
+            "test_the_arm_is_at_rest_before_the_disk_is_asked_and_nothing_is_accepted_while_it_is_full",
+        ),
+    ),
+    Sabotage(
+        name="command_after_end",
+        lie="A session keeps its authority over the target after its end.",
+        edits=(
+            Edit(
+                AUTHORITY,
+                'self._ended.add((self.session, self._epoch))\n        self.session = ""',
+                "self._ended.add((self.session, self._epoch))",
+            ),
+        ),
+        tests=("tests/runtime/targets/test_world.py::test_no_command_is_accepted_after_the_end_of_its_session",),
+    ),
+    Sabotage(
+        name="stale_epoch_at_target",
+        lie="The target obeys a worker whose claim has been replaced.",
+        edits=(Edit(AUTHORITY, "if epoch != self._epoch:", "if False:"),),
+        tests=("tests/runtime/targets/test_world.py::test_what_is_refused_moves_nothing",),
+    ),
+    Sabotage(
+        name="stale_epoch_in_journal",
+        lie="The journal records what a replaced claimant says.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.store.admission",
+                "entry.epoch is not None and entry.epoch != known.epoch:",
+                "entry.epoch is not None and entry.epoch > known.epoch:",
+            ),
+        ),
+        tests=("tests/protocol/test_journal.py::test_a_claimant_of_an_earlier_epoch_is_fenced",),
+    ),
+)

@@ -1,0 +1,90 @@
+"""Lies of perception and of look-ahead: what only the simulator knows, and pictures of another time."""
+
+from tests.gauntlet.sabotage import Edit, Sabotage
+
+BELIEF_TESTS = "tests/runtime/perception/test_belief.py"
+
+SABOTAGES = (
+    Sabotage(
+        name="closed_on_air_is_held",
+        lie="Fingers that press on each other hold whatever was nearest to them.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.grip",
+                "if beyond > BESIDE_M or width < state.gripper_width_m - WIDTH_M:",
+                "if False:",
+            ),
+        ),
+        tests=(f"{BELIEF_TESTS}::test_fingers_that_touch_nothing_known_hold_nothing",),
+    ),
+    Sabotage(
+        name="truth_leaks",
+        lie="Perceived sensing takes over what the simulator says is held.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.pipeline",
+                "return msgspec.structs.replace(state, holding=held)",
+                "return state",
+            ),
+        ),
+        tests=(f"{BELIEF_TESTS}::test_names_that_the_simulator_puts_into_the_state_are_not_believed",),
+    ),
+    Sabotage(
+        name="twins_swapped",
+        lie="Of two equal cubes each is taken for the other.",
+        edits=(
+            Edit("phyagentos.runtime.perception.association", "        matches |= tracked\n", "        tracked = {}\n"),
+            Edit(
+                "phyagentos.runtime.perception.association",
+                "group[row].name: Match(fit",
+                "group[len(group) - 1 - row].name: Match(fit",
+            ),
+        ),
+        tests=(f"{BELIEF_TESTS}::test_two_identical_cubes_ten_centimetres_apart_stay_two",),
+    ),
+    Sabotage(
+        name="frozen_picture_is_fresh",
+        lie="The same picture with a new stamp is a new picture.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.sensor_health",
+                "if was is None or not noisy:",
+                "if True:",
+            ),
+        ),
+        tests=(f"{BELIEF_TESTS}::test_a_frozen_picture_with_new_stamps_is_noticed_and_its_facts_age",),
+    ),
+    Sabotage(
+        name="lookahead_reads_true_friction",
+        lie="The imagined world is drawn with the weight and the friction that the true one has.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.lookahead.estimate",
+                '            "mass_span_kg": _narrow(body.mass_span_kg),\n'
+                '            "grip_span": _narrow(body.grip_span),\n',
+                "",
+            ),
+        ),
+        tests=(
+            "tests/runtime/lookahead/test_forecast.py::"
+            "test_the_imagined_world_is_the_same_whatever_the_true_one_weighs",
+        ),
+    ),
+    Sabotage(
+        name="low_forecast_starts",
+        lie="A session that its look-ahead expects to fail is let through.",
+        edits=(Edit("phyagentos.runtime.lookahead.gate", "if not result.is_low:", "if result:"),),
+        tests=(
+            "tests/runtime/lookahead/test_gate.py::"
+            "test_a_low_forecast_refuses_with_cause_and_remedy_and_leaves_its_evidence",
+        ),
+    ),
+    Sabotage(
+        name="planner_sees_no_wall",
+        lie="Every posture is free, whatever the arm would run into.",
+        edits=(Edit("phyagentos.runtime.motion.planning_scene", "return int(self._data.ncon) == 0", "return True"),),
+        tests=(
+            "tests/runtime/motion/test_planner.py::test_goals_inside_a_wall_are_refused_with_the_pair_that_touches",
+        ),
+    ),
+)

@@ -1,0 +1,189 @@
+"""Lies about what was achieved: of the verifier, of its judges, of the evidence before them and of the mission."""
+
+from tests.gauntlet.sabotage import Edit, Sabotage
+
+VERIFIER = "phyagentos.agent.verifier"
+EVIDENCE = "phyagentos.protocol.evidence"
+
+SABOTAGES = (
+    Sabotage(
+        name="verifier_always_success",
+        lie="Whatever the criteria say, the verdict is success.",
+        edits=(
+            Edit(
+                VERIFIER,
+                "if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):",
+                "if decisive:",
+            ),
+        ),
+        tests=(
+            "tests/agent/test_verifier.py::"
+            "test_fingers_that_closed_on_air_are_a_missed_grasp_although_the_skill_completed",
+        ),
+    ),
+    Sabotage(
+        name="unknown_counted_as_true",
+        lie="What nobody could see counts as met.",
+        edits=(
+            Edit(
+                VERIFIER,
+                "if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):",
+                "if decisive and all(criterion.truth is not Truth.FALSE for criterion in decisive):",
+            ),
+        ),
+        tests=("tests/agent/test_verifier.py::test_unknown_is_never_a_success",),
+    ),
+    Sabotage(
+        name="no_criteria_is_success",
+        lie="A contract that asks for nothing has been met.",
+        edits=(
+            Edit(
+                VERIFIER,
+                "if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):",
+                "if not decisive:\n"
+                "            return self._sign(bundle, criteria, verdict=Verdict.SUCCESS, reason='nothing is false')\n"
+                "        if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):",
+            ),
+        ),
+        tests=("tests/agent/test_verifier.py::test_a_contract_without_criteria_is_never_a_success",),
+    ),
+    Sabotage(
+        name="controller_decides",
+        lie="An execution that reports completion has met its objective.",
+        edits=(
+            Edit(
+                VERIFIER,
+                "if self.mode is VerificationMode.ENFORCE:\n            history",
+                "if bundle.execution.ended is Ended.COMPLETED:\n"
+                "            return self._sign(bundle, (), verdict=Verdict.SUCCESS, reason='the controller says so')\n"
+                "        if self.mode is VerificationMode.ENFORCE:\n            history",
+            ),
+        ),
+        tests=("tests/agent/test_mission.py::test_a_skill_that_reports_success_and_moves_nothing_fails",),
+    ),
+    Sabotage(
+        name="criteria_swapped",
+        lie="Every node is judged by the acceptance of the first one of its goal.",
+        edits=(
+            Edit(
+                "phyagentos.agent.compiler",
+                "accept=resolve((*spec.accept, *promiser.guarantees)),",
+                "accept=resolve((*self.graph.nodes[self.graph.order[0]].spec.accept, *promiser.guarantees)),",
+            ),
+        ),
+        tests=("tests/agent/test_compiler.py::test_outputs_fill_parameters_with_values_and_predicates_with_text",),
+    ),
+    Sabotage(
+        name="stale_snapshot",
+        lie="The world before the session is handed over as the world after it.",
+        edits=(
+            Edit(
+                EVIDENCE, "after=_decode(data.get(AFTER), Environment)", "after=_decode(data.get(BEFORE), Environment)"
+            ),
+        ),
+        tests=("tests/cli/test_verify.py::test_a_judgement_is_added_and_the_verdict_stays",),
+    ),
+    Sabotage(
+        name="old_facts_pass_for_fresh",
+        lie="A fact that was observed long before the end counts as one of the end.",
+        edits=(Edit("phyagentos.agent.judges.predicates", "        max_age_s=FRESH_S,\n", ""),),
+        tests=("tests/agent/test_judges.py::test_acceptance_needs_facts_that_were_observed_at_the_end",),
+    ),
+    Sabotage(
+        name="worst_sample_dropped",
+        lie="Of a hold condition only the last sample is kept.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.execution.holds",
+                "if before is None or worse(before[0], evaluation) is evaluation:",
+                "if True:",
+            ),
+        ),
+        tests=("tests/runtime/execution/test_holds.py::test_the_worst_sample_is_kept_with_its_time",),
+    ),
+    Sabotage(
+        name="replan_budget_ignored",
+        lie="There is always one more attempt.",
+        edits=(Edit(VERIFIER, "has_budget = history.replans < history.max_replans", "has_budget = True"),),
+        tests=("tests/agent/test_verifier.py::test_a_spent_budget_turns_a_replan_into_a_failure",),
+    ),
+    Sabotage(
+        name="undone_node_stays_done",
+        lie="What the world has undone since counts as done.",
+        edits=(
+            Edit(
+                "phyagentos.agent.progress",
+                "undone = find_undone(self.facts.find_finished(), self.graph.order, outcome.now, outcome.initial)",
+                "undone = {}",
+            ),
+        ),
+        tests=(
+            "tests/agent/test_mission.py::test_a_finished_node_that_the_world_undid_is_done_again_before_the_verdict",
+        ),
+    ),
+    Sabotage(
+        name="goal_budget_ignored",
+        lie="Sessions are submitted beyond what the goal's budget pays for.",
+        edits=(
+            Edit("phyagentos.agent.repair.budget", "        if self.sessions < 1:\n", "        if False:\n"),
+            Edit("phyagentos.agent.repair.budget", "if sessions + self.needed > self.sessions:", "if False:"),
+        ),
+        tests=("tests/agent/test_recovery_missions.py::test_nothing_is_submitted_beyond_the_budget_of_the_goal",),
+    ),
+    Sabotage(
+        name="looked_at_for_ever",
+        lie="What cannot be told is looked at once more, however often that was done.",
+        edits=(
+            Edit(
+                "phyagentos.agent.repair.looking",
+                "if case.cause not in _UNTOLD or looks >= LOOKS_MAX or not wanted:",
+                "if case.cause not in _UNTOLD or not wanted:",
+            ),
+        ),
+        tests=("tests/agent/test_repair.py::test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice",),
+    ),
+    Sabotage(
+        name="blocked_goal_is_met",
+        lie="A goal is met although one of its nodes was never done, because nothing speaks against it.",
+        edits=(Edit("phyagentos.agent.goal_judgement", "    if blocked:\n", "    if blocked and missed:\n"),),
+        tests=(
+            "tests/agent/test_mission.py::"
+            "test_a_goal_with_a_blocked_node_is_not_met_though_nothing_speaks_against_its_acceptance",
+        ),
+    ),
+    Sabotage(
+        name="review_decides",
+        lie="A judgement that was added afterwards takes the place of the one that decided.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.sessions",
+                "(attempt for attempt in reversed(self.attempts) if not attempt.is_review)",
+                "(attempt for attempt in reversed(self.attempts))",
+            ),
+        ),
+        tests=("tests/cli/test_verify.py::test_everybody_sees_the_verdict_and_every_judgement",),
+    ),
+    Sabotage(
+        name="prediction_outvotes_observation",
+        lie="What look-ahead expected weighs as much as what was observed afterwards.",
+        edits=(Edit(VERIFIER, "    return observed or criteria\n", "    return criteria\n"),),
+        tests=("tests/agent/test_judges.py::test_a_prediction_never_outvotes_what_was_observed",),
+    ),
+    Sabotage(
+        name="agent_reads_faults",
+        lie="The diagnosis looks up what was injected and tells it as its own finding.",
+        edits=(
+            Edit(
+                VERIFIER,
+                "    diagnosis = diagnose(bundle, criteria)\n",
+                "    diagnosis = diagnose(bundle, criteria)\n"
+                "    if (told := bundle.folder / 'faults.json').exists():\n"
+                "        diagnosis = replace(diagnosis, fact=told.read_text())\n",
+            ),
+        ),
+        tests=(
+            "tests/agent/test_blind_to_faults.py::"
+            "test_the_agent_judges_diagnoses_and_repairs_without_opening_what_was_injected",
+        ),
+    ),
+)

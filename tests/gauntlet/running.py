@@ -1,0 +1,153 @@
+"""Runs named tests in a process of their own, with a sabotage planted or without, and reads what became of each.
+
+Upstream: `test_gauntlet` and the command `python -m tests.gauntlet`. Downstream: pytest, with `bend/` on its path.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tests.gauntlet.sabotage import ROOT, Sabotage
+
+BEND = Path(__file__).parent / "bend"
+TIMEOUT_S = 300.0  # generous: what runs here takes seconds
+ARGUMENTS = (
+    "-q",
+    "-p",
+    "no:randomly",
+    "-p",
+    "no:xdist",
+    "-p",
+    "no:cacheprovider",
+    "--tb=short",
+    "-o",
+    "junit_family=xunit1",
+)
+BREAKAGE = {  # what a badly made edit raises; a lie that nobody noticed must not pass for one that was found out
+    "AttributeError",
+    "ImportError",
+    "IndentationError",
+    "ModuleNotFoundError",
+    "NameError",
+    "SyntaxError",
+    "TypeError",
+    "UnboundLocalError",
+}
+FRAME = re.compile(r"^(\S+\.py):\d+: in ", re.MULTILINE)  # of a short traceback
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one test.
+
+    Attributes:
+        node: Its id, parameters included.
+        result: `passed`, `failed` (the test itself said no), or `broken` (it never came to its question).
+        message: First line of what it said.
+    """
+
+    node: str
+    result: str
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One pytest process: outcomes, how long it took [s], and what it printed."""
+
+    outcomes: tuple[Outcome, ...]
+    seconds: float
+    output: str
+
+    def find(self, node: str) -> tuple[Outcome, ...]:
+        """The outcomes of a test: of all its parameters, when the id names none."""
+        return tuple(each for each in self.outcomes if node in {each.node, each.node.partition("[")[0]})
+
+    def is_green(self, node: str) -> bool:
+        """Whether it ran and passed."""
+        return bool(found := self.find(node)) and all(each.result == "passed" for each in found)
+
+    def is_red(self, node: str) -> bool:
+        """Whether it said no, for at least one of its parameters; one that broke says nothing."""
+        found = self.find(node)
+        return any(each.result == "failed" for each in found) and all(each.result != "broken" for each in found)
+
+
+def run_tests(nodes: Iterable[str], sabotage: Sabotage | None = None) -> Run:
+    """Run tests in a process of their own.
+
+    Args:
+        nodes: Ids of the tests.
+        sabotage: Planted in that process and in every one that it starts.
+    """
+    with tempfile.TemporaryDirectory(prefix="gauntlet-") as folder:
+        report = Path(folder, "report.xml")
+        environment = plant(sabotage, Path(folder))
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            *ARGUMENTS,
+            f"--junitxml={report}",
+            f"--basetemp={folder}/tmp",
+            *nodes,
+        ]
+        begin_s = time.perf_counter()
+        done = subprocess.run(
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+        )
+        seconds = time.perf_counter() - begin_s
+        outcomes = tuple(_read_report(report)) if report.exists() else ()
+    return Run(outcomes, seconds, done.stdout + done.stderr)
+
+
+def plant(sabotage: Sabotage | None, folder: Path) -> dict[str, str]:
+    """The environment of a process in which a sabotage is planted; that of this process, for none.
+
+    Args:
+        sabotage: What to plant.
+        folder: For the file of edits, and for examples that hypothesis finds: they are none of the honest code.
+    """
+    environment = {name: value for name, value in os.environ.items() if name != "GAUNTLET_EDITS"}
+    environment["HYPOTHESIS_STORAGE_DIRECTORY"] = str(folder / "hypothesis")
+    if sabotage is not None:
+        edits: dict[str, list[tuple[str, str]]] = {}
+        for edit in sabotage.edits:
+            edits.setdefault(edit.module, []).append((edit.was, edit.becomes))
+        file = folder / "edits.json"
+        file.write_text(json.dumps(edits), encoding="utf-8")
+        path = os.pathsep.join(filter(None, (str(BEND), environment.get("PYTHONPATH"))))
+        environment |= {"GAUNTLET_EDITS": str(file), "PYTHONPATH": path}
+    return environment
+
+
+def _read_report(report: Path) -> Iterable[Outcome]:
+    for case in ElementTree.parse(report).getroot().iter("testcase"):
+        node = f"{case.get('file')}::{case.get('name')}"
+        failure = case.find("failure")
+        if failure is not None:
+            message = (failure.get("message") or "").partition("\n")[0]
+            yield Outcome(node, "broken" if _is_breakage(message, failure.text or "") else "failed", message)
+        elif (error := next((each for each in case if each.tag in {"error", "skipped"}), None)) is not None:
+            yield Outcome(node, "broken", (error.get("message") or "").partition("\n")[0])
+        else:
+            yield Outcome(node, "passed")
+
+
+def _is_breakage(message: str, traceback: str) -> bool:
+    """Whether a test ended by a mistake of the edit, or by the clock, rather than by its own question.
+
+    What the test itself trips over is its answer: `reply.code` of a step where it had asked for a refusal.
+    """
+    kind = message.partition(":")[0].rpartition(".")[2]
+    frames = FRAME.findall(traceback)
+    is_of_test = bool(frames) and frames[-1].startswith("tests/")
+    return (kind in BREAKAGE and not is_of_test) or message.startswith("Failed: Timeout")

@@ -1,0 +1,86 @@
+"""Poses that physics forbids: below the table top, where nobody can look, and sunk into what carries the thing."""
+
+import numpy as np
+import pytest
+
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.scenes import read_scene
+from phyagentos.runtime.perception.association import associate
+from phyagentos.runtime.perception.contacts import SUNK_M, part
+from phyagentos.runtime.perception.fitting import Fit, measure_sunk
+from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.solids import turn
+from phyagentos.runtime.perception.views import Cloud, Eye
+from phyagentos.runtime.perception.visibility import Sight
+
+ON_SIDE = turn(np.array([np.pi / 2, 0.0, 0.0]))
+
+
+@pytest.fixture(scope="module")
+def waiter():
+    return build_inventory(read_scene(Library.open().get_scene("tabletop/waiter")))
+
+
+def look_from(position_m):
+    unknown = np.full((4, 4), np.inf, np.float32)
+    return Eye(
+        camera="top",
+        time_s=1.0,
+        position_m=np.array(position_m),
+        rotation=np.diag([1.0, -1.0, -1.0]),
+        focal=(100.0, 100.0, 2.0, 2.0),
+        nearest_m=unknown,
+        farthest_m=unknown,
+    )
+
+
+def show(thing, top_m):
+    """Points of the upper face of the coaster with its middle at this height."""
+    u, v = np.meshgrid(np.linspace(-0.028, 0.028, 12), np.linspace(-0.028, 0.028, 12))
+    points = np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, top_m)))
+    return Cloud(
+        points_m=points,
+        colors=np.full(len(points), thing.colors[0], np.uint8),
+        eyes=np.zeros(len(points), np.intp),
+        pixels=np.zeros((len(points), 2), np.intp),
+    )
+
+
+@pytest.mark.parametrize(("top_m", "is_found"), [(0.04, True), (-0.08, False)])
+def test_what_would_have_been_seen_through_the_table_is_not_found_below_it(waiter, top_m, is_found):
+    coaster = waiter.things["coaster"]
+    cloud, eyes = show(coaster, top_m), (look_from((0.45, 0.0, 1.4)),)
+    found = associate({"coaster": coaster}, {}, cloud, eyes, waiter.map)
+    assert ("coaster" in found) is is_found
+
+
+def make_fit(rotation, position_m, count=50):
+    return Fit(
+        rotation=rotation,
+        position_m=np.array(position_m),
+        cost_m=0.001,
+        rms_m=0.001,
+        sight=Sight(0, 0, 0),
+        count=count,
+    )
+
+
+def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(waiter):
+    coaster, coin = waiter.things["coaster"], waiter.things["coin"]
+    around, along = np.meshgrid(np.linspace(0, 2 * np.pi, 16), np.linspace(0.002, 0.0145, 5))
+    x_m, y_m = (along * np.cos(around)).ravel(), (along * np.sin(around)).ravel()
+    top = np.column_stack((0.45 + x_m, y_m, np.full(x_m.size, 0.0565)))
+    fits = {
+        "coaster": make_fit(np.eye(3), (0.45, 0.0, 0.0205)),
+        "coin": make_fit(ON_SIDE, (0.45, 0.0, 0.0415)),
+    }
+    points = {"coaster": show(coaster, 0.0405).points_m, "coin": top}
+    carrier = coaster.solids.at(np.eye(3), fits["coaster"].position_m)
+    assert measure_sunk(coin, ON_SIDE, fits["coin"].position_m, carrier) > SUNK_M
+
+    parted = part(waiter.things, fits, points, (), waiter.map)
+
+    assert abs(parted["coin"].rotation[2, 2]) == pytest.approx(1.0, abs=0.01)
+    assert parted["coin"].position_m == pytest.approx((0.45, 0.0, 0.0485), abs=0.002)
+    assert parted["coin"].sunk_m < SUNK_M
+    assert parted["coaster"] is fits["coaster"]

@@ -1,0 +1,125 @@
+"""Whether a camera can be believed: by the noise that it declares, and by its pulse between two whole pictures."""
+
+import numpy as np
+import pytest
+
+from phyagentos.protocol.environment import Pose
+from phyagentos.runtime.perception.embedded import PULSE_S, EmbeddedPerception
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.sensor_health import assess, feel_pulses, find_pulses
+from phyagentos.runtime.targets.robot import read_profile
+from phyagentos.runtime.targets.simulated_camera import pose_state
+from phyagentos.runtime.targets.wire import Frame, Frames, Observation
+
+
+def expose(seed, time_s, crop=None):
+    """A picture of noise, or of the same still scene for ever when the seed is None."""
+    left, top, width, height = crop or (0, 0, 32, 24)
+    rng = np.random.default_rng(0 if seed is None else (seed, left, top, width))
+    return Frame(
+        camera="top",
+        time_s=time_s,
+        width=width,
+        height=height,
+        fx=20.0,
+        fy=20.0,
+        cx=16.0 - left,
+        cy=12.0 - top,
+        world_T_camera=Pose(),
+        rgb=rng.integers(0, 255, (height, width, 3), dtype=np.uint8),
+        depth_m=rng.random((height, width), dtype=np.float32),
+    )
+
+
+def take(seed, time_s, before, crops=None, **given):
+    frames = Frames((expose(seed, time_s, (crops or {}).get("top")),))
+    if crops:
+        return feel_pulses(frames, before, time_s)
+    return assess(frames, before, time_s, 0.3, **given)[1]
+
+
+@pytest.mark.parametrize(("noisy", "status"), [(False, "live"), (True, "frozen")])
+def test_a_still_scene_that_repeats_its_picture_is_no_frozen_camera_where_no_noise_is_declared(noisy, status):
+    health = take(None, 1.0, {}, noisy=noisy)
+    assert take(None, 2.0, health, noisy=noisy)["top"].status == status
+
+
+def test_a_camera_that_froze_between_two_whole_looks_is_known_by_its_pulse():
+    health = take(1, 0.0, {})
+    crops = find_pulses(health)
+    for seed, time_s in ((2, 0.5), (3, 1.0)):
+        health = take(seed, time_s, health, crops)
+        assert health["top"].status == "live"
+    for time_s in (1.5, 2.0):
+        health = take(3, time_s, health, crops)
+    assert take(3, 2.0, health)["top"].status == "frozen"  # though this whole picture was never seen before
+    thawed = take(9, 2.5, health, crops)
+    assert take(9, 2.5, thawed)["top"].status == "live"
+
+
+def test_a_pulse_whose_frame_was_lost_tells_nothing():
+    health = take(1, 0.0, {})
+    crops = find_pulses(health)
+    health = take(2, 0.5, health, crops)
+    again = feel_pulses(Frames((expose(2, 0.5, crops["top"]),)), health, 0.52)
+    assert again["top"].status == "live"
+
+
+class FreezingHandle:
+    """Gives what the cameras of a stage show; from a moment on what they showed then, noise and all, newly stamped."""
+
+    def __init__(self, stage):
+        self.stage, self.frozen_qpos, self.asked = stage, None, []
+
+    def freeze(self):
+        self.frozen_qpos = self.stage.physics.data.qpos.copy()
+
+    def capture(self, cameras=(), crops=None):
+        crops = crops or {}
+        self.asked.append(crops)
+        stage = self.stage
+        frozen = self.frozen_qpos is not None
+        qpos = self.frozen_qpos if frozen else stage.physics.data.qpos
+        data = pose_state(stage.physics.model, qpos)
+        found = []
+        for index, name in enumerate(cameras or stage.cameras):
+            rng = np.random.default_rng((0 if frozen else len(self.asked), index))
+            found.append(stage.cameras[name].capture(data, stage.time_s, rng, crops.get(name)))
+        return Frames(tuple(found))
+
+
+@pytest.mark.sim
+def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_meanwhile(twins, twins_library):
+    profile, folder = read_profile(twins_library.get_target("panda"))
+    handle = FreezingHandle(twins)
+    perception = EmbeddedPerception("panda", handle, twins_library, RobotMask(profile, folder))
+
+    def perceive(*focus):
+        none = np.zeros(0)
+        told = Observation(
+            time_s=twins.time_s,
+            target=twins.state,
+            state=none,
+            qpos=none,
+            qvel=none,
+            act=none,
+            entities=(),
+            regions=(),
+        )
+        return perception.perceive(told, twins.scene, focus)
+
+    seen = perceive().entities["can"]
+    handle.freeze()
+    twins.put("can", 0.6, -0.25)
+    frozen_s = twins.time_s
+    for _ in range(round(2.5 * PULSE_S / 0.02)):
+        twins.time_s += 0.02
+        perception.note(twins.time_s, twins.state)
+    belief = perceive()
+    asked = len(handle.asked)
+    glanced = perceive("can")
+
+    assert {health.status for health in belief.sensors.values()} == {"frozen"}
+    assert belief.entities["can"].observed_at_s == seen.observed_at_s <= frozen_s
+    assert glanced.entities["can"].observed_at_s == seen.observed_at_s
+    assert len(handle.asked) == asked
