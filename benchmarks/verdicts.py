@@ -12,6 +12,7 @@ counts as a false failure, after the further looks that the verdict asked for, a
 """
 
 import argparse
+import math
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -78,7 +79,7 @@ def judge_all(
 ) -> list[Outcome]:
     """Every case under every sensing."""
     outcomes: list[Outcome] = []
-    quota = max(1, round(cases / 2 / len(recorded)))
+    quota = math.ceil(cases / 2 / len(recorded))
     for number, one in enumerate(recorded):
         world = World.open(robot, one)
         eye = open_eye(robot, world)
