@@ -4,6 +4,7 @@ A request is answered by exactly one reply. Arrays travel in C order with their 
 as float32.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -319,12 +320,12 @@ _REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, d
 _REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
 
 
-class Here:
+class Here(ABC):
     """A channel to a target of this process, which can be asked without bytes in between."""
 
+    @abstractmethod
     def ask(self, request: Request) -> Reply:
         """The reply to one request."""
-        raise NotImplementedError
 
 
 def send(connection: Channel, message: Request | Reply) -> None:
