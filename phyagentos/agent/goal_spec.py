@@ -26,7 +26,7 @@ class LookaheadSpec(Authored):
     """What is simulated before a session starts.
 
     Attributes:
-        samples: Rollouts, each in a world of its own.
+        samples: Rollouts at most, each in a world of its own; clear cases take fewer.
         threshold: Least share of successful rollouts with which a session is worth a try.
     """
 

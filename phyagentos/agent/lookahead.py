@@ -36,8 +36,8 @@ class LookaheadForesight:
             succeeded=result.succeeded,
             causes=result.causes,
         )
-        best = max((own, *result.alternatives), key=lambda each: each.succeeded / max(each.samples, 1))
-        is_enough = best.succeeded >= result.threshold * best.samples
+        best = max((own, *result.alternatives), key=lambda each: each.share)
+        is_enough = best.share >= result.threshold
         return Advice(
             strategy=best.strategy,
             reasons=(_explain(own, best, result),),

@@ -46,7 +46,7 @@ def preflight(
     order = _find_session(subject, workspace) or _read_graph(Path(subject), workspace, seed, parse_overrides(set_))
     with Examination.open(order.library, order.source) as examination:
         found = examination.examine([_settle(each) for each in order.sessions])
-    reports = [_report(session, found[session.id], order.after[session.id]) for session in order.sessions]
+    reports = [_report(session, found[session.id], order) for session in order.sessions]
     if as_json:
         print_result(json.dumps({"subject": subject, "sessions": reports}, indent=2))
     else:
@@ -66,12 +66,14 @@ class _Order:
         source: Workspace whose documents and settings count; None for those that ship.
         sessions: As they would be submitted.
         after: Session -> nodes that come before it.
+        forecasts: Session -> what its look-ahead foresaw, of those for which one was made.
     """
 
     library: "Library"
     source: "Workspace | None"
     sessions: "tuple[Session, ...]"
     after: Mapping[str, tuple[str, ...]]
+    forecasts: Mapping[str, dict[str, Any]]
 
 
 def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str, str]) -> _Order:
@@ -90,12 +92,13 @@ def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str
     goal = GoalId(graph.name)
     sessions = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed).preview()
     after = {str(session.id): tuple(graph.nodes[session.node].after) for session in sessions}
-    return _Order(library=library, source=source, sessions=sessions, after=after)
+    return _Order(library=library, source=source, sessions=sessions, after=after, forecasts={})
 
 
 def _find_session(subject: str, root: Path | None) -> _Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
     from phyagentos.cli.explaining import get_session
+    from phyagentos.cli.forecasts import find_forecast
     from phyagentos.cli.past import read_ledger
     from phyagentos.protocol.workspace import Workspace
 
@@ -109,7 +112,11 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
             return None
         raise
     source, session = Workspace.open(root), known[id].contract
-    return _Order(library=source.library(), source=source, sessions=(session,), after={id: ()})
+    forecast = find_forecast(source.evidence_of(session.id))
+    forecasts = {str(id): forecast} if forecast is not None else {}
+    return _Order(
+        library=source.library(), source=source, sessions=(session,), after={str(id): ()}, forecasts=forecasts
+    )
 
 
 def _is_graph(subject: str) -> bool:
@@ -135,12 +142,13 @@ def _settle(session: "Session") -> "Session":
     return msgspec.structs.replace(session, parameters=arguments, **conditions)
 
 
-def _report(session: "Session", checked: "Checked", after: tuple[str, ...]) -> dict[str, Any]:
+def _report(session: "Session", checked: "Checked", order: _Order) -> dict[str, Any]:
     """One session as data."""
     import msgspec
 
     from phyagentos.runtime.preflight.findings import describe_problem
 
+    after = order.after[session.id]
     awaited = {name: str(value) for name, value in session.parameters.items() if OPEN in str(value)}
     missing = {f"{session.id}: parameters.{name}" for name in awaited}
     problems: list[Problem] = []
@@ -162,12 +170,15 @@ def _report(session: "Session", checked: "Checked", after: tuple[str, ...]) -> d
         "awaits": awaited,
         "after": list(after),
         "dry_run": msgspec.to_builtins(checked.trials),
+        "lookahead": order.forecasts.get(session.id),
         "ms": round(checked.ms, 3),
     }
 
 
 def _render(report: Mapping[str, Any]) -> Iterator[str]:
     """One session for people."""
+    from phyagentos.cli.forecasts import render_forecast
+
     yield f"{report['session']}: {'fits' if report['fits'] else 'would be REJECTED'}"
     for name, key in (("problem", "problems"), ("later", "decided_later")):
         for each in report[key]:
@@ -184,4 +195,6 @@ def _render(report: Mapping[str, Any]) -> Iterator[str]:
     for trial in report["dry_run"]:
         reason = f": {trial['code']} {trial['message']}" if trial["outcome"] != "possible" else ""
         yield f"  dry run  {trial['motion']}: {trial['outcome']}{reason} ({trial['ms']:.0f} ms)"
+    if report["lookahead"] is not None:
+        yield from (f"  {line}" for line in render_forecast(report["lookahead"]))
     yield f"  cost     {report['ms']:.0f} ms"

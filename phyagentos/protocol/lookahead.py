@@ -19,7 +19,7 @@ class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
     """What the agent wants simulated before a session is committed.
 
     Attributes:
-        samples: Rollouts, each with its own drawn poses and parameters.
+        samples: Rollouts at most, each with its own drawn poses and parameters; clear cases take fewer.
         threshold: Least share of successful rollouts with which the session is worth a try, 0..1.
         seed: Root of every draw.
     """
@@ -45,6 +45,11 @@ class Alternative(msgspec.Struct, frozen=True, kw_only=True):
     causes: dict[str, int] = {}
 
     @property
+    def share(self) -> float:
+        """Of its rollouts, that succeeded, 0..1; 0 without rollouts."""
+        return self.succeeded / self.samples if self.samples else 0.0
+
+    @property
     def likely_cause(self) -> str:
         """The commonest cause of failure, the first by name among equals; empty when there is none."""
         return _find_commonest(self.causes)
@@ -54,11 +59,11 @@ class LookaheadResult(msgspec.Struct, frozen=True, kw_only=True):
     """What the rollouts came to.
 
     Attributes:
-        samples: Rollouts that came to an end.
+        samples: Rollouts that came to an end; one that failed where the session cannot even be rehearsed.
         succeeded: Those of them in which the acceptance was true at the end.
         threshold: Least share that was asked for, 0..1.
         causes: Coded cause of a failed rollout -> how often.
-        cost_ms: Wall time of all rollouts together [ms].
+        cost_ms: Wall time of the whole forecast, other strategies included [ms].
         notes: What a person should know: what was left out, how the noise was chosen.
         alternatives: Other strategies that were rehearsed since this one looked bad, the best first.
     """
@@ -72,9 +77,14 @@ class LookaheadResult(msgspec.Struct, frozen=True, kw_only=True):
     alternatives: tuple[Alternative, ...] = ()
 
     @property
+    def share(self) -> float:
+        """Of the rollouts, that succeeded, 0..1; 0 without rollouts."""
+        return self.succeeded / self.samples if self.samples else 0.0
+
+    @property
     def is_low(self) -> bool:
         """Whether fewer rollouts succeeded than were asked for."""
-        return self.succeeded < self.threshold * self.samples
+        return self.share < self.threshold
 
     @property
     def likely_cause(self) -> str:

@@ -9,8 +9,10 @@ import pytest
 import yaml
 
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.evidence import write_json
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.store.journal import Entry, Journal
 from phyagentos.protocol.workspace import Workspace
 
@@ -83,10 +85,17 @@ def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, work
     journal.commit([Entry(spoilt.id, "submit", msgspec.to_builtins(spoilt))])
     journal.close()
 
+    foreseen = LookaheadResult(samples=8, succeeded=6, threshold=0.8, causes={"LOAD_LOST": 2}, cost_ms=1234.5)
+    folder = workspace.evidence_of(spoilt.id)
+    folder.mkdir(parents=True)
+    write_json(folder / LOOKAHEAD, foreseen)
+
     done = paos("red", "--workspace", workspace.root, "--json", cwd=tmp_path)
 
     assert done.returncode == 3, done.stderr
     (report,) = json.loads(done.stdout)["sessions"]
+    assert report["lookahead"]["probability"] == 0.75
+    assert report["lookahead"]["likely_cause"] == "LOAD_LOST"
     (problem,) = report["problems"]
     assert problem["code"] == "ENTITY_UNKNOWN"
     assert "Did you mean" in problem["fix"]

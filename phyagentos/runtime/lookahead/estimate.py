@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from phyagentos.protocol.environment import Entity, Environment, Status
 from phyagentos.protocol.scenes import Body, Placement, SceneSpec, Solid
 from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.lookahead.rests import stand_up_sunk
 from phyagentos.runtime.targets.physics import Physics
 from phyagentos.runtime.targets.world import MujocoWorld
 
@@ -95,7 +96,7 @@ def _narrow(span: tuple[float, float] | None) -> tuple[float, float] | None:
 
 
 def settle_estimate(physics: Physics, environment: Environment, profile: TargetProfile) -> Array:
-    """Put everything where the estimate says, let it settle for a moment, and return the state.
+    """Put everything where the estimate says, or could only be, let it settle for a moment, and return the state.
 
     Args:
         physics: Of the believed scene; its state is written.
@@ -108,16 +109,19 @@ def settle_estimate(physics: Physics, environment: Environment, profile: TargetP
     model, data, target = physics.model, physics.data, environment.targets[profile.target]
     mujoco.mj_resetData(model, data)
     data.qpos[physics.q_address] = target.q_rad
+    loose = []
     for joint in range(model.njnt):
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
             name = model.body(int(model.jnt_bodyid[joint])).name
             pose = environment.entities[name].pose
             start = int(model.jnt_qposadr[joint])
             data.qpos[start : start + 7] = (*pose.position_m, *pose.quaternion_wxyz)
+            loose += [name] if environment.entities[name].held_by is None else []
     width_m = float(np.clip(target.gripper_width_m, 0.0, profile.gripper.max_width_m))
     fingers = profile.gripper.joints
     for finger in fingers:
         data.qpos[model.joint(finger).qposadr[0]] = width_m / len(fingers)
+    stand_up_sunk(model, data, loose)
     command_m = 0.0 if target.holding else width_m
     q = np.asarray(target.q_rad, dtype=np.float64)
     physics.set_servos(q, np.zeros_like(q), command_m)

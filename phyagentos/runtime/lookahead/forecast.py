@@ -8,21 +8,20 @@ from collections import Counter
 from dataclasses import dataclass
 
 import msgspec
-import mujoco
-import numpy as np
 
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.lookahead import Alternative, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.scenes import SceneSpec, read_scene
 from phyagentos.protocol.sessions import Ended, Session
+from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
-from phyagentos.runtime.lookahead.rollouts import find_cause, play
+from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
+from phyagentos.runtime.lookahead.sequential import is_decided
 from phyagentos.runtime.lookahead.strategies import Tried, propose
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
 
 ALTERNATIVES_MAX = 5  # each costs as much as the contract's own way
-
-_INTEGRATION, _FULL = mujoco.mjtState.mjSTATE_INTEGRATION, mujoco.mjtState.mjSTATE_FULLPHYSICS
+BATCH = 2  # rollouts between two looks at their count, whatever the number of threads
 
 
 @dataclass(slots=True, kw_only=True)
@@ -44,7 +43,7 @@ class Forecaster:
 
         Args:
             session: The contract.
-            request: How often, how sure, from which seed.
+            request: How often at most, how sure, from which seed.
             tree: Of its skill.
             environment: The estimate.
         """
@@ -52,53 +51,87 @@ class Forecaster:
         began_s = clock.now_s()
         spec = read_scene(self.rehearser.library.get_scene(environment.scene))
         stage = self.rehearser.open_stage(environment)
-        starts = draw_starts(
-            stage.physics,
-            stage.start,
-            spec,
-            environment,
-            self.rehearser.profile,
-            samples=request.samples,
-            seed=request.seed,
-        )
-        nominal = _copy_start(stage)
-        wanted = request.threshold * request.samples
-        first, rehearsal = self._try_out(session, stage, tree, [nominal, *starts])
+        worlds = _Worlds(stage, spec, environment, self.rehearser.profile, request)
+        first, rehearsal = self._try_out(session, worlds, tree)
         results, tried = [first], [_tell(first, rehearsal)]
-        while results[-1].succeeded < wanted and len(tried) <= ALTERNATIVES_MAX:
+        while results[-1].share < request.threshold and len(tried) <= ALTERNATIVES_MAX:
             strategy = propose(tried)
             if strategy is None:
                 break
             other = msgspec.structs.replace(session, strategy=dict(strategy))
-            result, attempt = self._try_out(other, stage, tree, [nominal, *starts], is_other=True)
+            result, attempt = self._try_out(other, worlds, tree, is_other=True)
             results.append(result)
             tried.append(_tell(result, attempt))
         return LookaheadResult(
-            samples=request.samples,
+            samples=first.samples,
             succeeded=first.succeeded,
             threshold=request.threshold,
             causes=first.causes,
             cost_ms=1e3 * (clock.now_s() - began_s),
             notes=_explain(environment, spec, rehearsal),
-            alternatives=tuple(sorted(results[1:], key=lambda each: -each.succeeded)),
+            alternatives=tuple(sorted(results[1:], key=lambda each: -each.share)),
         )
 
     def _try_out(
-        self, session: Session, stage: Stage, tree: str, starts: list[ImaginedStart], *, is_other: bool = False
+        self, session: Session, worlds: "_Worlds", tree: str, *, is_other: bool = False
     ) -> tuple[Alternative, Rehearsal]:
-        """One strategy; the first of the worlds is the one that is believed.
+        """One strategy, in so many worlds as it takes to be sure.
 
-        Another way than the contract's that fails even there is not worth more rollouts.
+        What cannot be carried out even in the world as believed needs no rollouts, and another way than the contract's
+        that fails there is not worth any.
         """
-        rehearsal = self.rehearser.rehearse(stage, session, tree)
+        rehearsal = self.rehearser.rehearse(worlds.stage, session, tree)
         if rehearsal.outcome.ended is not Ended.COMPLETED:
-            code = rehearsal.outcome.code or str(rehearsal.outcome.ended).upper()
-            return _count(session, [code] * (len(starts) - 1)), rehearsal
-        nominal = play(rehearsal, starts[:1], 1)[0]
+            return _count(session, [rehearsal.outcome.code or str(rehearsal.outcome.ended).upper()]), rehearsal
+        request, playback = worlds.request, Playback(rehearsal, self.threads)
+        nominal = playback.nominal
         if is_other and (cause := find_cause(nominal, nominal, rehearsal)):
             return _count(session, [cause]), rehearsal
-        courses = play(rehearsal, starts[1:], self.threads)
-        return _count(session, [find_cause(course, nominal, rehearsal) for course in courses]), rehearsal
+        causes: list[str] = []
+        while not causes or not is_decided(causes.count(""), len(causes), request.threshold, request.samples):
+            courses = playback.play(worlds.get(len(causes), len(causes) + BATCH))
+            causes += [find_cause(course, nominal, rehearsal) for course in courses]
+        return _count(session, causes), rehearsal
+
+
+class _Worlds:
+    """The worlds that an estimate could be, drawn when they are wanted; every way meets the same ones.
+
+    Args:
+        stage: Of the estimate.
+        spec: The inventory, with its spans.
+        environment: The estimate.
+        profile: The robot.
+        request: How many there are, and from which seed.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        spec: SceneSpec,
+        environment: Environment,
+        profile: TargetProfile,
+        request: LookaheadRequest,
+    ) -> None:
+        self.stage, self.request = stage, request
+        self._spec, self._environment, self._profile = spec, environment, profile
+        self._drawn: list[ImaginedStart] = []
+
+    def get(self, first: int, end: int) -> list[ImaginedStart]:
+        """Those from number `first` up to `end`, as far as there are so many."""
+        end, drawn = min(end, self.request.samples), len(self._drawn)
+        if end > drawn:
+            self._drawn += draw_starts(
+                self.stage.physics,
+                self.stage.start,
+                self._spec,
+                self._environment,
+                self._profile,
+                samples=end - drawn,
+                seed=self.request.seed,
+                first=drawn,
+            )
+        return self._drawn[first:end]
 
 
 def _count(session: Session, causes: list[str]) -> Alternative:
@@ -115,21 +148,11 @@ def _count(session: Session, causes: list[str]) -> Alternative:
 def _tell(result: Alternative, rehearsal: Rehearsal) -> Tried:
     return Tried(
         strategy=result.strategy,
-        succeeded=result.succeeded,
+        share=result.share,
         cause=result.likely_cause,
         grasp=rehearsal.find_label("plan_grasp"),
         site=rehearsal.find_label("plan_place"),
     )
-
-
-def _copy_start(stage: Stage) -> ImaginedStart:
-    """The world as believed."""
-    model = stage.physics.model
-    data = mujoco.MjData(model)
-    mujoco.mj_setState(model, data, stage.start, _INTEGRATION)
-    state = np.zeros(mujoco.mj_stateSize(model, _FULL))
-    mujoco.mj_getState(model, data, state, _FULL)
-    return ImaginedStart(model, state)
 
 
 def _explain(environment: Environment, spec: SceneSpec, rehearsal: Rehearsal) -> tuple[str, ...]:

@@ -83,8 +83,8 @@ class LookaheadGate:
 
 def _explain(result: LookaheadResult, address: str) -> Problem:
     causes = ", ".join(f"{cause} {count}" for cause, count in sorted(result.causes.items(), key=lambda c: -c[1]))
-    best = max(result.alternatives, key=lambda each: each.succeeded, default=None)
-    better = best is not None and best.succeeded > result.succeeded
+    best = max(result.alternatives, key=lambda each: each.share, default=None)
+    better = best is not None and best.share > result.share
     changed = ", ".join(f"{key} {value}" for key, value in best.strategy.items()) if best is not None else ""
     return Problem(
         code=LOOKAHEAD_LOW,

@@ -7,6 +7,7 @@ conditions are those of a real session and draw the same seeds, so that what is 
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from phyagentos.clock import Clock
@@ -38,20 +39,38 @@ from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.server import Loopback
 from phyagentos.runtime.targets.wire import FaultStruck, Observation
 
+STATE_STEPS = 25  # between two states on tape
 REST_S = 0.3  # as a session is observed: released things come to rest within this; simulated time
+
+_FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 class Tape(FaultInjector):
-    """Takes down the servo inputs of every physics step; nothing strikes."""
+    """Takes down the servo inputs of every physics step, and now and then the state; nothing strikes.
+
+    Attributes:
+        rows: (n_servos,) inputs of each step.
+        states: mjSTATE_FULLPHYSICS before every `STATE_STEPS`-th step.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self.rows: list[Array] = []
+        self.states: list[Array] = []
 
     def act(self, physics: Physics) -> list[FaultStruck]:
         """Called before every physics step."""
+        if len(self.rows) % STATE_STEPS == 0:
+            state = np.zeros(mujoco.mj_stateSize(physics.model, _FULL))
+            mujoco.mj_getState(physics.model, physics.data, state, _FULL)
+            self.states.append(state)
         self.rows.append(physics.data.ctrl.copy())
         return []
+
+    def rewind(self) -> None:
+        """Empty it."""
+        self.rows.clear()
+        self.states.clear()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +83,7 @@ class Rehearsal:
         trace: What the tree did.
         start: mjSTATE_INTEGRATION at its beginning.
         controls: (n, n_servos) servo inputs, one row per physics step, the last ones at rest.
+        states: (m, n_state) mjSTATE_FULLPHYSICS before every `STATE_STEPS`-th of these steps.
         stage: Where it was played.
     """
 
@@ -72,6 +92,7 @@ class Rehearsal:
     trace: tuple[TraceEvent, ...]
     start: Array
     controls: Array
+    states: Array
     stage: "Stage"
 
     def find_label(self, planner: str) -> str:
@@ -173,7 +194,7 @@ class Rehearser:
         context = self._make_context(stage, session, observation, initial)
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
         tape = self._get_tape()
-        tape.rows.clear()
+        tape.rewind()
         loop = SessionLoop(
             handle=handle,
             context=context,
@@ -198,6 +219,7 @@ class Rehearser:
             trace=trace,
             start=stage.start,
             controls=np.array(tape.rows),
+            states=np.array(tape.states),
             stage=stage,
         )
 

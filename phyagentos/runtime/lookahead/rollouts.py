@@ -14,11 +14,12 @@ import numpy as np
 from mujoco import rollout
 
 from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.predicates.predicate import View, iter_entities, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, has_metric, iter_entities, parse_predicate
 from phyagentos.protocol.verdicts import Truth
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
-from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Stage
+from phyagentos.runtime.lookahead.headstart import HeadStart
+from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal, Stage
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
@@ -43,25 +44,42 @@ class Course:
     violated: str = ""
 
 
-def play(rehearsal: Rehearsal, starts: Sequence[ImaginedStart], threads: int) -> list[Course]:
-    """Play the tape in every world.
+class Playback:
+    """One tape, for as many worlds as are wanted.
 
     Args:
         rehearsal: Whose tape.
-        starts: The worlds.
         threads: Of `mujoco.rollout`; they change no bit of what comes out.
+
+    Attributes:
+        nominal: What happened in the rehearsal, sampled as every world is.
     """
-    stage = rehearsal.stage
-    model = stage.physics.model
-    rest = np.repeat(rehearsal.controls[:1], round(SETTLE_S / model.opt.timestep), axis=0)
-    controls = np.concatenate((rest, rehearsal.controls))
-    stride = round(SAMPLE_S / model.opt.timestep)
-    chosen = [*range(len(rest) - 1, len(controls) - 1, stride), len(controls) - 1]
-    data = [mujoco.MjData(model) for _ in range(max(1, threads))]
-    states, _ = rollout.rollout(
-        [start.model for start in starts], data, np.array([start.state for start in starts]), controls[None]
-    )
-    return [_watch(states[index][chosen], rehearsal, stage) for index in range(len(starts))]
+
+    def __init__(self, rehearsal: Rehearsal, threads: int = 1) -> None:
+        self._rehearsal = rehearsal
+        model = rehearsal.stage.physics.model
+        rest_steps, stride = (round(span_s / model.opt.timestep) for span_s in (SETTLE_S, SAMPLE_S))
+        self._head = HeadStart(rehearsal, rest_steps)
+        self._controls = rehearsal.controls[self._head.steps :]
+        if not self._head.steps:  # the robot waits until the things have come to rest
+            self._controls = np.concatenate((np.repeat(rehearsal.controls[:1], rest_steps, axis=0), self._controls))
+        last = len(self._controls) - 1
+        self._chosen = [*range(rest_steps - 1, last, stride), last]
+        self._data = [mujoco.MjData(model) for _ in range(max(1, threads))]
+        self.nominal = _watch(self._read_nominal(rest_steps), rehearsal, rehearsal.stage)
+
+    def _read_nominal(self, rest_steps: int) -> Array:
+        """(n, n_state) states of the rehearsal itself, at the moments at which every world is sampled."""
+        states, first = self._rehearsal.states, self._head.steps or -rest_steps
+        moments = [round((first + index + 1) / STATE_STEPS) for index in self._chosen]
+        return states[[min(moment, len(states) - 1) for moment in moments]]
+
+    def play(self, starts: Sequence[ImaginedStart]) -> list[Course]:
+        """What happens in every one of these worlds."""
+        begins = np.array([self._head.put(start.state) for start in starts])
+        models = [start.model for start in starts]
+        states, _ = rollout.rollout(models, self._data, begins, self._controls[None])
+        return [_watch(each[self._chosen], self._rehearsal, self._rehearsal.stage) for each in states]
 
 
 def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Course:
@@ -101,7 +119,8 @@ def find_cause(course: Course, nominal: Course, rehearsal: Rehearsal) -> str:
     """
     session = rehearsal.session
     view = View(now=course.terminal, initial=course.initial, target=session.target)
-    failed = [text for text in session.accept if parse_predicate(text).evaluate(view).truth is not Truth.TRUE]
+    foreseeable = [text for text in session.accept if not has_metric(text)]  # nobody measures on the way here
+    failed = [text for text in foreseeable if parse_predicate(text).evaluate(view).truth is not Truth.TRUE]
     if course.violated:
         return "CONSTRAINT_VIOLATED"
     if not failed:

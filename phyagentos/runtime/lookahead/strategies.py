@@ -18,14 +18,14 @@ class Tried(NamedTuple):
 
     Attributes:
         strategy: What was done differently.
-        succeeded: Rollouts that met the contract.
+        share: Of its rollouts, that met the contract, 0..1.
         cause: Coded, of most of the others; empty when there was none.
         grasp: Label of the grasp that it led to, empty for none.
         site: Label of the way to its site, empty for none.
     """
 
     strategy: Strategy
-    succeeded: int
+    share: float
     cause: str
     grasp: str
     site: str
@@ -38,7 +38,7 @@ def propose(tried: Sequence[Tried]) -> Strategy | None:
         tried: So far; the first is the contract's own.
     """
     known = [dict(each.strategy) for each in tried]
-    for each in sorted(tried, key=lambda each: -each.succeeded):
+    for each in sorted(tried, key=lambda each: -each.share):
         for remedy in _REMEDIES.get(each.cause, ()):
             strategy = remedy(each)
             if strategy is not None and dict(strategy) not in known:

@@ -52,6 +52,7 @@ def draw_starts(
     *,
     samples: int,
     seed: int,
+    first: int = 0,
 ) -> list[ImaginedStart]:
     """Worlds drawn from what is not known; the same seed gives the same worlds, each by its number alone.
 
@@ -63,12 +64,13 @@ def draw_starts(
         profile: The robot.
         samples: How many.
         seed: Root of every draw.
+        first: Number of the first of them.
     """
     scratch = mujoco.MjData(physics.model)
     mujoco.mj_setState(physics.model, scratch, start, mujoco.mjtState.mjSTATE_INTEGRATION)
     qpos = np.array(scratch.qpos)
     starts = []
-    for index in range(samples):
+    for index in range(first, first + samples):
         rng = np.random.default_rng(compute_seed(seed, "lookahead", index))
         model = copy.copy(physics.model)
         data = mujoco.MjData(model)

@@ -1,20 +1,20 @@
 from phyagentos.runtime.lookahead.strategies import SLOWEST, Tried, propose
 
 
-def tried(cause, succeeded=0, grasp="yaw+090", site="site4.yaw+045", **strategy):
-    return Tried(strategy=strategy, succeeded=succeeded, cause=cause, grasp=grasp, site=site)
+def tried(cause, share=0.0, grasp="yaw+090", site="site4.yaw+045", **strategy):
+    return Tried(strategy=strategy, share=share, cause=cause, grasp=grasp, site=site)
 
 
 def test_what_slips_is_carried_slower_then_slower_still():
-    first = tried("GRASP_LOST", 3)
-    second = tried("GRASP_LOST", 6, speed=0.5)
+    first = tried("GRASP_LOST", 0.2)
+    second = tried("GRASP_LOST", 0.4, speed=0.5)
 
     assert propose([first]) == {"speed": 0.5}
     assert propose([first, second]) == {"speed": 0.25}
 
 
 def test_the_next_way_is_a_remedy_for_the_best_one_so_far():
-    first, worse = tried("LOAD_LOST", 8), tried("LOAD_LOST", 2, speed=0.5)
+    first, worse = tried("LOAD_LOST", 0.5), tried("LOAD_LOST", 0.1, speed=0.5)
 
     assert propose([first, worse]) == {"avoid_grasps": ["yaw+090"]}
 

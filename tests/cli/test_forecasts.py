@@ -1,0 +1,42 @@
+from phyagentos.cli.forecasts import find_forecast, render_forecast
+from phyagentos.protocol.evidence import write_json
+from phyagentos.protocol.lookahead import LOOKAHEAD, Alternative, LookaheadResult
+
+SLOWER = Alternative(strategy={"speed": 0.5}, samples=8, succeeded=8)
+RISKY = LookaheadResult(
+    samples=8,
+    succeeded=2,
+    threshold=0.8,
+    causes={"GRASP_LOST": 1, "LOAD_LOST": 5},
+    cost_ms=2043.2,
+    alternatives=(SLOWER,),
+)
+
+
+def test_a_forecast_is_shown_with_chance_cause_cost_and_the_other_ways(tmp_path):
+    write_json(tmp_path / LOOKAHEAD, RISKY)
+
+    assert list(render_forecast(find_forecast(tmp_path))) == [
+        "foreseen 25 % [7, 59] success: 2 of 8 rollouts, 0.8 asked; refused (2043 ms)",
+        "         likely to fail of LOAD_LOST: LOAD_LOST (5), GRASP_LOST (1)",
+        "         with speed 0.5: 8 of 8",
+    ]
+
+
+def test_a_forecast_as_data_has_probability_cause_and_cost(tmp_path):
+    write_json(tmp_path / LOOKAHEAD, RISKY)
+
+    found = find_forecast(tmp_path)
+    assert (found["probability"], found["likely_cause"], found["cost_ms"]) == (0.25, "LOAD_LOST", 2043.2)
+    assert found["alternatives"][0]["probability"] == 1.0
+
+
+def test_where_no_forecast_was_made_none_is_shown(tmp_path):
+    assert find_forecast(tmp_path) is None
+
+
+def test_a_damaged_forecast_is_said_to_be_so_and_not_shown(tmp_path, capsys):
+    (tmp_path / LOOKAHEAD).write_text("{")
+
+    assert find_forecast(tmp_path) is None
+    assert "EVIDENCE_UNREADABLE" in capsys.readouterr().err

@@ -1,0 +1,39 @@
+"""What an imagined course is said to have failed by."""
+
+from types import SimpleNamespace
+
+from phyagentos.protocol.environment import Entity, Environment, Interior, Pose
+from phyagentos.protocol.sessions import GoalId, Scene, Session, SessionId
+from phyagentos.runtime.lookahead.rollouts import Course, find_cause
+
+
+def make_world(x_m):
+    tray = Entity(
+        name="tray", kind="tray", pose=Pose((0.6, 0.0, 0.0)), movable=False, interior=Interior((0, 0, 0.03), (0.1,) * 3)
+    )
+    cube = Entity(name="cube", kind="cube", pose=Pose((x_m, 0.0, 0.02)))
+    return Environment(
+        time_s=0.0, scene="s", episode="e", revision=1, sensing="truth", entities={"tray": tray, "cube": cube}
+    )
+
+
+def judge(x_m, *accept):
+    session = Session(
+        id=SessionId("g.a"),
+        goal=GoalId("g"),
+        node="a",
+        objective="o",
+        skill="pick_and_place",
+        target="panda",
+        parameters={"object": "cube"},
+        accept=accept,
+        scene=Scene(name="s", seed=0, episode="e"),
+        seed=0,
+    )
+    course = Course(held=(), initial=make_world(0.3), terminal=make_world(x_m))
+    return find_cause(course, course, SimpleNamespace(session=session))
+
+
+def test_what_only_a_real_course_can_measure_is_not_held_against_an_imagined_one():
+    assert judge(0.6, "inside(cube, tray)", "metric(peak_force_n) <= 20") == ""
+    assert judge(0.4, "inside(cube, tray)", "metric(peak_force_n) <= 20") == "PLACED_WRONG"
