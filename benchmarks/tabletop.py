@@ -89,8 +89,9 @@ def count_episode(episode: Episode, tally: Tally) -> None:
     """Add one goal, judged from the recorded world."""
     report = episode.report
     folders = {s.id: episode.workspace.evidence_of(s.id) for s in report.sessions}
-    last = [folders[s.id] for s in report.sessions if (folders[s.id] / "terminal.npz").exists()]
-    in_tray = {node: bool(last) and is_in_tray(last[-1], *names) for node, names in CUBES.items()}
+    ended = [path for folder in folders.values() if (path := folder / "terminal.npz").exists()]
+    last = max(ended, key=lambda path: path.stat().st_mtime_ns, default=None)  # a repair may run before the next node
+    in_tray = {node: last is not None and is_in_tray(last.parent, *names) for node, names in CUBES.items()}
     for node, names in CUBES.items():
         first = next((s for s in report.sessions if s.node == node and s.attempt == 0), None)
         ok = first is not None and (folders[first.id] / "terminal.npz").exists()

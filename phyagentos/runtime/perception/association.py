@@ -26,6 +26,7 @@ UNSEEN_COST = 0.012  # of leaving a thing without a cluster
 TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
 ROOM = 1.6  # a cluster may be this much larger than a thing that it is
+STRAY_PERCENT = 3  # at either end: pixels of a near camera's wavering edges lie anywhere along their rays
 HUGE = 1e3
 BLOCKED_M = 0.008  # so deep in a solid of the map a line of sight ends: calibration and depth err by less
 SIGHT_STEP_M = 0.01  # between the points of a line of sight that are looked up
@@ -182,5 +183,5 @@ def _get_prior(entity: Entity | None) -> tuple[Array, Array] | None:
 
 
 def _measure_size(points: Array) -> float:
-    low, high = np.percentile(points, (1, 99), axis=0)
+    low, high = np.percentile(points, (STRAY_PERCENT, 100 - STRAY_PERCENT), axis=0)
     return float(np.linalg.norm(high - low))

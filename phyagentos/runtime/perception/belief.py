@@ -139,7 +139,10 @@ def _look_at_fixed(
     own = cloud.points_m[cloud.colors == thing.colors[0]]
     reach = max(thing.reach_m or (0.1,)) + 0.03
     near = thing.solids.measure((own - position) @ rotation) < reach + (0.05 if thing.stretch else 0.0)
-    found = fit_fixed(thing, own[near], eyes, rotation, position)
+    start = (rotation, position)
+    if entity is not None and entity.looks:
+        start = (compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m))
+    found = fit_fixed(thing, own[near], eyes, *start)
     if found is None:
         return None
     pose = as_pose(found.rotation, _clip(found.position_m, thing, position))

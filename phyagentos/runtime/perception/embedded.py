@@ -5,7 +5,7 @@ looked at already is answered from memory: in lockstep time stands between two s
 """
 
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import msgspec
 
@@ -16,18 +16,21 @@ from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sessions import Scene
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.perception.belief import follow_hand
+from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
 from phyagentos.runtime.perception.detection.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.perception.sensor_health import feel_pulses, find_pulses
-from phyagentos.runtime.perception.windows import Stand, find_windows
-from phyagentos.runtime.targets.wire import Observation
+from phyagentos.runtime.perception.sensor_health import AHEAD_S, feel_pulses, find_pulses
+from phyagentos.runtime.perception.windows import Stand, find_windows, is_overlapping
+from phyagentos.runtime.targets.wire import Crop, Frames, Observation, Step
 
 SAME_S = 1e-9
 STATES_KEPT = 32  # control periods: longer than any latency
 GLANCE_CAMERAS = 1
+LARGE_PX = 1200  # a window of so many pixels shows enough
+THINNED = 3  # of whose rows and columns one is read out
 PULSE_S = 0.5  # between two proofs that the cameras live: a frozen one is believed for twice this at most
 MEMORY = 8  # scenes whose inventory is kept
 
@@ -45,6 +48,8 @@ class EmbeddedPerception:
         detector: Tells things apart instead of their colours.
         noisy: Whether the sensors declare noise, so that no picture comes twice.
     """
+
+    needs_observation = False
 
     def __init__(
         self,
@@ -66,20 +71,20 @@ class EmbeddedPerception:
         self._belief: Environment | None = None
         self._states: deque[tuple[float, TargetState]] = deque(maxlen=STATES_KEPT)
 
-    def perceive(self, observation: Observation, scene: Scene, focus: Collection[str] = ()) -> Environment:
+    def perceive(self, observation: Observation | Step, scene: Scene, focus: Collection[str] = ()) -> Environment:
         """Look, unless this moment was looked at already."""
-        state, now_s = observation.target, observation.time_s
         self._take(scene)
-        self.note(now_s, state)
+        self.note(observation.time_s, observation.target)
         before = self._belief
-        if before is not None and abs(before.looked_at_s - now_s) < SAME_S:
+        if before is not None and abs(before.looked_at_s - observation.time_s) < SAME_S:
             return before
         pipeline = self._get_pipeline(scene)
         if focus and before is not None:
-            return self._glance(pipeline, before, state, scene, now_s, focus)
-        before = self._feel_pulses(now_s, 0.0)
+            return self._glance(pipeline, before, observation, scene, focus)
+        before = self._feel_pulses(observation.time_s, 0.0)
         frames = self._handle.capture()
-        self._belief = pipeline.sense(frames, state, scene, now_s, before, find_state=self._find_state)
+        now = self._catch_up(frames, observation)
+        self._belief = pipeline.sense(frames, now.target, scene, now.time_s, before, find_state=self._find_state)
         return self._belief
 
     def recall(self, observation: Observation, scene: Scene) -> Environment:
@@ -115,13 +120,12 @@ class EmbeddedPerception:
         self,
         pipeline: Pipeline,
         before: Environment,
-        state: TargetState,
+        observation: Observation | Step,
         scene: Scene,
-        now_s: float,
         focus: Collection[str],
     ) -> Environment:
         """Look at some things only, where they should be, in the camera that saw them best."""
-        carried = pipeline.recall(before, state, now_s)
+        carried = pipeline.recall(before, observation.target, observation.time_s)
         loose = [
             name
             for name in focus
@@ -140,11 +144,49 @@ class EmbeddedPerception:
         if not windows:
             self._belief = carried
             return carried
+        confirmed = self._confirm(pipeline, carried, observation, loose, windows)
+        if confirmed is not None:
+            self._belief = confirmed
+            return confirmed
         frames = self._handle.capture(tuple(windows), windows)
+        now = self._catch_up(frames, observation)
         self._belief = pipeline.sense(
-            frames, state, scene, now_s, carried, focus=frozenset(loose), find_state=self._find_state
+            frames, now.target, scene, now.time_s, carried, focus=frozenset(loose), find_state=self._find_state
         )
         return self._belief
+
+    def _confirm(
+        self,
+        pipeline: Pipeline,
+        carried: Environment,
+        observation: Observation | Step,
+        loose: Collection[str],
+        windows: Mapping[str, Crop],
+    ) -> Environment | None:
+        """The belief, when a few pixels are enough to see that these things are where they were."""
+        entities, things = carried.entities, pipeline.inventory.things
+        if not pipeline.can_confirm or not all(is_settled(entities[name], things.get(name)) for name in loose):
+            return None
+        held = [name for name, entity in entities.items() if entity.status is Status.HELD and name in things]
+        stands = {camera: stand for camera in windows if (stand := Stand.find(carried.sensors[camera])) is not None}
+        hands = find_windows(held, entities, pipeline.inventory, stands, len(stands))
+        if any(is_overlapping(windows[camera], hand) for camera, hand in hands.items()):
+            return None  # what the hand holds is looked at as well
+        area = min(width * height for _, _, width, height in windows.values())
+        frames = self._handle.capture(tuple(windows), dict(windows), THINNED if area >= LARGE_PX else 1)
+        now = self._catch_up(frames, observation)
+        if now is not observation:
+            carried = pipeline.recall(carried, now.target, now.time_s)
+        return pipeline.confirm(frames, now.target, now.time_s, carried, loose)
+
+    def _catch_up(self, frames: Frames, observation: Observation | Step) -> Observation | Step:
+        """The observation that frames belong to: a newer one where time went on before they were taken (realtime)."""
+        if all(frame.time_s <= observation.time_s + AHEAD_S for frame in frames.frames):
+            return observation
+        now = self._handle.observe()
+        self.note(now.time_s, now.target)
+        newest_s = max((f.time_s for f in frames.frames if f.time_s <= now.time_s + AHEAD_S), default=now.time_s)
+        return msgspec.structs.replace(now, time_s=newest_s, target=self._find_state(newest_s))
 
     def _feel_pulses(self, time_s: float, period_s: float) -> Environment | None:
         """The belief, with cameras known as frozen that are; asked for no more often than once in a period."""

@@ -309,7 +309,7 @@ def choose_symmetric(thing: Thing, rotation: Array, like: Array) -> Array:
 
 
 def fit_fixed(thing: Thing, points: Array, eyes: tuple[Eye, ...], rotation: Array, position_m: Array) -> Fit | None:
-    """Where a body that stands near its nominal place really is."""
+    """Where a body that stands near its nominal place really is; the pose to start from is that place, or believed."""
     if thing.reach_m is None or len(points) < 12:
         return None
     points = points[np.linspace(0, len(points) - 1, min(len(points), 3 * POINTS_MAX)).astype(np.intp)]

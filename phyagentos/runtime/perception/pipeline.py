@@ -14,6 +14,8 @@ from phyagentos.protocol.sessions import Scene
 from phyagentos.runtime.perception.belief import follow_hand, read_regions, update_belief
 from phyagentos.runtime.perception.changes import find_changes
 from phyagentos.runtime.perception.colors import Palette
+from phyagentos.runtime.perception.confirmation import confirm
+from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.sensor_health import assess
@@ -48,6 +50,7 @@ class Pipeline:
         self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
         self._segmenter: Segmenter = segmenter or Palette(inventory.palette)
+        self.can_confirm = segmenter is None  # a detector is made for whole pictures
 
     def sense(
         self,
@@ -103,6 +106,42 @@ class Pipeline:
             sensors=sensors,
             looked_at_s=looked_at_s,
             changes=find_changes(entities, after),
+        )
+
+    def confirm(
+        self, frames: Frames, state: TargetState, time_s: float, before: Environment, names: Collection[str]
+    ) -> Environment | None:
+        """The world after a glance that shows these things where they were; None where it leaves a doubt.
+
+        Args:
+            frames: Windows around them, thinned or not.
+            state: What the target says of itself now.
+            time_s: Now [s].
+            before: What is believed, carried on to now.
+            names: Of the things.
+        """
+        believed, _ = assess(frames, {}, time_s, self._max_age_s, self._noisy)
+        pictures = [(frame, self._segmenter.label(frame.rgb)) for frame in believed]
+        seen: dict[str, Entity] = {}
+        for name in names:
+            thing, entity = self.inventory.things[name], before.entities[name]
+            for frame, labels in pictures:
+                where = confirm(thing, entity, frame, labels, before.sensors[frame.camera].focal_px)
+                if where is not None:
+                    seen[name] = msgspec.structs.replace(
+                        entity, observed_at_s=frame.time_s, visible=True, evidence=(where,)
+                    )
+                    break
+            else:
+                return None
+        after = place_drawers(self.inventory.drawers, before.entities | seen)
+        return msgspec.structs.replace(
+            before,
+            time_s=time_s,
+            revision=before.revision + 1,
+            entities=after,
+            targets={self._target: self.own_state(state, after)},
+            changes=(),
         )
 
     def recall(self, before: Environment, state: TargetState, time_s: float) -> Environment:

@@ -8,17 +8,23 @@ from typing import Protocol
 
 from phyagentos.protocol.environment import Environment, TargetState
 from phyagentos.protocol.sessions import Scene
-from phyagentos.runtime.targets.wire import Observation
+from phyagentos.runtime.targets.wire import Observation, Step
 
 
 class Perception(Protocol):
-    """Turns what is sensed into what is believed."""
+    """Turns what is sensed into what is believed.
 
-    def perceive(self, observation: Observation, scene: Scene, focus: Collection[str] = ()) -> Environment:
+    Attributes:
+        needs_observation: Whether a look at some things needs more than what every step tells.
+    """
+
+    needs_observation: bool
+
+    def perceive(self, observation: Observation | Step, scene: Scene, focus: Collection[str] = ()) -> Environment:
         """One snapshot, with a revision of its own.
 
         Args:
-            observation: Of this moment.
+            observation: Of this moment; a step, for a look at some things, where no more is needed.
             scene: Name, seed and episode.
             focus: Names of the things that matter now, where a look at them is enough; empty for everything.
         """

@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 from phyagentos.protocol.environment import Environment, TargetState
 from phyagentos.protocol.sessions import Scene
-from phyagentos.runtime.targets.wire import Observation
+from phyagentos.runtime.targets.wire import Observation, Step
 
 
 class TruthPerception:
@@ -15,12 +15,16 @@ class TruthPerception:
         revision: Revision of the last published snapshot; the next one is larger.
     """
 
+    needs_observation = True
+
     def __init__(self, target: str, revision: int = 0) -> None:
         self._target = target
         self._revision = revision
 
-    def perceive(self, observation: Observation, scene: Scene, focus: Collection[str] = ()) -> Environment:
+    def perceive(self, observation: Observation | Step, scene: Scene, focus: Collection[str] = ()) -> Environment:
         """The observation's entities, regions and target, as one snapshot of the scene's episode."""
+        if isinstance(observation, Step):
+            raise TypeError("the truth is told by observations, not by steps")
         self._revision += 1
         return Environment(
             time_s=observation.time_s,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.solids import Array, Solids, compute_rotation
+from phyagentos.runtime.perception.solids import Array, Solids, compute_rotation, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
 MAP_M = 0.012  # this near to the map and of its colour: part of it
@@ -138,7 +138,7 @@ def _find_points(
     points = (rays * depth[:, None]) @ eye.rotation.T + eye.position_m
     keep = ~_find_map(points, colors, inventory)
     if len(robot.kinds) and keep.any():
-        near = keep & (np.linalg.norm(points - robot.center_m, axis=1) < robot.radius_m)
+        near = keep & (measure_lengths(points - robot.center_m) < robot.radius_m)
         if near.any():
             keep[near] = robot.near(points[near], 0.0).measure(points[near]) > 0.0
     points, colors, rows, columns = points[keep], colors[keep], rows[keep], columns[keep]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyagentos.runtime.perception.inventory import Thing
-from phyagentos.runtime.perception.solids import Array
+from phyagentos.runtime.perception.solids import Array, measure_lengths
 from phyagentos.runtime.perception.views import Eye
 
 DEPTH_M = 0.010  # depths this close are the same surface
@@ -49,7 +49,7 @@ def compute_sight(thing: Thing, rotation: Array, position_m: Array, eyes: tuple[
     confirmed = hidden = contradicted = 0
     for eye in eyes:
         towards = eye.position_m - points
-        facing = np.einsum("ij,ij->i", normals, towards) > FACING * np.linalg.norm(towards, axis=1)
+        facing = np.einsum("ij,ij->i", normals, towards) > FACING * measure_lengths(towards)
         local = -towards[facing] @ eye.rotation
         fx, fy, cx, cy = eye.focal
         height, width = eye.nearest_m.shape

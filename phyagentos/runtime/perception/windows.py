@@ -65,6 +65,11 @@ def find_windows(
     return {camera: window for camera, window in windows.items() if window is not None}
 
 
+def is_overlapping(one: Crop, other: Crop) -> bool:
+    """Whether two windows of one picture have pixels in common."""
+    return all(one[axis] < other[axis] + other[axis + 2] and other[axis] < one[axis] + one[axis + 2] for axis in (0, 1))
+
+
 def _rank(entity: Entity, stands: Mapping[str, Stand]) -> list[str]:
     """Cameras by how large the thing was in their pictures; those that never saw it last."""
     areas = dict.fromkeys(stands, 0)

@@ -15,6 +15,7 @@ from phyagentos.protocol.cameras import CameraSettings
 from phyagentos.runtime.targets.wire import Crop
 
 Array = NDArray[np.float64]
+Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]  # (n,) rows and (n,) columns
 _MUJOCO_T_OPENCV = np.diag([1.0, -1.0, -1.0])  # MuJoCo looks along -z with y up
 _FLAT = 1e-12
 
@@ -52,8 +53,25 @@ class Lens:
             )
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
-    def compute_rays(self) -> Array:
-        """(height * width, 3) directions of the pixels' centres in the camera's frame, with z = 1."""
+    def thin(self, every: int) -> "Lens":
+        """The lens of a picture that has the middle one only of so many (odd) rows and columns of this one.
+
+        Raises:
+            ExecutionError: `INVALID_CROP` when nothing is left, or no row is in the middle.
+        """
+        width, height = self.width // max(every, 1), self.height // max(every, 1)
+        if every < 1 or every % 2 == 0 or min(width, height) < 1:
+            raise ExecutionError(
+                "INVALID_CROP", f"every {every} of {self.width} x {self.height} pixels; an odd number that leaves some"
+            )
+        return Lens(self.fx / every, self.fy / every, self.cx / every, self.cy / every, width, height)
+
+    def compute_rays(self, pixels: Pixels | None = None) -> Array:
+        """(n, 3) directions of the pixels' centres in the camera's frame, with z = 1; of all, row by row, or some."""
+        if pixels is not None:
+            rows, columns = pixels
+            u, v = (columns + 0.5 - self.cx) / self.fx, (rows + 0.5 - self.cy) / self.fy
+            return np.column_stack((u, v, np.ones(len(u))))
         u = (np.arange(self.width) + 0.5 - self.cx) / self.fx
         v = (np.arange(self.height) + 0.5 - self.cy) / self.fy
         rays = np.ones((self.height, self.width, 3))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.cameras import NoiseLevel
-from phyagentos.runtime.targets.ray_cast import Picture
+from phyagentos.runtime.targets.backdrop import Picture
 
 GRAZING_RAD = np.pi / 3  # below it Nguyen et al. found no influence of the angle
 STEEPEST_RAD = np.radians(88.0)  # beyond it the formula has no meaning and a sensor measures nothing
@@ -21,7 +21,7 @@ def spoil(
     Args:
         picture: What a perfect camera sees.
         level: Of noise.
-        focal_px: Focal length [pixels].
+        focal_px: Focal length [pixels]; 0 for a picture whose edges waver already.
         range_m: Nearest and farthest depth that is measured.
         rng: Of this frame; as many numbers are drawn for each frame of a size, whatever it shows.
 
@@ -29,8 +29,8 @@ def spoil(
         (height, width, 3) uint8, and (height, width) float32 with NaN where nothing was measured.
     """
     rgb, depth, incidence = picture.rgb, picture.depth_m, picture.incidence
-    if level.lateral_std_rad > 0.0:
-        rows, columns = _waver(depth.shape, level.lateral_std_rad * focal_px, rng)
+    if level.lateral_std_rad * focal_px > 0.0:
+        rows, columns = draw_places(depth.shape, 1, level.lateral_std_rad * focal_px, rng)
         depth, incidence = depth[rows, columns], incidence[rows, columns]
     seen = np.isfinite(depth)
     depth = np.where(seen, depth, np.float32(0.0))
@@ -50,14 +50,21 @@ def spoil(
     return np.clip(np.rint(colors), 0, 255).astype(np.uint8), told
 
 
-def _waver(
-    shape: tuple[int, ...], std_px: float, rng: np.random.Generator
+def draw_places(
+    shape: tuple[int, ...], every: int, std_px: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """For each pixel the row and column that it really shows."""
+    """For each pixel of a thinned picture the row and column of the whole one that its depth really comes from.
+
+    Args:
+        shape: (height, width) of the thinned picture.
+        every: Of so many rows and columns it has the middle one.
+        std_px: Of the wavering [pixels of the whole picture].
+        rng: Of this frame.
+    """
     shifts = np.rint(rng.standard_normal((2, *shape), dtype=np.float32) * np.float32(std_px)).astype(np.intp)
     height, width = shape
-    rows = np.clip(np.arange(height)[:, None] + shifts[0], 0, height - 1)
-    columns = np.clip(np.arange(width)[None, :] + shifts[1], 0, width - 1)
+    rows = np.clip(np.arange(height)[:, None] * every + every // 2 + shifts[0], 0, height * every - 1)
+    columns = np.clip(np.arange(width)[None, :] * every + every // 2 + shifts[1], 0, width * every - 1)
     return rows, columns
 
 

@@ -22,6 +22,7 @@ from phyagentos.runtime.targets.state_history import StateHistory
 from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 
 MAX_LOST = 16  # frames in a row, before a camera has none to give
+LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
 _PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
 _LIES_AS_IT_IS: tuple[Strike, ...] = ()
 
@@ -57,6 +58,7 @@ class CameraRig:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
         self._cameras = open_cameras(model, sensors, seed=seed)
         self._data = mujoco.MjData(model)
+        self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -101,7 +103,7 @@ class CameraRig:
                 missing[name] = "CAMERA_SILENT"
             else:
                 try:
-                    frames.append(self._expose(camera, exposure, request.crops.get(name), lies))
+                    frames.append(self._expose(camera, exposure, request.crops.get(name), request.every, lies))
                 except ExecutionError as error:
                     if error.code != "NO_GRAPHICS":
                         raise
@@ -121,13 +123,20 @@ class CameraRig:
 
     def _is_lost(self, camera: SimulatedCamera, number: int) -> bool:
         chance = camera.noise.frame_dropout
-        return chance > 0.0 and bool(self._draw(camera.name, "lost", number).random() < chance)
+        if chance <= 0.0:
+            return False
+        key = (camera.name, number)
+        if key not in self._lost:
+            if len(self._lost) > LOSSES_KEPT:
+                self._lost.clear()
+            self._lost[key] = bool(self._draw(camera.name, "lost", number).random() < chance)
+        return self._lost[key]
 
     def _draw(self, camera: str, purpose: str, number: int) -> np.random.Generator:
         return np.random.default_rng(compute_seed(self._seed, "sensors", self._episode, camera, purpose, number))
 
     def _expose(
-        self, camera: SimulatedCamera, exposure: Exposure, crop: Crop | None, lies: tuple[Strike, ...]
+        self, camera: SimulatedCamera, exposure: Exposure, crop: Crop | None, every: int, lies: tuple[Strike, ...]
     ) -> Frame:
         claimed = shown = exposure
         told: Viewpoint | None = None
@@ -144,7 +153,7 @@ class CameraRig:
             told = told or self._find_place(camera, claimed)
         pose_state(self._model, shown.qpos, self._data)
         rng = self._draw(camera.name, "frame", shown.number)
-        frame = camera.capture(self._data, claimed.time_s, rng, crop, told)
+        frame = camera.capture(self._data, claimed.time_s, rng, crop, told, every)
         for lie in lies:
             frame = _alter(frame, lie)
         return frame

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 HALT_MAX_S = 2.0  # longest deceleration to a hold
 REST_RAD_S = 0.01  # every joint slower than this is at rest
-PRESSED_NM = 5.0  # torque of constraints on a joint below which nobody presses hard; the cheap first look
+FELT_NM = 1.0  # torque of contacts on a joint below which its sensor feels none: 2 N at an arm's half metre
 
 
 class Drive:
@@ -41,6 +41,7 @@ class Drive:
         self._limits = LocalLimits(profile, physics, n_steps)
         self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
         self._width_m = profile.gripper.max_width_m
+        self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since it was told
         self.struck: list[FaultStruck] = []
         self.history = StateHistory()
         self._n_steps, self._steps = n_steps, 0
@@ -66,6 +67,7 @@ class Drive:
         if self.is_moving:
             self.halt()
         self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
+        self._force_max_n = 0.0
         self._begin_history()
 
     def _begin_history(self) -> None:
@@ -127,15 +129,24 @@ class Drive:
             self._limits.restrain()
             self._step()
 
+    def take_force(self) -> float:
+        """The greatest contact force [N] since this was last asked; one that the joints do not feel is none."""
+        taken, self._force_max_n = self._force_max_n, 0.0
+        return taken
+
     def _step(self) -> None:
         self.struck += self._faults.act(self._physics)
         self._physics.step()
+        self._feel()
         self._steps += 1
         if self._steps % self._n_steps == 0:
             self.history.note(self._physics.time_s, self._physics.data.qpos)
 
-    def _is_in_collision(self) -> bool:
+    def _feel(self) -> None:
         physics = self._physics
-        if not (np.abs(physics.data.qfrc_constraint[physics.v_address]) > PRESSED_NM).any():
-            return False
-        return physics.find_hardest_contact()[0] > self._profile.contact_force_n
+        is_felt = (np.abs(physics.data.qfrc_constraint[physics.v_address]) > FELT_NM).any()
+        self._force_n = physics.find_hardest_contact()[0] if is_felt else 0.0
+        self._force_max_n = max(self._force_max_n, self._force_n)
+
+    def _is_in_collision(self) -> bool:
+        return self._force_n > self._profile.contact_force_n

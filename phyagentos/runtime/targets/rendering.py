@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.targets.camera_model import Array, Lens, Viewpoint
-from phyagentos.runtime.targets.ray_cast import VISIBLE_GROUPS, Picture
+from phyagentos.runtime.targets.backdrop import VISIBLE_GROUPS, Picture
+from phyagentos.runtime.targets.camera_model import Array, Lens, Pixels, Viewpoint
 from phyagentos.runtime.targets.wire import Picture as Png
 
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
@@ -54,7 +54,16 @@ class GraphicsCaster:
         self._model = model
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
 
-    def cast(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float) -> Picture:
+    def cast(
+        self,
+        data: mujoco.MjData,
+        lens: Lens,
+        viewpoint: Viewpoint,
+        far_m: float,
+        pixels: Pixels | None = None,
+        *,
+        still: bool = False,
+    ) -> Picture:
         """One picture; the arguments are those of `RayCaster.cast`.
 
         Raises:
@@ -66,7 +75,10 @@ class GraphicsCaster:
             raise ExecutionError("NO_GRAPHICS", f"{type(error).__name__}: {error}") from error
         far = min(far_m, _FAR * float(self._model.vis.map.zfar * self._model.stat.extent))
         depth = np.where(depth < far, depth, np.float32(np.inf))
-        return Picture(rgb.astype(np.float32) / np.float32(255.0), depth, _compute_incidence(depth, lens))
+        picture = Picture(rgb.astype(np.float32) / np.float32(255.0), depth, _compute_incidence(depth, lens))
+        if pixels is None:
+            return picture
+        return Picture(picture.rgb[pixels][None], picture.depth_m[pixels][None], picture.incidence[pixels][None])
 
     def _draw(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint) -> tuple[Any, Any]:
         size = (lens.width, lens.height)

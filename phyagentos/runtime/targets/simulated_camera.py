@@ -18,9 +18,10 @@ from phyagentos.protocol.cameras import CameraSettings, NoiseLevel
 from phyagentos.protocol.environment import Pose
 from phyagentos.protocol.seeds import compute_seed
 from phyagentos.protocol.sensors import Sensors
-from phyagentos.runtime.targets.camera_model import Array, Lens, Viewpoint, find_mounting, turn
-from phyagentos.runtime.targets.camera_noise import spoil
-from phyagentos.runtime.targets.ray_cast import Picture, RayCaster
+from phyagentos.runtime.targets.backdrop import Picture
+from phyagentos.runtime.targets.camera_model import Array, Lens, Pixels, Viewpoint, find_mounting, turn
+from phyagentos.runtime.targets.camera_noise import draw_places, spoil
+from phyagentos.runtime.targets.ray_cast import RayCaster
 from phyagentos.runtime.targets.rendering import GraphicsCaster
 from phyagentos.runtime.targets.wire import Crop, Frame
 
@@ -28,8 +29,17 @@ from phyagentos.runtime.targets.wire import Crop, Frame
 class Caster(Protocol):
     """A back end: what a perfect camera sees."""
 
-    def cast(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float) -> Picture:
-        """One picture of a state with computed poses."""
+    def cast(
+        self,
+        data: mujoco.MjData,
+        lens: Lens,
+        viewpoint: Viewpoint,
+        far_m: float,
+        pixels: Pixels | None = None,
+        *,
+        still: bool = False,
+    ) -> Picture:
+        """One picture of a state with computed poses, or some (1, n) of its pixels, by row and column."""
         ...
 
 
@@ -65,7 +75,7 @@ class SimulatedCamera:
         if mounting is None:
             raise UnknownMountingError(settings.scene_camera or settings.mount)
         self.name, self.settings, self.noise, self.mounting = name, settings, noise, mounting
-        self._caster = caster
+        self._caster, self._still = caster, int(model.body_weldid[mounting.body]) == 0
         self._error = _draw_error(noise, compute_seed(seed, "sensors", name, "calibration"))
 
     def capture(
@@ -75,6 +85,7 @@ class SimulatedCamera:
         rng: np.random.Generator,
         crop: Crop | None = None,
         told: Viewpoint | None = None,
+        every: int = 1,
     ) -> Frame:
         """One frame.
 
@@ -84,6 +95,7 @@ class SimulatedCamera:
             rng: Of this frame's noise.
             crop: Window to look at instead of the whole picture.
             told: Where the camera claims to stand; where its mounting should be in this state, when absent.
+            every: Of so many rows and columns only the middle one is read out; odd.
 
         Raises:
             ExecutionError: `INVALID_CROP`, or `NO_GRAPHICS` of the back end that draws.
@@ -91,8 +103,13 @@ class SimulatedCamera:
         lens = self.mounting.lens if crop is None else self.mounting.lens.crop(crop)
         nominal = self.mounting.find(data)
         low, high = self.settings.range_m
-        picture = self._caster.cast(data, lens, nominal.then(self._error), high)
-        rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
+        if every == 1:
+            picture = self._caster.cast(data, lens, nominal.then(self._error), high, still=self._still)
+            rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
+        else:
+            lens, whole = lens.thin(every), lens
+            picture = self._cast_some(data, whole, lens, every, nominal.then(self._error), rng)
+            rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
         return Frame(
             camera=self.name,
             time_s=time_s,
@@ -106,6 +123,25 @@ class SimulatedCamera:
             rgb=rgb,
             depth_m=depth,
         )
+
+    def _cast_some(
+        self, data: mujoco.MjData, whole: Lens, thin: Lens, every: int, viewpoint: Viewpoint, rng: np.random.Generator
+    ) -> Picture:
+        """The pixels of a thinned picture: colours of where they look, depths of where their wavering takes them."""
+        shape, far_m = (thin.height, thin.width), self.settings.range_m[1]
+        rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2
+        std_px = self.noise.lateral_std_rad * whole.fx
+        deep_rows, deep_columns = draw_places(shape, every, std_px, rng) if std_px > 0.0 else (rows, columns)
+        moved = np.nonzero((deep_rows != rows) | (deep_columns != columns))
+        pixels = (
+            np.concatenate((rows.ravel(), deep_rows[moved])),
+            np.concatenate((columns.ravel(), deep_columns[moved])),
+        )
+        picture = self._caster.cast(data, whole, viewpoint, far_m, pixels)
+        n = rows.size
+        depth, incidence = (each[0, :n].reshape(shape).copy() for each in (picture.depth_m, picture.incidence))
+        depth[moved], incidence[moved] = picture.depth_m[0, n:], picture.incidence[0, n:]
+        return Picture(picture.rgb[0, :n].reshape(*shape, 3), depth, incidence)
 
 
 def open_cameras(

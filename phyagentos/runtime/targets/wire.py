@@ -124,10 +124,12 @@ class Capture(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         cameras: Names of sensors.yaml; empty for all.
         crops: Windows to look at instead of the whole picture, by camera: a small one is cheap enough for 10 Hz.
+        every: Of so many rows and columns only the middle one is read out; odd. 1 for all.
     """
 
     cameras: tuple[str, ...] = ()
     crops: dict[str, Crop] = {}
+    every: int = 1
 
 
 class SaveModel(msgspec.Struct, frozen=True, tag=True):
@@ -218,6 +220,8 @@ class Step(msgspec.Struct, frozen=True, tag=True):
         touching: Names of the entities that touch at least one finger pad.
         stopped: Code of the target's own protective stop, when the command was broken off; the target has come to rest
             and takes no further command of this session.
+        contact_force_n: The greatest force between the robot and one other body since the latest report, as its joint
+            torque sensors feel it; None where it cannot feel.
     """
 
     time_s: float
@@ -225,6 +229,7 @@ class Step(msgspec.Struct, frozen=True, tag=True):
     tracking_error_rad: float
     touching: tuple[str, ...] = ()
     stopped: str = ""
+    contact_force_n: float | None = None
 
 
 class Observation(msgspec.Struct, frozen=True, tag=True):
@@ -318,6 +323,7 @@ Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | Pict
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=decode_array)
 _REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
+_BROKEN = (msgspec.MsgspecError, ValueError, TypeError, NotImplementedError, RecursionError)
 
 
 class Here(ABC):
@@ -348,7 +354,7 @@ def receive_request(connection: Channel) -> Request:
     message = connection.recv_bytes()
     try:
         return _REQUESTS.decode(message)
-    except (msgspec.MsgspecError, ValueError, TypeError, NotImplementedError, RecursionError) as error:
+    except _BROKEN as error:
         raise ExecutionError("MALFORMED", f"{len(message)} bytes that are no request: {error}") from error
 
 
@@ -356,11 +362,15 @@ def receive_reply(connection: Channel, timeout_s: float) -> Reply:
     """Wait for the reply.
 
     Raises:
-        ExecutionError: `TARGET_LOST` when the world is gone or silent for `timeout_s` [s].
+        ExecutionError: `TARGET_LOST` when the world is gone, silent for `timeout_s` [s], or says what is no reply.
     """
     try:
         if not connection.poll(timeout_s):
             raise ExecutionError("TARGET_LOST", f"no reply within {timeout_s} s")
-        return _REPLIES.decode(connection.recv_bytes())
+        message = connection.recv_bytes()
     except (EOFError, OSError) as error:
         raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
+    try:
+        return _REPLIES.decode(message)
+    except _BROKEN as error:
+        raise ExecutionError("TARGET_LOST", f"{len(message)} bytes that are no reply: {error}") from error

@@ -293,6 +293,7 @@ class MujocoWorld:
             tracking_error_rad=float(np.abs(physics.q_rad - self._get_drive().q_rad).max()),
             touching=tuple(touching),
             stopped=stopped,
+            contact_force_n=self._get_drive().take_force(),
         )
 
     def _observe(self) -> Observation:

@@ -55,6 +55,22 @@ SABOTAGES = (
         tests=(f"{BELIEF_TESTS}::test_a_frozen_picture_with_new_stamps_is_noticed_and_its_facts_age",),
     ),
     Sabotage(
+        name="glance_confirms_blindly",
+        lie="A glance that does not show a thing where it is believed confirms it there.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.pipeline",
+                "            else:\n                return None\n",
+                "            else:\n"
+                "                seen[name] = msgspec.structs.replace(entity, observed_at_s=time_s)\n",
+            ),
+        ),
+        tests=(
+            "tests/runtime/perception/test_confirmation.py::"
+            "test_what_was_taken_away_is_not_believed_after_the_next_glance",
+        ),
+    ),
+    Sabotage(
         name="lookahead_reads_true_friction",
         lie="The imagined world is drawn with the weight and the friction that the true one has.",
         edits=(

@@ -54,6 +54,24 @@ def test_what_would_have_been_seen_through_the_table_is_not_found_below_it(waite
     assert ("coaster" in found) is is_found
 
 
+def test_strays_of_a_near_cameras_edges_do_not_make_a_thing_too_large_to_be_found():
+    cubes = build_inventory(read_scene(Library.open().get_scene("tabletop/cubes_and_trays")))
+    cube = cubes.things["red_cube"]
+    u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.019, 0.019, 40), np.linspace(-0.019, 0.019, 40)))
+    face = np.column_stack((0.45 + u, v, np.full(u.size, 0.04)))
+    along = np.linspace(-0.16, 0.12, 60)  # of a ray past the edge: two in a hundred points above, two below
+    strays = np.column_stack((np.full(60, 0.47), 0.1 * along, 0.04 + along))
+    points = np.concatenate((face, strays))
+    cloud = Cloud(
+        points_m=points,
+        colors=np.full(len(points), cube.colors[0], np.uint8),
+        eyes=np.zeros(len(points), np.intp),
+        pixels=np.zeros((len(points), 2), np.intp),
+    )
+    found = associate({"red_cube": cube}, {}, cloud, (look_from((0.45, 0.0, 0.3)),), cubes.map)
+    assert found["red_cube"].fit.position_m == pytest.approx([0.45, 0.0, 0.02], abs=0.003)
+
+
 def make_fit(rotation, position_m, count=50):
     return Fit(
         rotation=rotation,

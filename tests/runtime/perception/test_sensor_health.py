@@ -1,5 +1,6 @@
 """Whether a camera can be believed: by the noise that it declares, and by its pulse between two whole pictures."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -74,7 +75,7 @@ class FreezingHandle:
     def freeze(self):
         self.frozen_qpos = self.stage.physics.data.qpos.copy()
 
-    def capture(self, cameras=(), crops=None):
+    def capture(self, cameras=(), crops=None, every=1):
         crops = crops or {}
         self.asked.append(crops)
         stage = self.stage
@@ -84,8 +85,46 @@ class FreezingHandle:
         found = []
         for index, name in enumerate(cameras or stage.cameras):
             rng = np.random.default_rng((0 if frozen else len(self.asked), index))
-            found.append(stage.cameras[name].capture(data, stage.time_s, rng, crops.get(name)))
+            found.append(stage.cameras[name].capture(data, stage.time_s, rng, crops.get(name), every=every))
         return Frames(tuple(found))
+
+
+class LaggingHandle(FreezingHandle):
+    """A world in real time: so much time goes by between an observation and the pictures that are asked for."""
+
+    def __init__(self, stage, lag_s):
+        super().__init__(stage)
+        self.lag_s = lag_s
+
+    def observe(self):
+        self.stage.time_s += self.lag_s
+        return observe(self.stage)
+
+    def capture(self, cameras=(), crops=None, every=1):
+        self.stage.time_s += self.lag_s
+        return super().capture(cameras, crops, every)
+
+
+def observe(stage):
+    none = np.zeros(0)
+    return Observation(
+        time_s=stage.time_s, target=stage.state, state=none, qpos=none, qvel=none, act=none, entities=(), regions=()
+    )
+
+
+@pytest.mark.sim
+@pytest.mark.parametrize("lag_s", [0.02, 0.4])
+def test_pictures_taken_after_the_observation_are_believed_where_time_goes_on_by_itself(twins, twins_library, lag_s):
+    profile, folder = read_profile(twins_library.get_target("panda"))
+    handle = LaggingHandle(twins, lag_s)
+    perception = EmbeddedPerception("panda", handle, twins_library, RobotMask(profile, folder))
+    belief = perception.perceive(observe(twins), twins.scene)
+    assert {health.status for health in belief.sensors.values()} == {"live"}
+    assert belief.time_s == belief.entities["can"].observed_at_s == twins.time_s - lag_s
+    glanced = perception.perceive(
+        msgspec.structs.replace(observe(twins), time_s=twins.time_s + 0.1), twins.scene, ("can",)
+    )
+    assert glanced.entities["can"].observed_at_s > belief.time_s
 
 
 @pytest.mark.sim
@@ -95,18 +134,7 @@ def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_mea
     perception = EmbeddedPerception("panda", handle, twins_library, RobotMask(profile, folder))
 
     def perceive(*focus):
-        none = np.zeros(0)
-        told = Observation(
-            time_s=twins.time_s,
-            target=twins.state,
-            state=none,
-            qpos=none,
-            qvel=none,
-            act=none,
-            entities=(),
-            regions=(),
-        )
-        return perception.perceive(told, twins.scene, focus)
+        return perception.perceive(observe(twins), twins.scene, focus)
 
     seen = perceive().entities["can"]
     handle.freeze()

@@ -13,9 +13,9 @@ from phyagentos.protocol.library import find_shipped_root
 from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sensors import Sensor, Sensors, read_sensors
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.backdrop import VISIBLE_GROUPS
 from phyagentos.runtime.targets.camera_model import Lens, look_at
 from phyagentos.runtime.targets.physics import Physics
-from phyagentos.runtime.targets.ray_cast import VISIBLE_GROUPS
 from phyagentos.runtime.targets.rendering import GraphicsCaster
 from phyagentos.runtime.targets.simulated_camera import SimulatedCamera, open_cameras, pose_state
 from phyagentos.runtime.targets.wire import _ENCODER, _REPLIES
@@ -366,6 +366,8 @@ def test_a_camera_fault_strikes_again_from_its_own_record(look, make_rig):
         ({"crops": {"nobody": (0, 0, 4, 4)}}, "UNKNOWN_CAMERA"),
         ({"crops": {"above": (60, 0, 10, 10)}}, "INVALID_CROP"),
         ({"crops": {"above": (0, 0, 0, 4)}}, "INVALID_CROP"),
+        ({"every": 2}, "INVALID_CROP"),
+        ({"crops": {"above": (0, 0, 4, 4)}, "every": 5}, "INVALID_CROP"),
     ],
 )
 def test_a_look_that_cannot_be_is_refused(look, request_, code):

@@ -86,3 +86,12 @@ def test_an_overfull_area_is_told(tmp_path, make_rig):
     area = spec.areas["start"].model_copy(update={"x_m": (0.4, 0.41), "y_m": (0.0, 0.01)})
     with pytest.raises(Exception, match=r"SCENE_OVERFULL: .*no room for 'green_cube' in area 'start'"):
         draw_bodies(spec.model_copy(update={"areas": {"start": area}}), 1)
+
+
+def test_fingers_that_have_just_closed_upon_each_other_are_nothing_the_arm_would_run_into(make_rig):
+    rig = make_rig()
+    rig.load()
+    physics = rig.world._physics
+    for joint in rig.profile.gripper.joints:
+        physics.data.joint(joint).qpos[:] = -0.0005  # they touch and let go with every step of the servo
+    assert physics.imagine(rig.profile.arm.home_rad)[1] == ""

@@ -1,0 +1,108 @@
+"""Whether a glance shows what is believed: a thing that stands where it stood is confirmed and not fitted again.
+
+Upstream: frames of a glance and the belief. Downstream: `pipeline`, which looks properly where this finds a doubt. Two
+questions: is the surface that the camera should see there, in its colour and at its depth; and would one step of the
+fit (`fitting`) leave the pose where it is.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.environment import Entity, Status
+from phyagentos.runtime.perception.fitting import FREE, refine
+from phyagentos.runtime.perception.inventory import Thing
+from phyagentos.runtime.perception.solids import Array, compute_rotation, measure_lengths
+from phyagentos.runtime.perception.visibility import DEPTH_M, FACING
+from phyagentos.runtime.targets.wire import Frame
+
+LOOKS_MIN = 2  # a pose from one look alone is worth another fit
+LEAST_PIXELS = 12  # of its colour, on its surface
+SHOWN = 0.6  # of its surface that faces the camera: seen in its colour, at its depth
+NEAR_M = 0.010  # of the believed surface
+OWN = 0.8  # of the pixels of its colour in the window: this near
+SHIFT_M, TURN_RAD = 0.003, 0.06  # one step of a fit that is less than this is noise
+
+
+def is_settled(entity: Entity | None, thing: Thing | None) -> bool:
+    """Whether a thing is believed to stand still, in a pose that more than one look has told."""
+    return (
+        entity is not None
+        and thing is not None
+        and thing.vessel is None
+        and entity.status is Status.SEEN
+        and entity.looks >= LOOKS_MIN
+        and not entity.speed_m_s
+    )
+
+
+def confirm(
+    thing: Thing,
+    entity: Entity,
+    frame: Frame,
+    labels: NDArray[np.uint8],
+    focal_px: tuple[float, float, float, float],
+) -> str | None:
+    """Where in a picture the thing is seen as it is believed; None where there is a doubt.
+
+    Args:
+        thing: Its form and colours.
+        entity: Its believed pose.
+        frame: A window around it, thinned or not.
+        labels: (h, w) index in the palette of what each pixel shows.
+        focal_px: (fx, fy, cx, cy) of the camera's whole picture.
+    """
+    rotation, position = compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
+    eye_m = np.array(frame.world_T_camera.position_m)
+    eye = compute_rotation(frame.world_T_camera.quaternion_wxyz)
+    if _measure_shown(thing, (rotation, position), frame, labels, (eye, eye_m)) < SHOWN:
+        return None
+    rows, columns = np.nonzero(np.isfinite(frame.depth_m) & (labels == thing.colors[0]))
+    depth = frame.depth_m[rows, columns].astype(np.float64)
+    rays = ((columns + 0.5 - frame.cx) / frame.fx * depth, (rows + 0.5 - frame.cy) / frame.fy * depth, depth)
+    points = np.column_stack(rays) @ eye.T + eye_m
+    near = np.abs(thing.solids.measure((points - position) @ rotation)) < NEAR_M
+    if near.sum() < LEAST_PIXELS or near.mean() < OWN:
+        return None
+    turned, moved = refine(thing.solids, points[near], rotation, position, FREE, 1)
+    cosine = (float(np.einsum("ij,ij->", turned, rotation)) - 1) / 2
+    if np.linalg.norm(moved - position) > SHIFT_M or cosine < np.cos(TURN_RAD):
+        return None
+    return _point_at(frame, rows[near], columns[near], focal_px)
+
+
+def _measure_shown(
+    thing: Thing, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], eye: tuple[Array, Array]
+) -> float:
+    """Share of the surface that faces the camera which is seen as expected."""
+    rotation, position = pose
+    points, normals = thing.samples_m @ rotation.T + position, thing.normals @ rotation.T
+    towards = eye[1] - points
+    facing = np.einsum("ij,ij->i", normals, towards) > FACING * measure_lengths(towards)
+    x, y, z = (-towards[facing] @ eye[0]).T
+    z = np.maximum(z, 1e-3)
+    columns = np.floor(x / z * frame.fx + frame.cx).astype(np.intp)
+    rows = np.floor(y / z * frame.fy + frame.cy).astype(np.intp)
+    inside = (columns >= 0) & (columns < frame.width) & (rows >= 0) & (rows < frame.height)
+    rows, columns, z = rows[inside], columns[inside], z[inside]
+    as_expected = np.abs(frame.depth_m[rows, columns] - z) < DEPTH_M  # what was not measured is not
+    as_expected &= _has_color(labels[rows, columns], thing.colors)
+    return float(as_expected.sum() / max(len(inside), 1))
+
+
+def _point_at(
+    frame: Frame, rows: NDArray[np.intp], columns: NDArray[np.intp], focal_px: tuple[float, float, float, float]
+) -> str:
+    """Where in the whole picture these pixels are, as evidence points."""
+    fx, _, cx, cy = focal_px
+    every = round(fx / frame.fx)
+    left, top = round(cx - frame.cx * every), round(cy - frame.cy * every)
+    u, v = int(columns.min()), int(rows.min())
+    width, height = every * (int(columns.max()) - u + 1), every * (int(rows.max()) - v + 1)
+    return f"{frame.camera}@{frame.time_s:.3f}:{left + every * u},{top + every * v},{width},{height}"
+
+
+def _has_color(labels: NDArray[np.uint8], colors: tuple[int, ...]) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = labels == colors[0]
+    for color in colors[1:]:
+        found |= labels == color
+    return found

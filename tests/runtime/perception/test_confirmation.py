@@ -1,0 +1,171 @@
+"""A glance confirms what stands still with a few pixels, and finds at once what does not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from phyagentos.protocol.environment import Status
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.verdicts import Truth
+from phyagentos.runtime.perception.confirmation import confirm, is_settled
+from phyagentos.runtime.perception.embedded import EmbeddedPerception
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.targets.robot import read_profile
+from phyagentos.runtime.targets.simulated_camera import pose_state
+from phyagentos.runtime.targets.wire import Frames, Step
+from tests.runtime.perception.conftest import Stage
+
+pytestmark = pytest.mark.sim
+GLANCE_S = 0.1
+
+
+class CountingHandle:
+    """Gives what the cameras of a stage show, and keeps what was asked for: how thinned, and how many pixels came."""
+
+    def __init__(self, stage):
+        self.stage, self.asked, self.looks = stage, [], 0
+
+    def capture(self, cameras=(), crops=None, every=1):
+        stage, crops = self.stage, crops or {}
+        self.looks += 1
+        data = pose_state(stage.physics.model, stage.physics.data.qpos)
+        found = []
+        for index, name in enumerate(cameras or stage.cameras):
+            rng = np.random.default_rng((self.looks, index))
+            found.append(stage.cameras[name].capture(data, stage.time_s, rng, crops.get(name), every=every))
+        if crops and all(window[2:] != (12, 12) for window in crops.values()):
+            self.asked.append((every, sum(frame.width * frame.height for frame in found)))
+        return Frames(tuple(found))
+
+
+@pytest.fixture(scope="module")
+def stage(twins_library):
+    return Stage(twins_library, "test/twins")
+
+
+@pytest.fixture(scope="module")
+def looked(stage, twins_library):
+    """What watches the stage, and what it believes after three looks around."""
+    profile, folder = read_profile(twins_library.get_target("panda"))
+    handle = CountingHandle(stage)
+    perception = EmbeddedPerception("panda", handle, twins_library, RobotMask(profile, folder))
+
+    def glance(*names):
+        stage.time_s += GLANCE_S
+        told = Step(time_s=stage.time_s, target=stage.state, tracking_error_rad=0.0)
+        return perception.perceive(told, stage.scene, names)
+
+    for _ in range(3):
+        belief = glance()
+    return perception, handle, glance, belief, (stage.time_s, stage.physics.data.qpos.copy())
+
+
+@pytest.fixture
+def watched(stage, looked):
+    """The stage as it was after these looks, its handle, and a glance at a thing."""
+    perception, handle, glance, belief, (stage.time_s, qpos) = looked
+    stage.physics.data.qpos[:] = qpos
+    perception.restore(belief)
+    handle.asked.clear()
+    return stage, handle, glance
+
+
+def judge(text, environment):
+    return parse_predicate(text).evaluate(View(now=environment, initial=None, target="panda")).truth
+
+
+@pytest.mark.parametrize(("name", "every"), [("can", 1), ("screen", 3)])
+def test_what_stands_still_is_confirmed_by_a_few_pixels_and_its_pose_stays(watched, name, every):
+    stage, handle, glance = watched
+    before = glance(name)
+    handle.asked.clear()
+    after = [glance(name) for _ in range(12)]
+
+    assert {thinned for thinned, _ in handle.asked[:1]} == {every}
+    assert len(handle.asked) < 1.3 * len(after)  # a doubt costs a second window
+    assert sum(pixels for _, pixels in handle.asked) / len(after) < 1200  # of four pictures of 27648
+    assert after[-1].entities[name].observed_at_s == stage.time_s
+    assert math.dist(after[-1].entities[name].pose.position_m, before.entities[name].pose.position_m) < 0.001
+    assert [now.revision for now in after] == list(range(before.revision + 1, before.revision + 13))
+    assert after[-1].sensors.keys() == before.sensors.keys()
+    camera, _, rest = after[-1].entities[name].evidence[0].partition("@")
+    left, top, width, height = (int(part) for part in rest.partition(":")[2].split(","))
+    lens, place = stage.cameras[camera].mounting.lens, before.sensors[camera].pose
+    assert place is not None
+    assert (0 < left < left + width < lens.width, 0 < top < top + height < lens.height) == (True, True)
+
+
+@pytest.mark.parametrize("by_m", [0.015, 0.02, 0.05])
+@pytest.mark.parametrize("name", ["can", "first"])
+def test_what_was_moved_is_found_where_it_is_by_the_very_next_glance(watched, name, by_m):
+    stage, _, glance = watched
+    before = glance(name).entities[name].pose.position_m
+    real = min(("first", "second"), key=lambda each: math.dist(stage.find(each), before)) if name == "first" else name
+    x_m, y_m, _ = stage.find(real)
+    stage.put(real, x_m + 0.6 * by_m, y_m + 0.8 * by_m * (-1 if y_m < 0 else 1))
+    after = glance(name).entities[name]
+
+    is_known_elsewhere = math.dist(after.pose.position_m, stage.find(real)) < 0.006
+    assert is_known_elsewhere or after.status is not Status.SEEN
+
+
+def test_what_was_taken_away_is_not_believed_after_the_next_glance(watched):
+    stage, _, glance = watched
+    glance("can")
+    stage.put("can", 2.5, 2.5)
+    after = glance("can")
+
+    assert after.entities["can"].status is not Status.SEEN
+    assert judge("upright(can)", after) is Truth.UNKNOWN
+
+
+def test_what_fell_over_is_known_to_lie_after_the_next_glance(watched):
+    stage, _, glance = watched
+    glance("can")
+    stage.put("can", 0.62, 0.0, z_m=0.026, yaw_rad=0.6, tilt_rad=math.pi / 2)
+
+    assert judge("upright(can)", glance("can")) is not Truth.TRUE
+
+
+def test_another_thing_in_the_same_place_is_not_taken_for_it(watched):
+    stage, _, glance = watched
+    seen_at_s = glance("can").entities["can"].observed_at_s
+    stage.put("can", 2.5, 2.5)
+    stage.put("first", 0.62, 0.0)
+    after = glance("can").entities["can"]
+
+    assert after.status is not Status.SEEN
+    assert after.observed_at_s == pytest.approx(seen_at_s)
+
+
+def test_what_is_behind_a_screen_is_not_confirmed(watched):
+    stage, _, glance = watched
+    glance("can")
+    stage.put("screen", 0.66, 0.05, yaw_rad=0.3)
+    stage.put("can", 2.5, 2.5)
+
+    assert glance("can").entities["can"].status is not Status.SEEN
+
+
+def test_a_thing_that_moved_at_the_last_look_is_not_settled(watched):
+    stage, _, glance = watched
+    belief = glance("can")
+    thing = stage.pipeline.inventory.things["can"]
+    assert is_settled(belief.entities["can"], thing)
+    stage.put("can", 0.6, -0.25)
+    moved = glance("can").entities["can"]
+    assert not is_settled(moved, thing)
+    assert not is_settled(None, thing)
+
+
+def test_a_window_in_which_nothing_was_measured_confirms_nothing(watched):
+    stage, _, glance = watched
+    belief = glance("can")
+    data = pose_state(stage.physics.model, stage.physics.data.qpos)
+    camera = next(iter(belief.entities["can"].evidence)).partition("@")[0]
+    frame = stage.cameras[camera].capture(data, stage.time_s, np.random.default_rng(1))
+    labels = np.full(frame.depth_m.shape, stage.pipeline.inventory.things["can"].colors[0], np.uint8)
+    frame.depth_m[:] = np.nan
+    thing, focal_px = stage.pipeline.inventory.things["can"], belief.sensors[camera].focal_px
+    assert confirm(thing, belief.entities["can"], frame, labels, focal_px) is None

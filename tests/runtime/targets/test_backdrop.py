@@ -1,0 +1,97 @@
+"""Pictures that cost less: what was kept and what is read out in part show what a whole new picture shows."""
+
+import numpy as np
+import pytest
+
+from phyagentos.protocol.cameras import NoiseLevel
+from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.sensors import read_sensors
+from phyagentos.runtime.targets.backdrop import MovingSolids
+from phyagentos.runtime.targets.physics import Physics
+from phyagentos.runtime.targets.ray_cast import RayCaster
+from phyagentos.runtime.targets.simulated_camera import open_cameras, pose_state
+
+pytestmark = pytest.mark.sim
+
+SHIPPED = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
+
+
+@pytest.fixture(scope="module")
+def physics(library, panda):
+    spec = read_scene(library.get_scene("tabletop/cubes_and_trays"))
+    physics = Physics(*panda, spec, 7)
+    physics.start(spec.settle_s)
+    return physics
+
+
+@pytest.fixture(scope="module")
+def data(physics):
+    return pose_state(physics.model, physics.data.qpos)
+
+
+def capture(physics, data, noise, **options):
+    sensors = SHIPPED.model_copy(update={"noise_level": "x", "noise_levels": {"x": noise}})
+    return open_cameras(physics.model, sensors, seed=7)["overhead"].capture(
+        data, 0.0, np.random.default_rng(1), **options
+    )
+
+
+def pose_many(physics):
+    """States of one world: the arm turned, a cube lifted in front of the others, everything as it was."""
+    for turn_rad, cube in ((0.4, (0.5, 0.0, 0.3)), (-0.6, (0.45, 0.2, 0.02)), (0.0, None)):
+        qpos = np.array(physics.data.qpos)
+        qpos[physics.q_address] += np.array([turn_rad, 0, 0, 0, 0, 0, 0])
+        if cube is not None:
+            address = int(physics.model.jnt_qposadr[physics.model.body("red_cube").jntadr[0]])
+            qpos[address : address + 3] = cube
+        yield pose_state(physics.model, qpos)
+
+
+def test_a_backdrop_that_was_kept_gives_the_bits_of_a_picture_cast_whole(physics):
+    kept, cameras = RayCaster(physics.model), open_cameras(physics.model, SHIPPED, seed=7)
+    moving, pixels = MovingSolids(physics.model), {}
+    for data in pose_many(physics):
+        for name in ("overhead", "left", "right"):
+            lens, place = cameras[name].mounting.lens, cameras[name].mounting.find(data)
+            whole = RayCaster(physics.model).cast(data, lens, place, 3.0)
+            covered = kept.cast(data, lens, place, 3.0, still=True)
+            for part in ("rgb", "depth_m", "incidence"):
+                np.testing.assert_array_equal(getattr(covered, part), getattr(whole, part), strict=True)
+            pixels.setdefault(name, set()).add(len(moving.find_pixels(data, lens, place)) / whole.depth_m.size)
+    assert all(len(shares) > 1 and max(shares) < 0.6 for shares in pixels.values())
+
+
+def test_a_backdrop_is_cast_anew_when_something_fixed_was_moved(physics):
+    data = pose_state(physics.model, physics.data.qpos)
+    camera, kept = open_cameras(physics.model, SHIPPED, seed=7)["overhead"], RayCaster(physics.model)
+    before = kept.cast(data, camera.mounting.lens, camera.mounting.find(data), 3.0, still=True)
+    data.geom_xpos[physics.model.body("red_tray").geomadr[0]] += (0.1, 0.0, 0.05)
+    after = kept.cast(data, camera.mounting.lens, camera.mounting.find(data), 3.0, still=True)
+    whole = RayCaster(physics.model).cast(data, camera.mounting.lens, camera.mounting.find(data), 3.0)
+    np.testing.assert_array_equal(after.depth_m, whole.depth_m)
+    assert (before.depth_m != after.depth_m).any()
+
+
+def test_a_thinned_picture_shows_what_the_whole_one_shows_in_the_middle_of_its_squares(physics, data):
+    whole = capture(physics, data, NoiseLevel(), crop=(20, 10, 24, 17))
+    thinned = capture(physics, data, NoiseLevel(), crop=(20, 10, 24, 17), every=3)
+
+    assert (thinned.width, thinned.height) == (8, 5)
+    assert (3 * thinned.fx, 3 * thinned.cx, 3 * thinned.cy) == pytest.approx((whole.fx, whole.cx, whole.cy))
+    np.testing.assert_array_equal(thinned.rgb, whole.rgb[1:16:3, 1::3])
+    np.testing.assert_allclose(thinned.depth_m, whole.depth_m[1:16:3, 1::3], atol=1e-6)
+
+
+def test_the_edges_of_a_thinned_picture_waver_as_those_of_the_whole_one(physics, data):
+    wavering = NoiseLevel(lateral_std_rad=0.005)
+    clean = capture(physics, data, NoiseLevel()).depth_m
+    moved = {
+        every: (
+            capture(physics, data, wavering, every=every).depth_m != clean[every // 2 :: every, every // 2 :: every]
+        )
+        for every in (1, 3)
+    }
+    assert moved[3].shape == (48, 64)
+    assert moved[3].mean() == pytest.approx(moved[1].mean(), abs=0.1)
+    assert moved[3].mean() > 0.1
