@@ -1,9 +1,10 @@
 """Whether the diagnosis names the cause that was injected: a confusion table over seeds, on the real path.
 
-    python benchmarks/diagnosis.py --seeds 5
+    python benchmarks/diagnosis.py --seeds 3
 
-Each case is a goal of one session into which one cause is injected, by the fault file, by the scene, by the settings or
-by a signal to a process. The diagnosis reads evidence alone; what was injected is known here only. A case in which the
+Each case is a goal of one session into which one cause is injected: by the fault file, by the scene, by the settings,
+by a signal to a process, by a policy server that misbehaves, by acceptance that cannot be decided, or by a judge that
+cannot be relied on. The diagnosis reads evidence alone; what was injected is known here only. A case in which the
 objective was met all the same has no cause and is counted apart.
 """
 
@@ -22,12 +23,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+from diagnosis_parts.cases import CASES, Case
+from diagnosis_parts.model import serve_model
+from diagnosis_parts.policies import MANNERS, serve_policies
 from rich.console import Console
 from rich.table import Table
 
 from phyagentos.agent.causes import classify_refusal
 from phyagentos.agent.mission import Mission
 from phyagentos.assembly.places import open_project
+from phyagentos.assembly.verification import build_verifier
 from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.lifecycle import SessionState, Side
@@ -37,83 +42,9 @@ from phyagentos.protocol.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 ASKED = {"right": Ask(0.85, at_least=True)}
+NOBODY = "http://127.0.0.1:9"  # the port `discard`, where nothing listens
+WIDTH = 190  # characters: a column for each class that was found
 KILL_TICK = 20  # control periods after which the worker is killed: it is under way
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """One cause, and how it is injected.
-
-    Attributes:
-        name: Of the goals it makes.
-        kind: The class of the cause, as it was injected.
-        scene: Where.
-        object: The thing to move.
-        destination: Where to.
-        fault: For the fault file, without its condition on the session; None when something else injects it.
-        node: More keys of the node.
-        kills: Whether the worker is killed meanwhile.
-        settings: runtime_contract.yaml of the workspace: key -> value. Such a case has a runtime plane of its own.
-        sense: The only sensing for which the case makes sense; empty for both.
-    """
-
-    name: str
-    kind: str
-    scene: str = "tabletop/cubes_and_trays"
-    object: str = "red_cube"
-    destination: str = "red_tray"
-    fault: dict[str, object] | None = None
-    node: tuple[tuple[str, object], ...] = ()
-    kills: bool = False
-    settings: tuple[tuple[str, object], ...] = ()
-    sense: str = ""
-
-    def write_graph(self, folder: Path) -> Path:
-        """A goal graph of one session."""
-        node = {
-            "skill": "pick_and_place",
-            "target": "arm",
-            "with": {"object": self.object, "destination": self.destination},
-            **dict(self.node),
-        }
-        graph = {
-            "goal": self.name,
-            "objective": f"{self.object} into {self.destination}, while something goes wrong.",
-            "scene": self.scene,
-            "targets": {"arm": "panda"},
-            "defaults": {"max_replans": 0},  # it may look again, and does nothing else
-            "sessions": {"move": node},
-            "accept": [f"inside({self.object}, {self.destination})"],
-        }
-        path = folder / f"{self.name}.yaml"
-        path.write_text(yaml.safe_dump(graph, sort_keys=False))
-        return path
-
-
-WORKSHOP = "recovery/workshop"
-CASES = (
-    Case("slippery", "grasp", scene=WORKSHOP, object="soap"),
-    Case("dropped", "transport", fault={"kind": "slip", "object": "red_cube", "when": {"lifted_m": 0.12}}),
-    Case(
-        "nudged",
-        "external disturbance",
-        fault={"kind": "nudge", "object": "red_cube", "when": {"gripper_near_m": 0.04}},
-    ),
-    Case(
-        "moved", "external disturbance", fault={"kind": "move", "object": "red_cube", "when": {"gripper_near_m": 0.25}}
-    ),
-    Case("removed", "external disturbance", fault={"kind": "remove", "object": "red_cube", "when": {}}),
-    Case("stalled", "machine", fault={"kind": "stall", "object": "red_cube", "when": {"gripper_near_m": 0.3}}),
-    Case("killed", "machine", kills=True),
-    Case("hemmed", "planning", scene=WORKSHOP),
-    Case("wide", "planning", scene=WORKSHOP, object="carton", destination="zone"),
-    Case("chute", "placement", scene="tabletop/workbench", object="tin", destination="rack"),
-    Case("hurried", "timeout", node=(("timeout_s", 2.0),)),
-    Case("forbidden", "safety", node=(("hold", ["not moved(red_cube)"]),)),
-    Case("misfit", "adapter", settings=(("control_period_s", 0.01),)),
-    Case("blind", "perception", fault={"kind": "blackout", "when": {"time_s": 1.0}}, sense="perceived"),
-    Case("frozen", "perception", fault={"kind": "freeze", "when": {"time_s": 1.0}}, sense="perceived"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +72,11 @@ def write_faults(cases: Sequence[Case], folder: Path) -> Path:
 
 
 @contextmanager
-def watching(workspace: Workspace, faults: Path, sense: str | None) -> Iterator[None]:
+def watching(workspace: Workspace, faults: Path, sense: str | None, pictures: bool) -> Iterator[None]:
     """A runtime plane over the workspace."""
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
+    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root)]
     command += ["--faults", str(faults), *(("--sense", sense) if sense else ())]
+    command += [] if pictures else ["--no-pictures"]
     with (workspace.logs / "watch.log").open("wb") as log:
         process = subprocess.Popen(command, stdout=log, stderr=log)
         try:
@@ -189,19 +121,37 @@ def run_case(workspace: Workspace, mission: Mission, case: Case, graph: Path, se
     return Finding(case.name, case.kind, decision.kind, decision.cause, decision.reason, len(decision.support))
 
 
+def change_contract(workspace: Workspace, settings: dict[str, object]) -> None:
+    """Change runtime_contract.yaml."""
+    path = workspace.root / "runtime_contract.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **settings}))
+
+
+def describe_judges(url: str, manner: str) -> dict[str, object]:
+    """The block `verification` that asks a vision model too, of one manner."""
+    address = NOBODY if manner == "judge_down" else f"{url}/{manner}"
+    vision = {"url": f"{address}/v1", "model": "looker", "timeout_s": 5.0}
+    return {"judges": ["predicates", "holds", "metrics", "vision"], "vision": vision}
+
+
 def run_cases(
     root: Path, cases: Sequence[Case], seeds: Sequence[int], sense: str | None, console: Console
 ) -> Iterator[Finding]:
     """Cases that share one runtime plane."""
-    workspace = open_project(root, ROOT)
-    for key, value in (setting for case in cases for setting in case.settings):
-        path = workspace.root / "runtime_contract.yaml"
-        path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), key: value}))
+    clock, project = SystemClock(), root.with_suffix(".project")
+    serve_policies(project, [case.skill for case in cases if case.skill in MANNERS])
+    workspace = open_project(root, project, ROOT)
+    for case in cases:
+        change_contract(workspace, dict(case.settings))
     graphs = {case.name: case.write_graph(root) for case in cases}
-    journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=SystemClock())
-    mission = Mission(workspace, journal, clock=SystemClock(), publishes_task=False)
-    with watching(workspace, write_faults(cases, root), sense):
+    journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=clock)
+    pictures = any(case.judge for case in cases)
+    with serve_model() as url, watching(workspace, write_faults(cases, root), sense, pictures):
         for case in cases:
+            if case.judge:
+                change_contract(workspace, {"verification": describe_judges(url, case.judge)})
+            verifier = build_verifier(workspace, clock)
+            mission = Mission(workspace, journal, clock=clock, verifier=verifier, publishes_task=False)
             for seed in seeds:
                 finding = run_case(workspace, mission, case, graphs[case.name], seed)
                 right = "met" if not finding.found else "right" if finding.found == case.kind else "WRONG"
@@ -248,11 +198,12 @@ def main() -> int:
     chosen = [case for case in chosen if not case.sense or case.sense == (given.sense or "perceived")]
     findings: list[Finding] = []
     with tempfile.TemporaryDirectory(prefix="diagnosis-") as scratch:
-        shared = [case for case in chosen if not case.settings]
-        groups = [shared, *([case] for case in chosen if case.settings)]
+        shared = [case for case in chosen if not (case.settings or case.judge)]
+        judged = [case for case in chosen if case.judge]
+        groups = [shared, judged, *([case] for case in chosen if case.settings)]
         for index, cases in enumerate(group for group in groups if group):
             findings += run_cases(Path(scratch) / str(index), cases, seeds, given.sense, console)
-    show(Console(), findings)
+    show(Console(width=WIDTH), findings)
     told = [finding for finding in findings if finding.found]
     figures = {
         "right": Rate(sum(finding.found == finding.injected for finding in told), len(told)).value,
@@ -262,6 +213,7 @@ def main() -> int:
         ),
         "with_support": Rate(sum(finding.support > 0 for finding in told), len(told)).value,
         "injected": float(len(findings)),
+        "classes_injected": float(len({finding.injected for finding in findings})),
         "met_all_the_same": float(len(findings) - len(told)),
     }
     line, holds = format_outcome(figures, ASKED)

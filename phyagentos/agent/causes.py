@@ -59,6 +59,12 @@ class Cause(StrEnum):
     """The evidence does not tell whether the objective was met."""
     UNDECIDABLE = "UNDECIDABLE"
     """Everything was seen, and still a criterion cannot be decided."""
+    CRITERIA_CONTRADICT = "CRITERIA_CONTRADICT"
+    """Two criteria exclude one another, so that no world meets the contract."""
+    JUDGES_DISAGREE = "JUDGES_DISAGREE"
+    """One judge calls true what another calls false."""
+    JUDGE_FAILED = "JUDGE_FAILED"
+    """A judge gave no usable answer, and nothing else is open."""
     NO_CRITERIA = "NO_CRITERIA"
     """The contract holds nothing that could be accepted."""
     UNKNOWN = "UNKNOWN"
@@ -111,7 +117,13 @@ _CLASSES = {
     CauseClass.TIMEOUT: (Cause.TIMED_OUT,),
     CauseClass.SAFETY: (Cause.SAFETY_STOP, Cause.CONSTRAINT_VIOLATED),
     CauseClass.DISTURBANCE: (Cause.OBJECT_GONE, Cause.OBJECT_MOVED),
-    CauseClass.VERIFIER: (Cause.NO_CRITERIA, Cause.UNDECIDABLE),
+    CauseClass.VERIFIER: (
+        Cause.NO_CRITERIA,
+        Cause.UNDECIDABLE,
+        Cause.CRITERIA_CONTRADICT,
+        Cause.JUDGES_DISAGREE,
+        Cause.JUDGE_FAILED,
+    ),
     CauseClass.MACHINE: (Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.STALLED),
 }
 CLASSES = {cause: kind for kind, causes in _CLASSES.items() for cause in causes}

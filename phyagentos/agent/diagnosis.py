@@ -11,6 +11,7 @@ from enum import StrEnum
 from phyagentos.agent.causes import CLASSES, Cause, CauseClass
 from phyagentos.agent.course import Course, Stage, compute_move, find_failed_leaf
 from phyagentos.agent.judges.predicates import evaluate_criterion
+from phyagentos.agent.judging_faults import find_judging_fault
 from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import Bundle
@@ -54,6 +55,10 @@ _OF_ENDS = {
     Ended.SAFETY_STOP: Cause.SAFETY_STOP,
     Ended.CANCELLED: Cause.CANCELLED,
 }
+_OF_STOPS = {  # nothing about the motion was wrong; to go slower would only give the next one more occasions
+    "LEASE_LOST": Cause.RUNNER_LOST,  # whoever supervised it was gone
+    "DEADMAN": Cause.STALLED,  # a command came too late
+}
 _UNSEEN = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.OBJECT_GONE})
 _OF_MACHINE = frozenset({Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED})
 
@@ -70,6 +75,11 @@ _OF_ADAPTERS = frozenset(
         "RATE",
     }
 )
+
+
+_POLICY = "policy"  # the leaf of a policy skill
+_OF_CHUNKS = frozenset({"WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"})
+"""A chunk of another form than its policy declared, refused before any adapter has changed it."""
 
 
 class Layer(StrEnum):
@@ -89,6 +99,9 @@ _OF_LAYERS = {
     Cause.SENSOR_STALE: Layer.EVIDENCE,
     Cause.UNDECIDABLE: Layer.EVIDENCE,
     Cause.NO_CRITERIA: Layer.EVIDENCE,
+    Cause.CRITERIA_CONTRADICT: Layer.ACCEPTANCE,
+    Cause.JUDGES_DISAGREE: Layer.EVIDENCE,
+    Cause.JUDGE_FAILED: Layer.EVIDENCE,
     Cause.OBJECT_GONE: Layer.WORLD,
     Cause.OBJECT_HIDDEN: Layer.WORLD,
     Cause.OBJECT_MOVED: Layer.WORLD,
@@ -145,7 +158,8 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     """The cause why `criteria` are not all true on this evidence."""
     course = Course.of(bundle, find_object(bundle, criteria))
     cause, fact = _find_cause(bundle, criteria, course)
-    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(course)
+    is_told = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
+    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(course, is_told=is_told)
     if cause is Cause.CONSTRAINT_VIOLATED:
         hopeless = hopeless or any(_is_still_violated(criterion, bundle) for criterion in criteria)
     return Diagnosis(
@@ -193,6 +207,8 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], course: Course) -
         return Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted"
     if bundle.after is None:
         return Cause.EVIDENCE_MISSING, "the world was not observed after the session"
+    if (fault := find_judging_fault(criteria)) is not None:
+        return fault
     if execution.ended in _OF_MACHINE:
         return _OF_ENDS[execution.ended], _describe_end(bundle)
     if course.name and course.now is None and course.stage < Stage.GRASPED:
@@ -203,10 +219,12 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], course: Course) -
         return Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}"
     if (disturbed := _find_disturbance(bundle, course)) is not None:
         return disturbed
+    if execution.leaf == _POLICY and execution.code in _OF_CHUNKS:
+        return Cause.POLICY_FAILED, _describe_end(bundle)
     if execution.code in _OF_ADAPTERS:
         return Cause.ADAPTER_REFUSED, _describe_end(bundle)
     if execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
-        return _OF_ENDS[execution.ended], _describe_end(bundle)
+        return _OF_STOPS.get(execution.code, _OF_ENDS[execution.ended]), _describe_end(bundle)
     if course.now is not None and not course.now.visible:
         return Cause.OBJECT_HIDDEN, f"{course.name} was not seen after the session"
     if execution.ended is Ended.SKILL_FAILED:
@@ -257,13 +275,13 @@ def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: Cour
     return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {bundle.execution.ticks} commands"
 
 
-def _is_out_of_reach(course: Course) -> bool:
-    """Whether the thing fell off what it stood on, or was taken away."""
+def _is_out_of_reach(course: Course, *, is_told: bool = True) -> bool:
+    """Whether the thing fell off what it stood on, or was taken away; a lost runner may have carried it (not told)."""
     was, now = course.was, course.now
     if was is None or now is None or now.confidence < SURE:
         return False
     fell_m = was.pose.position_m[2] - now.pose.position_m[2]
-    return fell_m > FELL_M or (course.moved_m > GONE_M and course.stage < Stage.LIFTED)
+    return fell_m > FELL_M or (is_told and course.moved_m > GONE_M and course.stage < Stage.LIFTED)
 
 
 def _describe_end(bundle: Bundle) -> str:

@@ -12,6 +12,7 @@ from phyagentos.agent.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judges.predicates import evaluate_criterion
 from phyagentos.protocol.evidence import Bundle, TraceEvent
 from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.verdicts import Criterion, Truth
 
 from .conftest import make_world, put, remove
 
@@ -90,6 +91,15 @@ def test_the_stage_is_read_off_the_leaves(stage):
             Cause.ADAPTER_REFUSED,
             CauseClass.ADAPTER,
         ),
+        (
+            make_world(),
+            Stage.BEFORE,
+            {"code": "WRONG_SHAPE", "leaf": "policy"},
+            Cause.POLICY_FAILED,
+            CauseClass.POLICY,
+        ),
+        (make_world(), Stage.BEFORE, {"code": "NOT_FINITE", "leaf": "policy"}, Cause.POLICY_FAILED, CauseClass.POLICY),
+        (make_world(), Stage.BEFORE, {"code": "RATE", "leaf": "policy"}, Cause.ADAPTER_REFUSED, CauseClass.ADAPTER),
         (make_world(), Stage.BEFORE, {"ended": Ended.RUNNER_LOST}, Cause.RUNNER_LOST, CauseClass.MACHINE),
     ],
 )
@@ -106,6 +116,68 @@ def test_a_slip_off_the_table_is_a_loss_in_transport_that_cannot_be_mended():
 def test_nothing_is_given_up_for_a_pose_that_is_not_sure():
     diagnosis = ask(make_bundle(moved(z=-0.2, confidence=0.4), Stage.CLOSED, code="GRASP_MISSED"))
     assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.OBJECT_MOVED, False)
+
+
+def test_what_a_lost_runner_may_have_carried_is_not_given_up_as_taken_away():
+    bundle = make_bundle(moved(0.3, 0.0, 0.5), ended=Ended.RUNNER_LOST, code="HEARTBEAT_LOST")
+    assert ask(bundle).is_hopeless  # its trace tells that the hand had not closed
+    diagnosis = ask(msgspec.structs.replace(bundle, trace=()))
+    assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.RUNNER_LOST, False)
+
+
+@pytest.mark.parametrize(("code", "cause"), [("LEASE_LOST", Cause.RUNNER_LOST), ("DEADMAN", Cause.STALLED)])
+def test_a_stop_for_want_of_a_command_or_a_lease_is_the_machines_and_not_the_motions(code, cause):
+    diagnosis = ask(make_bundle(make_world(), Stage.LIFTED, ended=Ended.SAFETY_STOP, code=code))
+    assert (diagnosis.cause, diagnosis.kind, diagnosis.is_hopeless) == (cause, CauseClass.MACHINE, False)
+
+
+def criterion(text: str, truth: Truth, kind: str = "accept", because: str = "seen so") -> Criterion:
+    return Criterion(text=text, kind=kind, truth=truth, because=because)
+
+
+IN_TRAY = criterion("inside(red_cube, red_tray)", Truth.TRUE)
+JUDGING = [
+    ([IN_TRAY, criterion("not inside(red_cube, red_tray)", Truth.FALSE)], Cause.CRITERIA_CONTRADICT),
+    (
+        [
+            criterion("visible(red_cube) and not inside(red_cube, red_tray)", Truth.TRUE),
+            criterion("inside(red_cube, red_tray)", Truth.FALSE),
+        ],
+        Cause.CRITERIA_CONTRADICT,
+    ),
+    ([IN_TRAY, criterion(IN_TRAY.text, Truth.FALSE, "vision")], Cause.JUDGES_DISAGREE),
+    (
+        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "MODEL_UNREACHABLE: looker: refused")],
+        Cause.JUDGE_FAILED,
+    ),
+    ([IN_TRAY, criterion("scorer", Truth.UNKNOWN, "scorer", "the judge raised OSError: gone")], Cause.JUDGE_FAILED),
+]
+
+
+@pytest.mark.parametrize(("criteria", "cause"), JUDGING)
+def test_a_verdict_that_its_own_judges_prevent_is_the_verifiers(criteria, cause):
+    diagnosis = diagnose(make_bundle(moved(0.6, 0.3), Stage.RELEASED, ended=Ended.COMPLETED), criteria)
+    assert (diagnosis.cause, diagnosis.kind) == (cause, CauseClass.VERIFIER)
+    assert diagnosis.fact
+    assert diagnosis.is_hopeless is (cause is Cause.CRITERIA_CONTRADICT)
+
+
+@pytest.mark.parametrize(
+    "criteria",
+    [
+        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "the picture shows too little")],
+        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "there is no picture after.png")],
+        [
+            criterion(IN_TRAY.text, Truth.FALSE),
+            criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "MODEL_UNREACHABLE: looker: refused"),
+        ],
+        [IN_TRAY, criterion("not moved(red_cube)", Truth.FALSE, "hold")],
+        [criterion("inside(red_cube, red_tray) or not inside(red_cube, blue_tray)", Truth.FALSE)],
+    ],
+)
+def test_what_the_world_or_the_pictures_prevent_is_not_the_verifiers(criteria):
+    diagnosis = diagnose(make_bundle(moved(0.6, 0.3), Stage.RELEASED, ended=Ended.COMPLETED), criteria)
+    assert diagnosis.kind is not CauseClass.VERIFIER
 
 
 def test_the_numbers_that_support_a_cause_name_their_file_and_field():

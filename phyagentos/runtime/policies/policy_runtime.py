@@ -142,7 +142,7 @@ class PolicySkillRuntime:
             sequence=self._chunks,
             rows_done=self._commands,
             time_s=context.time_s,
-            observations=self._parts.observer.observe(context.step.target),
+            observations=self._parts.observer.observe(context.step.target, context.time_s),
         )
         start = wire.Start(session.id, session.objective, session.parameters, session.seed)
         self._parts.client.ask(request, None if self._chunks else start)
