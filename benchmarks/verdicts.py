@@ -1,6 +1,6 @@
 """The truth table: how often a verdict says success of a failure, and failure of a success, over all shipped skills.
 
-    python benchmarks/verdicts.py                     # the published figures: held-out seed, 2000 cases
+    python benchmarks/verdicts.py --jobs 2            # the published figures: held-out seed, 2000 cases, every sensing
     python benchmarks/verdicts.py --seed 1 --cases 400 --sensing truth
 
 Each case begins from a real session: its contract, trace, held conditions and the controller's own report are used as
@@ -8,14 +8,19 @@ they are. Physics then makes a world that went wrong, or right, in one of many w
 that shares no code with the pipeline says from raw simulator state whether the objective is met; and the verifier
 judges what it is shown. Beside it stands who believes the controller. Unknown is no success: of a true success it
 counts as a false failure, after the further looks that the verdict asked for, and its share is told. A case nearer than
-2.5 mm or 3 degrees to a tolerance is drawn again.
+2.5 mm or 3 degrees to a tolerance is drawn again. Every sensing sees the same worlds, and its own noise: neither the
+number of processes nor the other sensings change what it says.
 """
 
 import argparse
 import math
+import multiprocessing
+import os
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,13 +37,27 @@ from phyagentos.bench.report import Ask, format_outcome
 from phyagentos.protocol.seeds import compute_seed
 
 HELD_OUT_SEED = 20_260_419  # never used while anything was tuned; development uses small numbers
-WHOLE = ("truth", "nominal")  # see every case; the other noise levels every second one, for the sake of time
 SCENES = 8  # seeds of the scenes, and rounds of the jobs
 TRIES = 12  # draws for one case, until one is far enough from every boundary
 ASKED = {
     "false_success_nominal": Ask(0.005, at_least=False),
     "false_failure_nominal": Ask(0.02, at_least=False),
 }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What one process is asked for: every job in one scene, judged under every sensing.
+
+    Attributes:
+        scene: Its number; with the seed it tells what is drawn.
+        quota: Successes, and failures, of each recorded session.
+    """
+
+    scene: int
+    seed: int
+    quota: int
+    levels: tuple[str, ...]
 
 
 def main() -> int:
@@ -48,12 +67,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=HELD_OUT_SEED, help="of the generator")
     parser.add_argument("--scenes", type=int, default=SCENES, help="recorded sessions of each skill")
     parser.add_argument("--sensing", nargs="+", choices=LEVELS, default=list(LEVELS))
+    parser.add_argument("--jobs", type=int, default=1, help="processes side by side, each with scenes of its own")
     given = parser.parse_args()
-    console = Console(stderr=True)
-    robot = open_robot()
-    with tempfile.TemporaryDirectory(prefix="verdicts-") as folder:
-        recorded = record(robot, Path(folder), given.seed, given.scenes, console)
-        outcomes = judge_all(robot, recorded, given.cases, given.seed, given.sensing, console)
+    quota = math.ceil(given.cases / 2 / (given.scenes * len(list_jobs(0))))
+    plans = [
+        Plan(scene=scene, seed=given.seed, quota=quota, levels=tuple(given.sensing)) for scene in range(given.scenes)
+    ]
+    outcomes = list(judge_all(plans, given.jobs, Console(stderr=True)))
     show(Console(), outcomes, given.sensing)
     figures = build_figures(outcomes, given.sensing)
     line, holds = format_outcome(figures, {k: ask for k, ask in ASKED.items() if k in figures})
@@ -61,37 +81,33 @@ def main() -> int:
     return 0 if holds else 1
 
 
-def record(robot: Robot, folder: Path, seed: int, scenes: int, console: Console) -> list[Recorded]:
-    """The sessions that all cases begin from."""
-    studio = Studio(robot, folder)
-    recorded = []
-    for number in range(scenes):
-        for job in list_jobs(number):
-            one = studio.record(job, compute_seed(seed, "scene", number) % 1_000_000)
-            ended = one.bundle.execution.ended
-            console.print(f"scene {number + 1} of {scenes}: {job.name} ended {ended}", style="dim")
-            recorded.append(one)
-    return recorded
+def judge_all(plans: Sequence[Plan], jobs: int, console: Console) -> Iterator[Outcome]:
+    """Every case of every scene, in their order, however many processes there are."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # processes side by side leave no core to threads
+    with ProcessPoolExecutor(max_workers=jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        done = map(judge_scene, plans) if jobs == 1 else pool.map(judge_scene, plans)
+        for number, outcomes in enumerate(done, start=1):
+            console.print(f"scene {number} of {len(plans)}: {len(outcomes)} judgements", style="dim")
+            yield from outcomes
 
 
-def judge_all(
-    robot: Robot, recorded: Sequence[Recorded], cases: int, seed: int, levels: Sequence[str], console: Console
-) -> list[Outcome]:
-    """Every case under every sensing."""
+def judge_scene(plan: Plan) -> list[Outcome]:
+    """Record every job in one scene, then judge every case of it under every sensing."""
+    robot, jobs = open_robot(), list_jobs(plan.scene)
     outcomes: list[Outcome] = []
-    quota = math.ceil(cases / 2 / len(recorded))
-    for number, one in enumerate(recorded):
-        world = World.open(robot, one)
-        eye = open_eye(robot, world)
-        sensings = [make_sensing(level, robot, world) for level in levels]
-        for index, kind in enumerate(plan(one, quota, number)):
-            rng = np.random.default_rng(compute_seed(seed, "case", number, index))
-            outcomes += judge_case(world, eye, kind, sensings, rng, takes_part=index % 2 == number % 2)
-        console.print(f"{number + 1} of {len(recorded)}: {one.job.name}, {len(outcomes)} judgements", style="dim")
+    with tempfile.TemporaryDirectory(prefix="verdicts-") as folder:
+        studio = Studio(robot, Path(folder))
+        for number, job in enumerate(jobs, start=plan.scene * len(jobs)):
+            recorded = studio.record(job, compute_seed(plan.seed, "scene", plan.scene) % 1_000_000)
+            world = World.open(robot, recorded)
+            eye = open_eye(robot, world)
+            sensings = [make_sensing(level, robot, world) for level in plan.levels]
+            for index, kind in enumerate(list_kinds(recorded, plan.quota, number)):
+                outcomes += judge_case(world, eye, kind, sensings, compute_seed(plan.seed, "case", number, index))
     return outcomes
 
 
-def plan(one: Recorded, quota: int, number: int) -> Iterator[Kind]:
+def list_kinds(one: Recorded, quota: int, number: int) -> Iterator[Kind]:
     """As many successes as failures of one session; the classes of failure go round."""
     if one.job.fault:
         yield from [UNPLANNED] * quota
@@ -119,18 +135,11 @@ def open_eye(robot: Robot, world: World) -> Eye:
     return Eye(world.physics.model, before, tuple(robot.profile.gripper.pads), interiors)
 
 
-def judge_case(
-    world: World,
-    eye: Eye,
-    kind: Kind,
-    sensings: Sequence[Sensing],
-    rng: np.random.Generator,
-    *,
-    takes_part: bool = True,
-) -> Iterator[Outcome]:
-    """One case, drawn until everybody can agree about it; without `takes_part` judged under the main sensings only."""
+def judge_case(world: World, eye: Eye, kind: Kind, sensings: Sequence[Sensing], seed: int) -> Iterator[Outcome]:
+    """One case, drawn until everybody can agree about it, then judged under every sensing."""
     is_success = kind.change is SUCCESS.change
     accept = world.recorded.bundle.session.accept
+    rng = np.random.default_rng(seed)
     for _ in range(TRIES):
         world.restore(world.recorded.after)
         SUCCESS.change(world, rng)
@@ -143,15 +152,15 @@ def judge_case(
     else:
         return
     now = world.physics.read_state()
-    for sensing in sensings if takes_part else [each for each in sensings if each.level in WHOLE]:
-        attempt = sensing.judge(right, now, kind.lie, rng)
+    for sensing in sensings:
+        own = np.random.default_rng(compute_seed(seed, sensing.level))
         yield Outcome(
             sensing=sensing.level,
             skill=world.recorded.bundle.session.skill,
             kind=kind.name,
             met=answer.met,
             controller_ok=world.recorded.bundle.execution.ended == "completed",
-            attempt=attempt,
+            attempt=sensing.judge(right, now, kind.lie, own),
         )
 
 

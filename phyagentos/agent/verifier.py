@@ -6,7 +6,7 @@ decides is the mode's affair, see `VerificationMode`.
 """
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -14,13 +14,13 @@ import msgspec
 from phyagentos.agent.causes import Cause
 from phyagentos.agent.diagnosis import Diagnosis, diagnose
 from phyagentos.agent.judges.holds import HoldJudge
-from phyagentos.agent.judges.judge import ADVISORY_KINDS, Judge
+from phyagentos.agent.judges.judge import ADVISORY_KINDS, Judge, make_unknown
 from phyagentos.agent.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judges.metrics import MetricJudge
 from phyagentos.agent.judges.predicates import PredicateJudge
 from phyagentos.agent.wants import find_wants
 from phyagentos.protocol.evidence import Bundle, refer_to
-from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.sessions import Ended, Session
 from phyagentos.protocol.verdicts import Attempt, Criterion, EvidenceReference, Truth, Verdict, VerificationMode
 
 DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge(), MetricJudge(), LookaheadJudge())
@@ -75,7 +75,7 @@ class SessionVerifier:
         for judge in self.costly:
             if all(each.truth is not Truth.FALSE for each in _choose_decisive(criteria)):
                 criteria += judge.judge(bundle)
-        return tuple(criteria)
+        return (*criteria, *_find_unanswered(bundle.session, criteria))
 
     def _weigh(self, bundle: Bundle, history: History, criteria: tuple[Criterion, ...]) -> Attempt:
         decisive = _choose_decisive(criteria)
@@ -145,11 +145,21 @@ def _choose_decisive(criteria: Sequence[Criterion]) -> Sequence[Criterion]:
     return observed or criteria
 
 
+def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterator[Criterion]:
+    """What the contract asks and none of these judges answers: unknown, lest it count as met."""
+    for kind, other, texts in (("accept", "hold", session.accept), ("hold", "accept", session.hold)):
+        answered = {each.text for each in criteria if each.kind not in ADVISORY_KINDS and each.kind != other}
+        for text in texts:
+            if text not in answered:
+                yield make_unknown(text, kind, "", "none of the judges that were asked answers it")
+
+
 def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnosis, tuple[str, ...]]:
     """Why it was not met, and what should be looked at again when that cannot be told."""
     diagnosis = diagnose(bundle, criteria)
     is_open = criteria and all(criterion.truth is not Truth.FALSE for criterion in criteria)
-    wants = find_wants(criteria, bundle.after) if is_open else ()
+    judged = [each for each in criteria if each.evidence]  # a look helps where a judge looked and could not tell
+    wants = find_wants(judged, bundle.after) if is_open else ()
     if not wants or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
         return diagnosis, ()
     unseen = ", ".join(wants)

@@ -1,4 +1,4 @@
-"""The verifier of a workspace, as its runtime_contract.yaml asks for it; the only place that makes one with a key."""
+"""The judges that can be asked, and the verifier of a workspace; the only place that makes one with a key."""
 
 import os
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ from phyagentos.agent.judges.judge import Judge
 from phyagentos.agent.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judges.metrics import MetricJudge
 from phyagentos.agent.judges.predicates import PredicateJudge
+from phyagentos.agent.judges.registry import JudgeDefinition, JudgeRegistry, JudgeSettings
 from phyagentos.agent.judges.vision import VisionJudge
 from phyagentos.agent.judges.vision_endpoint import OpenAiEndpoint
 from phyagentos.agent.verifier import SessionVerifier
@@ -15,7 +16,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.runtime_contract import read_runtime_contract
 from phyagentos.protocol.verdicts import JudgeName, VerificationMode
-from phyagentos.protocol.verification import Verification, VisionModel
+from phyagentos.protocol.verification import Verification
 from phyagentos.protocol.workspace import Workspace
 
 
@@ -24,7 +25,7 @@ def build_verifier(
     clock: Clock,
     *,
     mode: VerificationMode | None = None,
-    judges: Sequence[JudgeName] | None = None,
+    judges: Sequence[str] | None = None,
 ) -> SessionVerifier:
     """The verifier that the workspace's settings describe.
 
@@ -32,38 +33,71 @@ def build_verifier(
         workspace: With runtime_contract.yaml; without one, the defaults hold, which are the strictest.
         clock: Bounds the wait for a model.
         mode: Instead of the one in the settings.
-        judges: Instead of those in the settings.
+        judges: Instead of those in the settings, as `--with` names them.
 
     Raises:
-        DefinitionError: With every problem of the file; `VISION_NOT_CONFIGURED`, `API_KEY_MISSING`.
+        DefinitionError: With every problem of the file; `UNKNOWN_JUDGE`, `VISION_NOT_CONFIGURED`, `API_KEY_MISSING`.
     """
     file = workspace.runtime_contract
     settings = read_runtime_contract(file).verification if file.exists() else Verification()
-    names = tuple(dict.fromkeys(settings.judges if judges is None else judges))
-    free = [_build_judge(name, settings) for name in names if name is not JudgeName.VISION]
-    costly = [_build_vision(settings.vision, workspace, clock)] if JudgeName.VISION in names else []
+    address = f"{file}: verification"
+    names, place = (settings.judges, f"{address}.judges") if judges is None else (judges, "--with")
+    free: list[Judge] = []
+    costly: list[Judge] = []
+    for definition in build_judge_registry().get(names, place):
+        options = settings.options.get(definition.name, {})
+        judge = definition.open(JudgeSettings(verification=settings, clock=clock, options=options, address=address))
+        (costly if definition.is_costly else free).append(judge)
     return SessionVerifier(judges=free, costly=costly, mode=settings.mode if mode is None else mode)
 
 
-def _build_judge(name: JudgeName, settings: Verification) -> Judge:
-    match name:
-        case JudgeName.HOLDS:
-            return HoldJudge()
-        case JudgeName.METRICS:
-            return MetricJudge(settings.criteria)
-        case JudgeName.LOOKAHEAD:
-            return LookaheadJudge()
-        case _:
-            return PredicateJudge()
+def build_judge_registry() -> JudgeRegistry:
+    """What ships, and what installed packages announce."""
+    registry = JudgeRegistry()
+    for definition in (
+        JudgeDefinition(
+            name=JudgeName.PREDICATES.value,
+            open=lambda _: PredicateJudge(),
+            description="Acceptance, on the snapshots before and after.",
+        ),
+        JudgeDefinition(
+            name=JudgeName.HOLDS.value,
+            open=lambda _: HoldJudge(),
+            description="What had to hold all through, on the worst samples.",
+        ),
+        JudgeDefinition(
+            name=JudgeName.METRICS.value,
+            open=lambda settings: MetricJudge(settings.verification.criteria),
+            description="Numbers that were measured on the way.",
+        ),
+        JudgeDefinition(
+            name=JudgeName.LOOKAHEAD.value,
+            open=lambda _: LookaheadJudge(),
+            description="The chance that was simulated before; it advises.",
+        ),
+        JudgeDefinition(
+            name=JudgeName.VISION.value,
+            open=_open_vision,
+            is_costly=True,
+            description="A model that looks at the pictures before and after.",
+        ),
+    ):
+        registry.register(definition)
+    registry.register_installed()
+    return registry
 
 
-def _build_vision(model: VisionModel | None, workspace: Workspace, clock: Clock) -> VisionJudge:
-    address = f"{workspace.runtime_contract}: verification"
+def _open_vision(settings: JudgeSettings) -> VisionJudge:
+    model = settings.verification.vision
     if model is None:
         hint = "Write 'vision: {url: ..., model: ...}' below 'verification'; until then nobody is asked."
         raise DefinitionError(
             Problem(
-                code="VISION_NOT_CONFIGURED", address=address, found="no block 'vision'", expected="a model", hint=hint
+                code="VISION_NOT_CONFIGURED",
+                address=settings.address,
+                found="no block 'vision'",
+                expected="a model",
+                hint=hint,
             )
         )
     key = os.environ.get(model.api_key_env, "") if model.api_key_env else ""
@@ -71,11 +105,13 @@ def _build_vision(model: VisionModel | None, workspace: Workspace, clock: Clock)
         raise DefinitionError(
             Problem(
                 code="API_KEY_MISSING",
-                address=f"{address}.vision.api_key_env",
+                address=f"{settings.address}.vision.api_key_env",
                 found=f"environment variable {model.api_key_env} is not set",
                 expected="the key of the endpoint",
                 hint=f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint wants no key.",
             )
         )
-    endpoint = OpenAiEndpoint(url=model.url, model=model.model, clock=clock, key=key, timeout_s=model.timeout_s)
+    endpoint = OpenAiEndpoint(
+        url=model.url, model=model.model, clock=settings.clock, key=key, timeout_s=model.timeout_s
+    )
     return VisionJudge(endpoint, model.max_questions)

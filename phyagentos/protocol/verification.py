@@ -4,16 +4,21 @@ Upstream: a person. Downstream: the agent's verifier; every judgement records th
 Nothing leaves the machine unless `vision` is written down here and named among the judges.
 """
 
-from typing import Self
+from importlib.metadata import entry_points
+from typing import Annotated, Self
 
 import pydantic
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.schema import Authored
 from phyagentos.protocol.verdicts import JudgeName, VerificationMode
 
-DEFAULT_JUDGES = (JudgeName.PREDICATES, JudgeName.HOLDS, JudgeName.METRICS, JudgeName.LOOKAHEAD)
+JUDGE_ENTRY_POINTS = "phyagentos.judges"
+"""Entry point group in which installed packages announce judges."""
+
+JudgeOption = str | float | bool
+DEFAULT_JUDGES: tuple[str, ...] = (JudgeName.PREDICATES, JudgeName.HOLDS, JudgeName.METRICS, JudgeName.LOOKAHEAD)
 
 
 class VisionModel(Authored):
@@ -39,15 +44,20 @@ class Verification(Authored):
 
     Attributes:
         mode: What a judgement is for.
-        judges: Asked in this order; `vision` only when nothing before it is false.
+        judges: Asked in this order, shipped ones and those of installed packages; a costly one such as `vision` last,
+            and only when nothing is false.
         criteria: Predicates that every session must meet beside its own acceptance (`metric(interventions) <= 0`).
         vision: The model that the judge `vision` asks.
+        options: What a judge of an installed package is given, by its name.
     """
 
     mode: VerificationMode = VerificationMode.RECOVERY
-    judges: tuple[JudgeName, ...] = pydantic.Field(default=DEFAULT_JUDGES, min_length=1)
+    judges: tuple[Annotated[str, pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")], ...] = pydantic.Field(
+        default=DEFAULT_JUDGES, min_length=1
+    )
     criteria: tuple[str, ...] = ()
     vision: VisionModel | None = None
+    options: dict[str, dict[str, JudgeOption]] = pydantic.Field(default_factory=dict)
 
     @pydantic.field_validator("criteria")
     @classmethod
@@ -59,10 +69,25 @@ class Verification(Authored):
                 raise ValueError(str(error)) from error
         return texts
 
+    @pydantic.field_validator("judges")
+    @classmethod
+    def _check_names(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if set(names) <= set(JudgeName):
+            return names
+        known = sorted({*map(str, JudgeName), *entry_points(group=JUDGE_ENTRY_POINTS).names})  # none is loaded
+        for name in names:
+            if name not in known:
+                raise ValueError(
+                    f"no judge {name!r}; possible: {format_names(known)}. {format_hint(name, known)}".strip()
+                )
+        return names
+
     @pydantic.model_validator(mode="after")
     def _check_judges(self) -> Self:
         if JudgeName.VISION in self.judges and self.vision is None:
             raise ValueError("the judge 'vision' needs a block 'vision' with url and model")
         if self.criteria and JudgeName.METRICS not in self.judges:
             raise ValueError("'criteria' are judged by 'metrics', which is not among the judges")
+        if strangers := sorted(set(self.options) - set(self.judges)):
+            raise ValueError(f"options of {', '.join(strangers)}, which is not among the judges")
         return self

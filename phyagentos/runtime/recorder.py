@@ -93,6 +93,7 @@ class Recorder:
         self.folder, self._path = folder, str(folder)
         self._stationery = stationery or Stationery()
         self._rows: list[tuple[float, ...]] = []
+        self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
         self._blank: set[str] = set()  # files that were made ahead and hold nothing yet
         made = blanks.take(folder) if blanks is not None else None
         if made is not None:
@@ -155,6 +156,12 @@ class Recorder:
                 target.gripper_width_m,
             )
         )
+        self._forces_n.append(np.nan if step.contact_force_n is None else step.contact_force_n)
+
+    def on_rest(self, step: Step) -> None:
+        """What is felt after the last command, until the target is at rest, belongs to its sample."""
+        if self._forces_n and step.contact_force_n is not None:
+            self._forces_n[-1] = max(self._forces_n[-1], step.contact_force_n)
 
     def write_course(
         self,
@@ -176,6 +183,8 @@ class Recorder:
             "gripper_commanded_m": rows[:, velocity_end],
             "gripper_measured_m": rows[:, velocity_end + 1],
         }
+        if self._forces_n and not np.isnan(self._forces_n).any():
+            arrays["force_n"] = np.array(self._forces_n)
         self._write(evidence.TRAJECTORY, encode_arrays(arrays))
         self._write(evidence.TRACE, encode_lines(list(trace)))
         self._write(evidence.EVENTS, encode_lines(list(events)))

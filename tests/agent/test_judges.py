@@ -75,6 +75,22 @@ def test_a_spilled_cup_is_told_by_its_worst_sample_though_it_stands_upright_now(
     assert (unsampled.truth, unsampled.because) == (Truth.UNKNOWN, "it was never sampled")
 
 
+def test_a_condition_on_a_metric_is_judged_by_the_whole_trajectory(tmp_path):
+    write_trajectory(tmp_path, force_n=np.array([0.0, 2.0, 2.0, 0.0, 31.0, 0.0]))  # after the last sample
+    session = make_session(hold=("metric(peak_force_n) <= 20", "metric(peak_tracking_error_rad) <= 0.1"))
+    sampled = Criterion(text=session.hold[0], kind="hold", truth=Truth.TRUE, measured={"peak_force_n": 2.0})
+    force, error = HoldJudge().judge(make_bundle(DONE, session=session, holds=(sampled,), folder=tmp_path))
+    assert (force.truth, force.kind, force.measured) == (Truth.FALSE, "hold", {"peak_force_n": 31.0})
+    assert error.truth is Truth.TRUE
+
+
+def test_a_condition_on_a_force_that_nobody_felt_is_unknown(tmp_path):
+    write_trajectory(tmp_path)
+    session = make_session(hold=("metric(peak_force_n) <= 20",))
+    (force,) = HoldJudge().judge(make_bundle(DONE, session=session, folder=tmp_path))
+    assert (force.truth, force.because) == (Truth.UNKNOWN, "nothing measured peak_force_n")
+
+
 # -- metrics -----------------------------------------------------------------------------------------------------------
 
 
@@ -122,6 +138,11 @@ def test_what_nobody_measured_or_can_read_is_unknown(tmp_path, damage):
         (tmp_path / TRAJECTORY).write_bytes(damage)
     criterion = judge_metric("metric(peak_tracking_error_rad) <= 1", tmp_path)
     assert (criterion.truth, criterion.because) == (Truth.UNKNOWN, "nothing measured peak_tracking_error_rad")
+
+
+def test_what_a_skill_says_of_itself_is_no_number_of_the_trajectory(tmp_path):
+    told = {"ended": Ended.COMPLETED, "outputs": {"peak_force_n": 0.0}}
+    assert judge_metric("metric(peak_force_n) <= 1", tmp_path, execution=told).truth is Truth.UNKNOWN
 
 
 def test_a_number_that_is_none_is_unknown(tmp_path):

@@ -7,6 +7,8 @@ import pytest
 
 from phyagentos.agent.causes import Cause
 from phyagentos.agent.diagnosis import Layer, diagnose
+from phyagentos.agent.judges.holds import HoldJudge
+from phyagentos.agent.judges.metrics import MetricJudge
 from phyagentos.agent.judges.predicates import PredicateJudge
 from phyagentos.agent.repair.retrying import find_label, revise
 from phyagentos.agent.repair.undone import find_undone
@@ -82,6 +84,24 @@ def test_unknown_is_never_a_success():
     assert attempt.verdict is Verdict.REPLAN
     assert attempt.cause == Cause.EVIDENCE_MISSING
     assert "open(drawer) is unknown: drawer is not in the snapshot" in attempt.reason
+
+
+@pytest.mark.parametrize(
+    ("judges", "unanswered"),
+    [
+        ((HoldJudge(), MetricJudge()), "inside(red_cube, red_tray)"),
+        ((PredicateJudge(), HoldJudge()), "metric(ticks) <= 1000"),
+        ((PredicateJudge(), MetricJudge()), "upright(bottle)"),
+    ],
+)
+def test_what_none_of_the_judges_answers_is_unknown_and_never_met(judges, unanswered):
+    session = make_session(accept=("inside(red_cube, red_tray)", "metric(ticks) <= 1000"), hold=("upright(bottle)",))
+    upright = Criterion(text="upright(bottle)", kind="hold", truth=Truth.TRUE)
+    bundle = make_bundle(put(make_world(), "red_cube", IN_TRAY), session=session, holds=(upright,))
+    attempt = SessionVerifier(judges=judges).judge(bundle, BUDGET)
+    assert attempt.verdict is not Verdict.SUCCESS
+    assert [each.text for each in attempt.criteria if each.truth is Truth.UNKNOWN] == [unanswered]
+    assert f"{unanswered} is unknown: none of the judges that were asked answers it" in attempt.reason
 
 
 def test_a_hold_condition_without_a_sample_is_unknown():

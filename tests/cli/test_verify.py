@@ -65,7 +65,7 @@ def test_a_judgement_is_added_and_the_verdict_stays(paos, judged):
     after = fold(judged)
     assert (after.state, after.updated_at, after.attempts[0]) == (before.state, before.updated_at, before.attempts[0])
     added = after.attempts[1]
-    assert (added.verdict, added.is_review, added.judges) == ("success", True, ("predicates/2", "holds/1"))
+    assert (added.verdict, added.is_review, added.judges) == ("success", True, ("predicates/2", "holds/2"))
     data = (judged.workspace.evidence_of(SESSION) / AFTER).read_bytes()
     assert {r.file: r.sha256 for r in added.evidence}[AFTER] == hashlib.sha256(data).hexdigest()
     assert after.decision == before.attempts[0]

@@ -47,9 +47,9 @@ def test_what_the_acceptance_names_and_nobody_saw_is_undecided(world, found):
     assert find_undecided(SESSION, world) == found
 
 
-def make_post(*undecided: str) -> Post:
+def make_post(*undecided: str, ended: Ended = Ended.COMPLETED) -> Post:
     post = Post(target="panda", worker=cast(Any, None), monitor=cast(Any, None), phase=Phase.IDLE)
-    post.note_end(SESSION, Execution(ended=Ended.COMPLETED, evidence="", undecided=undecided), 100.0)
+    post.note_end(SESSION, Execution(ended=ended, evidence="", undecided=undecided), 100.0)
     return post
 
 
@@ -72,3 +72,10 @@ def test_it_does_not_wait_for_an_agent_that_is_gone():
 
 def test_it_does_not_wait_when_everything_was_seen():
     assert make_post().is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.0)
+
+
+@pytest.mark.parametrize("ended", [Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.SAFETY_STOP, Ended.STALLED])
+def test_it_waits_for_what_follows_an_interrupted_motion_lest_another_session_let_fall_what_it_holds(ended):
+    post = make_post(ended=ended)
+    assert not post.is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.1)
+    assert post.is_free(make_ledger(SessionState.REPLANNED), 100.2)

@@ -54,8 +54,8 @@ TRAJECTORY_METRICS: "Mapping[str, Callable[[Course], float]]" = {
     "peak_tracking_error_rad": lambda course: _read_error(course, slice(None)),
     "peak_force_n": _read_peak("force_n"),
 }
-"""Name -> how it is computed from the arrays of the trajectory. `peak_force_n` needs a target that records `force_n`;
-for any other it is unknown."""
+"""Name -> how it is computed from the arrays of the trajectory. `peak_force_n` needs a target that feels contacts and
+so records `force_n`, the greatest of each control period; for any other it is unknown."""
 
 
 def read_report(bundle: Bundle) -> Iterator[tuple[str, float]]:

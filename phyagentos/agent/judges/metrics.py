@@ -45,7 +45,7 @@ class MetricJudge:
 
 def read_metrics(bundle: Bundle, wanted: set[str]) -> Mapping[str, float]:
     """Those of the wanted metrics that the bundle tells; the trajectory is read only when one of them needs it."""
-    found = dict(read_report(bundle))
+    found = {name: value for name, value in read_report(bundle) if name not in TRAJECTORY_METRICS}  # that is observed
     if wanted & TRAJECTORY_METRICS.keys():
         found |= read_course(bundle.folder, wanted)
     return {name: value for name, value in found.items() if name in wanted}

@@ -47,6 +47,7 @@ __all__ = [
     "View",
     "find_entities",
     "has_metric",
+    "is_metric_only",
     "iter_entities",
     "iter_metrics",
     "parse_predicate",
@@ -180,6 +181,12 @@ def iter_metrics(text: str) -> Iterator[str]:
 def has_metric(text: str) -> bool:
     """Whether a predicate compares a metric."""
     return any(True for _ in iter_metrics(text))
+
+
+def is_metric_only(predicate: Predicate) -> bool:
+    """Whether a predicate compares metrics and asks nothing of the world."""
+    found = [get_predicate_library().find(call.name) for call in iter_calls(predicate.formula)]
+    return all(each is not None and each.arguments[:1] and each.arguments[0].kind is Kind.METRIC for each in found)
 
 
 def substitute(text: str, parameters: Mapping[str, Any]) -> str:

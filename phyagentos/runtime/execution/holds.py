@@ -1,13 +1,27 @@
-"""Hold conditions and constraints: sampled all through a session, the worst kept, the first violation reported."""
+"""Hold conditions and constraints: sampled all through a session, the worst kept, the first violation reported.
 
-from collections.abc import Sequence
+What is asked of the contact force (`metric(peak_force_n) <= 20`) is not sampled: a spike lasts a few milliseconds, so
+every report of the target is looked at, which holds the greatest force since the one before.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
 
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import HOLDS
-from phyagentos.protocol.predicates.predicate import Evaluation, Predicate, View, iter_entities, parse_predicate, worse
+from phyagentos.protocol.predicates.predicate import (
+    Evaluation,
+    Predicate,
+    View,
+    is_metric_only,
+    iter_entities,
+    parse_predicate,
+    worse,
+)
 from phyagentos.protocol.verdicts import Criterion, Truth
+from phyagentos.runtime.targets.wire import Step
 
 SAMPLE_PERIODS = 5  # control periods between samples: 10 Hz of simulated time
+PEAK_FORCE = "peak_force_n"
 
 
 class HoldMonitor:
@@ -24,20 +38,39 @@ class HoldMonitor:
 
     def __init__(self, texts: Sequence[str], initial: Environment, target: str) -> None:
         self._predicates: tuple[tuple[str, Predicate], ...] = tuple((text, parse_predicate(text)) for text in texts)
+        self._felt = tuple(each for each in self._predicates if is_metric_only(each[1]))
+        self._seen = tuple(each for each in self._predicates if each not in self._felt)
         self._initial = initial
         self._target = target
         self.names = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
+        self._peaks: dict[str, float] = {}
         self._worst: dict[str, tuple[Evaluation, float]] = {}
 
     def is_due(self, tick: int) -> bool:
         """Whether the sample of this command tick is to be taken."""
-        return bool(self._predicates) and tick % SAMPLE_PERIODS == 0
+        return bool(self._seen) and tick % SAMPLE_PERIODS == 0
+
+    def feel(self, step: Step, recall: Callable[[], Environment]) -> Criterion | None:
+        """Take in the contact force of a report; returns the first condition on it that is false.
+
+        Args:
+            step: The report.
+            recall: The present world as it is believed; asked only when the force is greater than ever.
+        """
+        force_n = step.contact_force_n
+        if not self._predicates or force_n is None or force_n <= self._peaks.get(PEAK_FORCE, -1.0):
+            return None
+        self._peaks[PEAK_FORCE] = force_n
+        return self._evaluate(self._felt, recall()) if self._felt else None
 
     def sample(self, now: Environment) -> Criterion | None:
-        """Evaluate all; returns the first that is false."""
+        """Evaluate what can be seen; returns the first that is false."""
+        return self._evaluate(self._seen, now)
+
+    def _evaluate(self, predicates: Iterable[tuple[str, Predicate]], now: Environment) -> Criterion | None:
         violated: Criterion | None = None
-        view = View(now=now, initial=self._initial, target=self._target)
-        for text, predicate in self._predicates:
+        view = View(now=now, initial=self._initial, target=self._target, metrics=self._peaks)
+        for text, predicate in predicates:
             evaluation = predicate.evaluate(view)
             before = self._worst.get(text)
             if before is None or worse(before[0], evaluation) is evaluation:
@@ -47,7 +80,12 @@ class HoldMonitor:
         return violated
 
     def read_worst(self) -> tuple[Criterion, ...]:
-        """The worst sample of each, in the order of the contract."""
+        """The worst sample of each, in the order of the contract.
+
+        Of a session that ended before the first sample was due, the snapshot before it is the whole course.
+        """
+        if not self._worst:
+            self.sample(self._initial)
         return tuple(_to_criterion(text, *self._worst[text]) for text, _ in self._predicates if text in self._worst)
 
 

@@ -142,9 +142,9 @@ class SessionLoop:
         self.ticks += 1
         for observer in self._observers:
             observer.on_step(points, step)
-        violated = (
-            self._holds.sample(context.situation.glance(self._holds.names)) if self._holds.is_due(self.ticks) else None
-        )
+        violated = self._holds.feel(step, context.situation.environment)
+        if violated is None and self._holds.is_due(self.ticks):
+            violated = self._holds.sample(context.situation.glance(self._holds.names))
         self.ms["apply"] += 1e3 * (applied_s - began_s)
         self.ms["record"] += 1e3 * (now_s() - applied_s)
         if violated is None:

@@ -2,9 +2,12 @@
 
 import math
 
-from phyagentos.protocol.environment import Entity, Environment, Pose
+import msgspec
+
+from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, TargetState
 from phyagentos.protocol.verdicts import Truth
 from phyagentos.runtime.execution.holds import HoldMonitor
+from phyagentos.runtime.targets.wire import Step
 
 TEXT = "tilt(cup) <= 0.35"
 
@@ -39,3 +42,57 @@ def test_samples_are_due_ten_times_a_second_and_never_without_conditions():
 
     assert [tick for tick in range(1, 16) if HoldMonitor([TEXT], world, "panda").is_due(tick)] == [5, 10, 15]
     assert not HoldMonitor([], world, "panda").is_due(5)
+
+
+def test_of_a_session_that_ended_before_the_first_sample_the_snapshot_before_it_tells():
+    (worst,) = HoldMonitor([TEXT], build_world(0.0, 0.0), "panda").read_worst()
+    assert (worst.truth, worst.at_s) == (Truth.TRUE, 0.0)
+
+
+def feel(monitor, *forces_n):
+    state = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.0, tcp=Pose((0.0, 0.0, 0.0)))
+    for number, force_n in enumerate(forces_n):
+        time_s = 0.02 * number
+        step = Step(time_s=time_s, target=state, tracking_error_rad=0.0, contact_force_n=force_n)
+        if violated := monitor.feel(step, lambda time_s=time_s: build_world(time_s, 0.0)):
+            return violated
+    return None
+
+
+def test_a_force_spike_of_one_report_violates_at_once_and_stays_the_worst():
+    monitor = HoldMonitor(["metric(peak_force_n) <= 20"], build_world(0.0, 0.0), "panda")
+    violated = feel(monitor, 0.0, 3.0, 31.0)
+    assert (violated.truth, violated.measured, violated.at_s) == (Truth.FALSE, {"peak_force_n": 31.0}, 0.04)
+    assert feel(monitor, 0.0) is None  # nothing new
+    assert monitor.read_worst() == (violated,)
+
+
+def test_a_force_within_its_bound_holds_and_asks_for_no_look():
+    monitor = HoldMonitor(["metric(peak_force_n) <= 20"], build_world(0.0, 0.0), "panda")
+    assert feel(monitor, 0.0, 12.0, 3.0) is None
+    assert not monitor.is_due(5)
+    assert [(each.truth, each.measured) for each in monitor.read_worst()] == [(Truth.TRUE, {"peak_force_n": 12.0})]
+
+
+def test_a_target_that_feels_nothing_leaves_no_sample_of_a_force():
+    monitor = HoldMonitor(["metric(peak_force_n) <= 20"], build_world(0.0, 0.0), "panda")
+    assert feel(monitor, None, None) is None
+    assert monitor.read_worst() == ()
+
+
+def test_a_ball_that_was_spilled_on_the_way_is_told_though_it_lies_in_the_cup_again():
+    def fill(time_s, away_m):
+        world = build_world(time_s, 0.0)
+        cup = msgspec.structs.replace(world.entities["cup"], interior=Interior((0.0, 0.0, 0.0), (0.03, 0.03, 0.04)))
+        balls = [
+            Entity(name=f"ball_{number}", kind="ball", pose=Pose((0.5 + way_m, 0.0, 0.1)), observed_at_s=time_s)
+            for number, way_m in enumerate((0.0, away_m))
+        ]
+        return msgspec.structs.replace(world, entities={each.name: each for each in (cup, *balls)})
+
+    monitor = HoldMonitor(["count(inside(*, cup)) >= 2"], fill(0.0, 0.0), "panda")
+    assert monitor.sample(fill(0.1, 0.0)) is None
+    assert monitor.sample(fill(0.2, 0.15)).measured["count"] == 1
+    assert monitor.sample(fill(0.3, 0.0)) is None
+    (worst,) = monitor.read_worst()
+    assert (worst.truth, worst.at_s) == (Truth.FALSE, 0.2)

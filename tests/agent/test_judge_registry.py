@@ -1,0 +1,138 @@
+"""Judges as plug-ins: found through the entry points of installed packages, named in settings, failing closed."""
+
+import pytest
+
+from phyagentos.agent.judges.registry import JudgeDefinition, JudgeRegistry
+from phyagentos.assembly.verification import build_judge_registry, build_verifier
+from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.runtime_contract import read_runtime_contract
+from phyagentos.protocol.verdicts import Truth, Verdict
+from phyagentos.protocol.workspace import Workspace
+
+from .conftest import make_world, put
+from .test_verifier import BUDGET, IN_TRAY, make_bundle
+
+SHIPPED = ["holds", "lookahead", "metrics", "predicates", "vision"]
+CONTRACT = """
+version: 1
+world_mode: lockstep
+control_period_s: 0.02
+physics_step_s: 0.002
+command_representation: joint_position_velocity
+sampling_hz: 10
+"""
+DONE = put(make_world(), "red_cube", IN_TRAY)
+HASTE = """
+from phyagentos.agent.judges.registry import JudgeDefinition
+from phyagentos.protocol.verdicts import Criterion, Truth
+
+
+class Haste:
+    def __init__(self, ticks_max):
+        self.ticks_max = ticks_max
+        self.name = f"haste/1({ticks_max:g})"
+
+    def judge(self, bundle):
+        if self.ticks_max < 0:
+            raise ZeroDivisionError("no time at all")
+        if self.ticks_max == 0:
+            return ["slow"]
+        ticks = bundle.execution.ticks
+        truth = Truth.TRUE if ticks <= self.ticks_max else Truth.FALSE
+        because = f"{ticks} control periods"
+        return [Criterion(text="in time", kind="haste", truth=truth, evidence="execution.json", because=because)]
+
+
+HASTE = JudgeDefinition(
+    name="haste", open=lambda settings: Haste(settings.options.get("ticks_max", 50.0)), description="Whether in time."
+)
+"""
+
+
+@pytest.fixture
+def install(tmp_path_factory, monkeypatch):
+    """Lay an installed package where Python looks for them."""
+
+    def put_there(module="haste_judge", code=HASTE, points="haste = haste_judge:HASTE"):
+        site = tmp_path_factory.mktemp("site")
+        (site / f"{module}.py").write_text(code)
+        information = site / f"{module}-1.0.dist-info"
+        information.mkdir()
+        (information / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+        (information / "entry_points.txt").write_text(f"[phyagentos.judges]\n{points}\n")
+        monkeypatch.syspath_prepend(site)
+        monkeypatch.delitem(__import__("sys").modules, module, raising=False)
+
+    return put_there
+
+
+@pytest.fixture
+def make_verifier(tmp_path):
+    def make(settings: str):
+        (tmp_path / "runtime_contract.yaml").write_text(CONTRACT + settings)
+        return build_verifier(Workspace(tmp_path), SystemClock())
+
+    return make
+
+
+def test_what_ships_is_registered_by_name():
+    assert build_judge_registry().names() == SHIPPED
+    assert [each.name for each in build_judge_registry() if each.is_costly] == ["vision"]
+
+
+def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(install, make_verifier):
+    install()
+    assert build_judge_registry().names() == sorted([*SHIPPED, "haste"])
+    verifier = make_verifier("verification: {judges: [predicates, haste], options: {haste: {ticks_max: 80}}}")
+    attempt = verifier.judge(make_bundle(DONE), BUDGET)
+    assert (attempt.verdict, attempt.judges) == (Verdict.REPLAN, ("predicates/2", "haste/1(80)"))
+    assert [(each.text, each.truth) for each in attempt.criteria][1:] == [("in time", Truth.FALSE)]
+
+
+@pytest.mark.parametrize(
+    ("ticks_max", "because"),
+    [(-1, "the judge raised ZeroDivisionError: no time at all"), (0, "the judge answered with str")],
+)
+def test_a_judge_of_others_that_fails_leaves_unknown_and_no_success(install, make_verifier, ticks_max, because):
+    install()
+    verifier = make_verifier(
+        f"verification: {{judges: [predicates, haste], options: {{haste: {{ticks_max: {ticks_max}}}}}}}"
+    )
+    attempt = verifier.judge(make_bundle(DONE), BUDGET)
+    assert attempt.verdict is not Verdict.SUCCESS
+    assert [(each.truth, each.because) for each in attempt.criteria][1:] == [(Truth.UNKNOWN, because)]
+
+
+def test_a_judge_that_is_not_installed_is_refused_in_the_settings_with_its_place(make_verifier):
+    with pytest.raises(DefinitionError, match=r"no judge 'metric'; possible: holds, .* Did you mean 'metrics'\?"):
+        make_verifier("verification: {judges: [predicates, metric]}")
+
+
+def test_options_of_a_judge_that_is_not_asked_are_refused(make_verifier):
+    with pytest.raises(DefinitionError, match="options of haste, which is not among the judges"):
+        make_verifier("verification: {options: {haste: {ticks_max: 3}}}")
+
+
+def test_a_plug_in_never_replaces_a_shipped_judge(install):
+    install(code=HASTE.replace('"haste"', '"holds"'), points="holds = haste_judge:HASTE")
+    with pytest.raises(ValueError, match="judge 'holds' is registered already"):
+        build_judge_registry()
+
+
+def test_an_entry_point_that_announces_something_else_is_named(install):
+    install(points="haste = haste_judge:Haste")
+    with pytest.raises(ValueError, match="entry point 'haste_judge:Haste' is no JudgeDefinition of the name 'haste'"):
+        build_judge_registry()
+
+
+def test_a_judge_is_asked_once_however_often_it_is_named():
+    registry = JudgeRegistry()
+    registry.register(JudgeDefinition(name="one", open=lambda _: None))
+    assert [each.name for each in registry.get(["one", "one"], "--with")] == ["one"]
+
+
+def test_the_shipped_settings_name_only_judges_that_there_are():
+    shipped = read_runtime_contract(find_shipped_root() / "protocol" / "runtime_contract.yaml").verification
+    assert set(shipped.judges) <= set(SHIPPED)

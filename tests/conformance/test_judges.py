@@ -1,0 +1,106 @@
+"""Every judge that ships or is installed: named with a version, repeatable, reading only, failing closed."""
+
+from pathlib import Path
+
+import pytest
+
+from phyagentos.agent.judges.registry import JudgeSettings
+from phyagentos.assembly.verification import build_judge_registry
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.environment import Entity, Environment, Interior, Pose
+from phyagentos.protocol.evidence import HOLDS, PICTURE_AFTER, PICTURE_BEFORE, TRAJECTORY, Bundle
+from phyagentos.protocol.lookahead import LOOKAHEAD
+from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.verdicts import Criterion, Truth
+from phyagentos.protocol.verification import Verification
+
+REGISTRY = build_judge_registry()
+NOBODY = {"url": "http://127.0.0.1:9/v1", "model": "nobody", "timeout_s": 0.5}  # the port of `discard`
+SETTINGS = JudgeSettings(
+    verification=Verification.model_validate({"criteria": ["metric(peak_force_n) <= 20"], "vision": NOBODY}),
+    clock=SystemClock(),
+)
+SESSION = Session(
+    id=SessionId("g.red"),
+    goal=GoalId("g"),
+    node="red",
+    objective="Put it there.",
+    skill="pick_and_place",
+    target="panda",
+    parameters={},
+    accept=("inside(cube, tray)", "metric(ticks) <= 1000"),
+    hold=("upright(cube)", "metric(peak_force_n) <= 20"),
+    scene=Scene(name="table", seed=7, episode="g"),
+    seed=1,
+)
+
+
+def make_world():
+    things = {
+        "cube": Entity(name="cube", kind="cube", pose=Pose((0.6, 0.3, 0.03))),
+        "tray": Entity(
+            name="tray",
+            kind="tray",
+            pose=Pose((0.6, 0.3, 0.0)),
+            movable=False,
+            interior=Interior((0, 0, 0.035), (0.09, 0.07, 0.025)),
+        ),
+    }
+    return Environment(time_s=1.0, scene="table", episode="g", revision=1, sensing="perceived", entities=things)
+
+
+def make_bundle(folder: Path, after: Environment | None = None) -> Bundle:
+    execution = Execution(ended=Ended.COMPLETED, evidence="e", ticks=9)
+    facts = {"folder": folder, "session": SESSION, "execution": execution, "before": after, "after": after}
+    return Bundle(**facts, holds=(), trace=(), events=())
+
+
+def damage(folder: Path) -> None:
+    for name in (TRAJECTORY, LOOKAHEAD, HOLDS, PICTURE_BEFORE, PICTURE_AFTER):
+        (folder / name).write_bytes(b"no such thing")
+
+
+@pytest.fixture(params=REGISTRY.names())
+def definition(request):
+    (found,) = REGISTRY.get([request.param], "here")
+    return found
+
+
+@pytest.fixture
+def judge(definition):
+    return definition.open(SETTINGS)
+
+
+def test_a_judge_is_named_with_a_version_and_described(definition, judge):
+    assert judge.name.split("/")[0] == definition.name
+    assert judge.name.split("/")[1][0].isdigit()
+    assert definition.description.endswith(".")
+
+
+def test_nothing_that_was_not_observed_is_true(judge, tmp_path):
+    answers = judge.judge(make_bundle(tmp_path))
+    assert [each.text for each in answers if each.truth is Truth.TRUE and "ticks" not in each.text] == []
+
+
+def test_a_damaged_bundle_is_no_reason_to_raise_and_proves_nothing(judge, tmp_path):
+    damage(tmp_path)
+    answers = judge.judge(make_bundle(tmp_path))
+    assert [each.text for each in answers if each.truth is Truth.TRUE and "ticks" not in each.text] == []
+
+
+def test_a_judge_answers_with_criteria_that_people_and_files_can_carry(judge, tmp_path):
+    for each in judge.judge(make_bundle(tmp_path, make_world())):
+        assert isinstance(each, Criterion)
+        assert each.text
+        assert each.kind
+        assert each.because
+        assert each.evidence
+        assert "/" not in each.evidence
+
+
+def test_the_same_evidence_gives_the_same_answer_and_stays_as_it_is(judge, tmp_path):
+    damage(tmp_path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    bundle = make_bundle(tmp_path, make_world())
+    assert judge.judge(bundle) == judge.judge(bundle)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
