@@ -27,6 +27,7 @@ def run_agent(
     overrides: Mapping[str, str] | None = None,
     goal: str | None = None,
     verify: VerificationMode | None = None,
+    memory: Path | None = None,
 ) -> MissionReport:
     """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
 
@@ -36,13 +37,19 @@ def run_agent(
         seed: Root of every random choice.
         overrides: Dotted path -> YAML value (`targets.arm` -> `panda`).
         verify: What judgements are for, instead of what runtime_contract.yaml says.
+        memory: Folder of a memory that outlives the workspace, instead of its own.
         goal: Its id; with one, a goal that has its verdict is reported and not begun anew.
     """
     clock = SystemClock()
     workspace = open_project(root, find_project(graph))
     verifier = build_verifier(workspace, clock, mode=verify)
     journal = Journal(workspace.root, side=Side.AGENT, by="agent", clock=clock)
-    remembering = open_memory(workspace, clock, lambda text: print(text, file=sys.stderr))  # noqa: T201 - the agent's log
+    remembering = open_memory(
+        workspace,
+        clock,
+        lambda text: print(text, file=sys.stderr),  # noqa: T201 - the agent's log
+        shared=memory,
+    )
     mission = Mission(
         workspace,
         journal,

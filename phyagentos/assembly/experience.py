@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.memory.advisor import MemoryAdvisor
@@ -27,22 +28,27 @@ class Remembering:
     keeper: MemoryKeeper
 
 
-def open_memory(workspace: Workspace, clock: Clock, report: Callable[[str], None]) -> Remembering:
+def open_memory(
+    workspace: Workspace, clock: Clock, report: Callable[[str], None], *, shared: Path | None = None
+) -> Remembering:
     """The memory of a workspace.
 
     Args:
         workspace: Where the records and the two documents lie.
         clock: For the time of records.
         report: Told what could not be kept.
+        shared: Folder of a memory that outlives the workspace, instead of its own; made with the first record.
 
     Raises:
         ExecutionError: `JOURNAL_DAMAGED`.
     """
     catalogue = Catalogue.of_workspace(workspace)
     surroundings = Surroundings(scenes=catalogue.scenes, targets=catalogue.targets)
-    memory = Memory(workspace.memory, clock=clock, by="agent")
+    folder = workspace.memory if shared is None else shared.resolve() / workspace.memory.name
+    memory = Memory(folder, clock=clock, by="agent")
+    is_shared = folder != workspace.memory
     return Remembering(
         memory=memory,
         advisor=MemoryAdvisor(memory, surroundings),
-        keeper=MemoryKeeper(memory, surroundings, workspace, clock=clock, report=report),
+        keeper=MemoryKeeper(memory, surroundings, workspace, clock=clock, report=report, is_shared=is_shared),
     )

@@ -1,5 +1,7 @@
 """Commands about memory: `memory show`, `memory why`, `memory forget`."""
 
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from phyagentos.agent.memory.memory import Memory
     from phyagentos.protocol.memory_entries import MemoryEntry
 
-Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
+Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run, or of `paos run --memory`.")]
 Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.md and KNOWLEDGE.md give it.")]
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
 
@@ -37,41 +39,47 @@ def show(
     from phyagentos.agent.memory.views import list_facts, list_lessons
     from phyagentos.protocol.memory_entries import Standing
 
-    memory = _open(workspace)
-    entries: list[MemoryEntry] = [*list_lessons(memory.experience), *list_facts(memory.experience)]
-    if words:
-        found = {lesson.id for lesson in memory.search(" ".join(words))}
-        entries = [each for each in entries if each.id in found or _mentions(each, words)]
-    shown = [each for each in entries if everything or each.state is Standing.ACTIVE]
-    if as_json:
-        _print_json({"version": memory.version, "entries": shown})
-        return
-    for each in shown:
-        mark = "" if each.state is Standing.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
-        print_result(f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against")
-    hidden = len(entries) - len(shown)
-    told = f"; {hidden} more with --all" if hidden else ""
-    print_note(f"{len(shown)} entries of {memory.version}{told}")
+    with _opened(workspace) as memory:
+        entries: list[MemoryEntry] = [*list_lessons(memory.experience), *list_facts(memory.experience)]
+        if words:
+            found = {lesson.id for lesson in memory.search(" ".join(words))}
+            entries = [each for each in entries if each.id in found or _mentions(each, words)]
+        shown = [each for each in entries if everything or each.state is Standing.ACTIVE]
+        if as_json:
+            _print_json({"version": memory.version, "entries": shown})
+            return
+        for each in shown:
+            mark = (
+                "" if each.state is Standing.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
+            )
+            print_result(
+                f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against"
+            )
+        hidden = len(entries) - len(shown)
+        told = f"; {hidden} more with --all" if hidden else ""
+        print_note(f"{len(shown)} entr{'y' if len(shown) == 1 else 'ies'} of {memory.version}{told}")
 
 
 def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:
     """Where an entry comes from: failures, corrections and their verdicts, and what people said of it."""
-    memory = _open(workspace)
-    told = _find(memory, entry, workspace)
-    episodes, edits = _trace(memory, entry)
-    if as_json:
-        _print_json({"entry": told, "episodes": episodes, "edits": edits})
-        return
-    lines = [f"{told.id}: {told.state}", f"  says        {told.statement}"]
-    lines += [f"  because     {told.reason}"] if told.reason else []
-    lines += [f"  counts      {told.supported} for, {told.contradicted} against, at least {told.confidence:.0%} sure"]
-    lines += [f"  baseline    {baseline} without it"] if (baseline := getattr(told, "baseline", "")) else []
-    for each in episodes:
-        lines += _tell(each)
-    for edit in edits:
-        said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))
-        lines.append(f"  said        {edit.by or 'somebody'}: {said or 'where it holds was changed'}")
-    print_result("\n".join(lines))
+    with _opened(workspace) as memory:
+        told = _find(memory, entry, workspace)
+        episodes, edits = _trace(memory, entry)
+        if as_json:
+            _print_json({"entry": told, "episodes": episodes, "edits": edits})
+            return
+        lines = [f"{told.id}: {told.state}", f"  says        {told.statement}"]
+        lines += [f"  because     {told.reason}"] if told.reason else []
+        lines += [
+            f"  counts      {told.supported} for, {told.contradicted} against, at least {told.confidence:.0%} sure"
+        ]
+        lines += [f"  baseline    {baseline} without it"] if (baseline := getattr(told, "baseline", "")) else []
+        for each in episodes:
+            lines += _tell(each)
+        for edit in edits:
+            said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))
+            lines.append(f"  said        {edit.by or 'somebody'}: {said or 'where it holds was changed'}")
+        print_result("\n".join(lines))
 
 
 def forget(
@@ -85,24 +93,27 @@ def forget(
 
     from phyagentos.agent.memory.lane import Edit
 
-    memory = _open(workspace)
-    _find(memory, entry, workspace)
-    memory.record([Edit(entry=entry, retracts=True, reason=reason, by=getpass.getuser())])
-    if as_json:
-        _print_json({"entry": _find(memory, entry, workspace), "version": memory.version})
-    else:
-        print_result(f"{entry}: retracted; {memory.version} does without it")
-    memory.close()
+    with _opened(workspace) as memory:
+        _find(memory, entry, workspace)
+        memory.record([Edit(entry=entry, retracts=True, reason=reason, by=getpass.getuser())])
+        if as_json:
+            _print_json({"entry": _find(memory, entry, workspace), "version": memory.version})
+        else:
+            print_result(f"{entry}: retracted; {memory.version} does without it")
 
 
-def _open(root: Path) -> "Memory":
+@contextmanager
+def _opened(root: Path) -> "Iterator[Memory]":
     from phyagentos.agent.memory.memory import Memory
     from phyagentos.clock import SystemClock
     from phyagentos.protocol.lifecycle import Side
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.workspace import MARKER, Workspace
 
-    workspace: Workspace = Workspace.open(root)
-    return Memory(workspace.memory, clock=SystemClock(), by="paos memory", side=Side.OPERATOR)
+    shared = root / "memory"
+    is_shared = shared.is_dir() and not (root / MARKER).exists()
+    folder = shared if is_shared else Workspace.open(root).memory
+    with closing(Memory(folder, clock=SystemClock(), by="paos memory", side=Side.OPERATOR)) as memory:
+        yield memory
 
 
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":

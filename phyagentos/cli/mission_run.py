@@ -55,6 +55,7 @@ class Order:
     world_mode: WorldMode | None = None
     verify: VerificationMode | None = None
     sense: Sensing | None = None
+    memory: Path | None = None
 
 
 class Interrupts:
@@ -174,6 +175,7 @@ def start_planes(order: Order, graph: Path, faults: Path | None, workspace: Work
     watch += [] if order.pictures else ["--no-pictures"]
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed)]
     agent += ["--verify", order.verify] if order.verify is not None else []
+    agent += ["--memory", str(order.memory.resolve())] if order.memory is not None else []
     agent += [part for override in order.overrides for part in ("--set", override)]
     return [Plane("watch", watch, workspace.logs), Plane("agent", agent, workspace.logs)]
 

@@ -34,6 +34,12 @@ Verify = Annotated[
     VerificationMode | None,
     typer.Option(help="What judgements are for, instead of what runtime_contract.yaml says."),
 ]
+SharedMemory = Annotated[
+    Path | None,
+    typer.Option(
+        "--memory", help="Folder of a memory that outlives the workspace, instead of its own.", file_okay=False
+    ),
+]
 
 PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
 
@@ -60,6 +66,7 @@ def run(
     world_mode: Mode = None,
     verify: Verify = None,
     sense: Sense = None,
+    memory: SharedMemory = None,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
     from phyagentos.cli.mission_run import Order, run_mission
@@ -77,6 +84,7 @@ def run(
             world_mode=world_mode,
             verify=verify,
             sense=sense,
+            memory=memory,
         )
     )
 
@@ -94,6 +102,7 @@ def agent(
     ] = None,
     with_parent: WithParent = False,
     verify: Verify = None,
+    memory: SharedMemory = None,
 ) -> int:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
@@ -101,7 +110,7 @@ def agent(
 
     _prepare(with_parent)
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
-    report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify)
+    report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
     print_result(f"goal {report.goal}: {report.verdict}  {report.reason}")
     return report.exit_code
 

@@ -1,6 +1,6 @@
 """A small library, synthetic worlds, and a runtime that plays its part in the journal without a robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import dedent
@@ -230,6 +230,9 @@ class ScriptedRuntime:
         self._journal = Journal(workspace.root, side=Side.RUNTIME, by="scripted", clock=SystemClock(), durable=False)
         self._ledger = Ledger()
 
+    def close(self) -> None:
+        self._journal.close()
+
     def on_change(self, goal: Any, ledger: Ledger) -> None:
         for record in self._journal.read_new():
             self._ledger.apply(record)
@@ -292,9 +295,15 @@ class Stage:
 
     workspace: Workspace
     runtime: ScriptedRuntime
+    journals: list[Journal] = field(default_factory=list)
+
+    def close(self) -> None:
+        for each in (self.runtime, *self.journals):
+            each.close()
 
     def make_mission(self, **more: Any) -> Mission:
         journal = Journal(self.workspace.root, side=Side.AGENT, by="agent", clock=SystemClock(), durable=False)
+        self.journals.append(journal)
         observers = more.pop("observers", [self.runtime])
         return Mission(self.workspace, journal, clock=SystemClock(), observers=observers, **more)
 
@@ -303,11 +312,16 @@ class Stage:
 
 
 @pytest.fixture
-def make_stage(tmp_path: Path, library: Library) -> Callable[..., Stage]:
+def make_stage(tmp_path: Path, library: Library) -> Iterator[Callable[..., Stage]]:
+    stages: list[Stage] = []
+
     def make(
         script: Script | None = None, world: Environment | None = None, refuse: dict[str, str] | None = None
     ) -> Stage:
         workspace = Workspace.create(tmp_path / "workspace", library)
-        return Stage(workspace, ScriptedRuntime(workspace, world or make_world(), script, refuse))
+        stages.append(Stage(workspace, ScriptedRuntime(workspace, world or make_world(), script, refuse)))
+        return stages[-1]
 
-    return make
+    yield make
+    for stage in stages:
+        stage.close()

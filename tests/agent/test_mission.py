@@ -298,6 +298,7 @@ def test_a_session_left_in_verifying_is_judged_again(make_stage, tidy):
         stage.make_mission(observers=[InterruptedAgent()]).run(tidy, seed=9)
     journal = Journal(stage.workspace.root, side=Side.AGENT, by="other", clock=SystemClock(), durable=False)
     journal.commit([Entry("tidy-9.red", "verify", None, 1)])
+    journal.close()
     report = stage.pursue(tidy, seed=9)
     assert report.verdict == "success"
     assert len(report.sessions) == 2

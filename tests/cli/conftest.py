@@ -112,7 +112,10 @@ class Run:
 
 @pytest.fixture
 def run(tmp_path):
-    return Run(tmp_path / "w")
+    run = Run(tmp_path / "w")
+    yield run
+    for pen in run.pens.values():
+        pen.close()
 
 
 @pytest.fixture

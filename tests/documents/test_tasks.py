@@ -6,7 +6,14 @@ from phyagentos.protocol.sessions import Ended, Execution, Scene, Session, Sessi
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.tasks import GoalStatus, NodeState, NodeStatus, Replan, read_tasks
 from phyagentos.protocol.verdicts import Attempt, Verdict
-from phyagentos.protocol.views.tasks import EDGES_DRAWN, GOALS_SHOWN, NODES_DRAWN, render_tasks, split_reason
+from phyagentos.protocol.views.tasks import (
+    ADVISED_SHOWN,
+    EDGES_DRAWN,
+    GOALS_SHOWN,
+    NODES_DRAWN,
+    render_tasks,
+    split_reason,
+)
 
 
 @pytest.fixture
@@ -20,8 +27,9 @@ def add_goals(ledger, *goals):
         ledger.goal_count += 1
 
 
-def make_status(id, **facts):
+def make_status(id, advice=(), **facts):
     contract = Session(
+        advice=advice,
         id=id,
         goal="g",
         node="n",
@@ -96,3 +104,24 @@ def test_a_cancelled_goal_says_why(ledger):
 
     assert "- **Verdict:** cancelled, dinner is ready\n" in text
     assert "- **Verdict:** none yet\n" in text
+
+
+def test_what_memory_changed_is_one_line_a_session_with_the_lesson(ledger):
+    advice = ("speed 0.5: lesson lesson-1a2b, 4 of 4 with it and 1 of 5 without", "as of memory/7:3f")
+    ledger.sessions |= {"a": make_status("a", advice=advice), "b": make_status("b")}
+    add_goals(ledger, GoalStatus(id="g", nodes={"n": NodeStatus(state=NodeState.DONE, sessions=("old", "a", "b"))}))
+    text = render_tasks(ledger)
+
+    (line,) = (line for line in text.splitlines() if line.startswith("- **Memory changed"))
+    assert line == f"- **Memory changed a:** {'; '.join(advice)}"
+    read_tasks(text)
+
+
+def test_where_memory_changed_many_sessions_the_rest_are_counted(ledger):
+    ids = tuple(f"s{number}" for number in range(ADVISED_SHOWN + 3))
+    ledger.sessions |= {id: make_status(id, advice=("speed 0.5: lesson l",)) for id in ids}
+    add_goals(ledger, GoalStatus(id="g", nodes={"n": NodeStatus(sessions=ids)}))
+    text = render_tasks(ledger)
+
+    assert text.count("- **Memory changed s") == ADVISED_SHOWN
+    assert "- **Memory changed** 3 more sessions; `paos why SESSION` tells how.\n" in text

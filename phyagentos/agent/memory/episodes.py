@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.agent.causes import Cause
 from phyagentos.agent.memory.features import Features, Surroundings
 from phyagentos.protocol.lifecycle import SessionState
 from phyagentos.protocol.memory_entries import Embodiment
@@ -15,6 +16,7 @@ from phyagentos.protocol.sessions import Session, SessionStatus
 from phyagentos.protocol.verdicts import Verdict
 
 JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
+INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.CANCELLED})
 
 
 class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -38,7 +40,8 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         cause: Coded cause of what went wrong.
         purpose: As the contract has it: `inspect` or `clear` when it prepared another attempt, empty for an attempt.
         sensing: What the judgement rests on, `truth` or `perceived`.
-        evidence: Bundle, relative to the workspace.
+        evidence: Bundle, relative to the workspace; its whole path where the memory lies outside.
+        judged_at: Wall time of the verdict, UTC: tells sessions of one name in two workspaces apart.
     """
 
     session: str
@@ -59,6 +62,12 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     purpose: str = ""
     sensing: str = ""
     evidence: str = ""
+    judged_at: str = ""
+
+    @property
+    def key(self) -> str:
+        """What tells it from every other one."""
+        return f"{self.session} {self.judged_at}"
 
     @property
     def is_success(self) -> bool:
@@ -66,9 +75,19 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return self.verdict is Verdict.SUCCESS
 
     @property
+    def is_interrupted(self) -> bool:
+        """Whether something else ended it, so that it speaks neither for its way nor against it."""
+        return not self.is_success and self.cause in INTERRUPTIONS
+
+    @property
     def is_first(self) -> bool:
         """Whether it is the first attempt of its node."""
         return self.parent is None and not self.purpose
+
+
+def find_key(status: SessionStatus) -> str:
+    """The key of a session's episode."""
+    return f"{status.contract.id} {status.updated_at}"
 
 
 def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode | None:
@@ -101,4 +120,5 @@ def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode |
         purpose=status.contract.purpose,
         sensing=decision.sensing,
         evidence=status.execution.evidence if status.execution else "",
+        judged_at=status.updated_at,
     )

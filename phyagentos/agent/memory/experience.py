@@ -40,7 +40,7 @@ class Experience(msgspec.Struct, kw_only=True):
         corrections: By id.
         facts: Added by people, by id.
         failures: By session.
-        known: Session -> its record, for those that were taken in last.
+        known: Key of an episode -> its record, for those that were taken in last.
         baselines: Id of a scope -> first attempts in it, the skill's own way.
     """
 
@@ -68,9 +68,14 @@ class Experience(msgspec.Struct, kw_only=True):
         return self.baselines.get(_name(correction.scope), Count())
 
     def _remember(self, episode: Episode) -> Iterator[str]:
-        if episode.session in self.known:  # a session is experienced once
+        if episode.key in self.known:  # a session is experienced once
             return
-        self.known[episode.session] = self.seq
+        self.known[episode.key] = self.seq
+        if not episode.is_interrupted:
+            yield from self._count(episode)
+        yield from self._follow(episode)
+
+    def _count(self, episode: Episode) -> Iterator[str]:
         if (id := semantic.find_pattern_id(episode)) is not None:
             self.patterns[id] = semantic.extend(self.patterns.pop(id, None), episode, id, self.seq)
             self._shrink_patterns()
@@ -79,7 +84,6 @@ class Experience(msgspec.Struct, kw_only=True):
             self._count_baselines(episode)
         if episode.is_first:
             yield from self._apply(episode)
-        yield from self._follow(episode)
 
     def _apply(self, episode: Episode) -> Iterator[str]:
         """A first attempt speaks for or against the lessons that advised it."""
@@ -95,10 +99,15 @@ class Experience(msgspec.Struct, kw_only=True):
     def _follow(self, episode: Episode) -> Iterator[str]:
         """A child speaks for or against what it did differently from the failure that it follows."""
         before = self.failures.get(episode.parent) if episode.parent else None
-        if before is not None and episode.purpose:  # it prepared the next attempt: that follows the same failure
+        if before is not None and (episode.purpose or episode.is_interrupted):
+            # it prepared the next attempt, or was none: that follows the same failure
             if (before.goal, before.node) == (episode.goal, episode.node):
-                cause = episode.cause or before.cause  # a second look may tell more than the first
-                self.failures[episode.session] = msgspec.structs.replace(before, session=episode.session, cause=cause)
+                told = "" if episode.is_interrupted else episode.cause  # a second look may tell more than the first
+                self.failures[episode.session] = msgspec.structs.replace(
+                    before, session=episode.session, cause=told or before.cause
+                )
+            return
+        if episode.is_interrupted:
             return
         if before is not None:
             for proposed in methodological.propose(before, episode):
@@ -119,7 +128,7 @@ class Experience(msgspec.Struct, kw_only=True):
 
     def _count_baselines(self, episode: Episode) -> None:
         scope = compute_scope(episode)
-        for each in {scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES)}:
+        for each in dict.fromkeys((scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES))):
             name = _name(each)
             self.baselines[name] = self.baselines.pop(name, Count()).add(success=episode.is_success)
 

@@ -6,6 +6,7 @@ one that is missing, damaged or of another version is made anew from the records
 
 import contextlib
 import sqlite3
+import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -15,10 +16,11 @@ from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.lane import Place
 from phyagentos.agent.memory.methodological import Correction
 
-VERSION = 1  # of what stands in it: another one is thrown away
+VERSION = 2  # of what stands in it: another one is thrown away
+_ANY = "any"  # of a lesson that no skill, or no thing, narrows
 _WAIT_S = 10.0
 _SCHEMA = """
-CREATE TABLE IF NOT EXISTS state (version INTEGER, place BLOB, experience BLOB);
+CREATE TABLE IF NOT EXISTS state (version INTEGER, place BLOB, experience BLOB, crc INTEGER);
 CREATE VIRTUAL TABLE IF NOT EXISTS lesson
     USING fts5 (id UNINDEXED, skill, things, words, tokenize = "unicode61 tokenchars '_'");
 """
@@ -39,9 +41,11 @@ class LessonIndex:
     def load(self) -> tuple[Experience, Place] | None:
         """What was saved last, None when there is nothing that can be trusted."""
         try:
-            row = self._connect().execute("SELECT version, place, experience FROM state").fetchone()
-            if row is None or row[0] != VERSION:
+            row = self._connect().execute("SELECT version, place, experience, crc FROM state").fetchone()
+            if row is None:
                 return None
+            if row[0] != VERSION or _compute_crc(row[1], row[2]) != row[3]:
+                raise sqlite3.DatabaseError("it is not what was written, or of another version")
             return msgspec.json.decode(row[2], type=Experience), msgspec.json.decode(row[1], type=Place)
         except _ROTTEN:
             self.discard()
@@ -61,7 +65,7 @@ class LessonIndex:
                 cursor.execute("BEGIN IMMEDIATE")
                 cursor.execute("DELETE FROM state")
                 encoded = msgspec.json.encode(place), msgspec.json.encode(experience)
-                cursor.execute("INSERT INTO state VALUES (?, ?, ?)", (VERSION, *encoded))
+                cursor.execute("INSERT INTO state VALUES (?, ?, ?, ?)", (VERSION, *encoded, _compute_crc(*encoded)))
                 _write_lessons(cursor, experience.corrections, changed)
                 cursor.execute("COMMIT")
         except _ROTTEN:
@@ -76,8 +80,9 @@ class LessonIndex:
             limit: So many at most.
         """
         wanted = " OR ".join(_quote(word) for word in dict.fromkeys(words) if word.strip())
-        parts = [f"skill: {_quote(skill)}"] if skill else []
-        parts += [f"{{things words}}: ({wanted})"] if wanted else []
+        parts = [f"skill: ({_quote(skill)} OR {_quote(_ANY)})"] if skill else []
+        told_of_all = f" OR {{things}}: {_quote(_ANY)}" if skill else ""
+        parts += [f"({{things words}}: ({wanted}){told_of_all})"] if wanted else []
         if not parts:
             return None
         query = "SELECT id FROM lesson WHERE lesson MATCH ? ORDER BY bm25(lesson, 1.0, 4.0, 4.0, 1.0), id LIMIT ?"
@@ -88,9 +93,11 @@ class LessonIndex:
 
     def discard(self) -> None:
         """Throw it away."""
-        self.close()
-        with contextlib.suppress(OSError):
-            for suffix in ("", "-wal", "-shm"):
+        with contextlib.suppress(sqlite3.Error):
+            self.close()
+        self._connection = None
+        for suffix in ("", "-wal", "-shm"):
+            with contextlib.suppress(OSError):
                 self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -130,9 +137,14 @@ def _write_lessons(
 
 def _to_row(correction: Correction) -> tuple[str, str, str, str]:
     scope = correction.where
-    things = " ".join(filter(None, (scope.object, scope.destination, scope.scene, *scope.entities)))
+    is_open = not (scope.object or scope.destination or scope.entities)
+    things = " ".join(filter(None, (scope.object, scope.destination, scope.scene, *scope.entities, _ANY * is_open)))
     words = " ".join((correction.cause, correction.objective, correction.note, *correction.advice))
-    return correction.id, scope.skill, things, words
+    return correction.id, scope.skill or _ANY, things, words
+
+
+def _compute_crc(place: bytes, experience: bytes) -> int:
+    return zlib.crc32(experience, zlib.crc32(place))
 
 
 def _quote(word: str) -> str:

@@ -8,7 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.agent.memory.episodes import find_episode
+import msgspec
+
+from phyagentos.agent.memory.episodes import Episode, find_episode, find_key
 from phyagentos.agent.memory.features import Surroundings
 from phyagentos.agent.memory.hand_edits import find_edits
 from phyagentos.agent.memory.lane import Edit
@@ -53,6 +55,7 @@ class MemoryKeeper:
         workspace: Where the documents lie.
         clock: For the exchange with editors.
         report: Told what could not be kept; the mission goes on.
+        is_shared: Whether the memory lies outside the workspace.
     """
 
     def __init__(
@@ -63,9 +66,11 @@ class MemoryKeeper:
         *,
         clock: Clock,
         report: Callable[[str], None],
+        is_shared: bool = False,
     ) -> None:
         self._memory, self._surroundings, self._workspace = memory, surroundings, workspace
         self._clock, self._report = clock, report
+        self._is_shared = is_shared
         self._over: set[str] = set()
 
     def on_change(self, goal: GoalStatus, ledger: Ledger) -> None:
@@ -82,12 +87,18 @@ class MemoryKeeper:
         """Remember every judged session that is not remembered yet, take in what people changed, and publish."""
         known = self._memory.experience.known
         found = [
-            episode
-            for id, status in ledger.sessions.items()
-            if id not in known and (episode := find_episode(status, self._surroundings)) is not None
+            self._place(episode)
+            for status in ledger.sessions.values()
+            if find_key(status) not in known and (episode := find_episode(status, self._surroundings)) is not None
         ]
         self._memory.record(found)
         self.publish()
+
+    def _place(self, episode: Episode) -> Episode:
+        """The episode as it is kept: where several workspaces share a memory, its evidence has its whole path."""
+        if not episode.evidence or not self._is_shared:
+            return episode
+        return msgspec.structs.replace(episode, evidence=str(self._workspace.root / episode.evidence))
 
     def publish(self) -> None:
         """Render both documents, what people changed in them taken in first, and renew what is promoted."""

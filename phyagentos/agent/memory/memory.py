@@ -43,12 +43,10 @@ class Found:
 
     Attributes:
         lesson: The lesson.
-        gain: By how much it is expected to raise the share of first attempts that succeed.
         because: Its counts, in words.
     """
 
     lesson: Correction
-    gain: float
     because: str
 
 
@@ -157,8 +155,6 @@ class Memory:
         if not lesson.advice or judge(lesson, self.experience.seq)[0] is not Standing.ACTIVE:
             return None
         outcomes, baseline = lesson.outcomes, self.experience.find_baseline(lesson)
-        gain = outcomes.mean - baseline.mean
-        if gain <= 0.0:
+        if outcomes.mean <= baseline.mean:
             return None
-        told = f"{outcomes} with it, {baseline} without"
-        return Found(lesson=lesson, gain=gain, because=told)
+        return Found(lesson=lesson, because=f"{outcomes} with it, {baseline} without")

@@ -21,6 +21,7 @@ from phyagentos.protocol.tasks import TASK, GoalStatus, NodeState, Replan
 GOALS_SHOWN = 20  # that have their verdict; the others are all shown
 NODES_DRAWN = 150  # more than a person can follow, and close to what a forge still draws
 EDGES_DRAWN = 400  # Mermaid draws 500
+ADVISED_SHOWN = 20  # sessions of a goal that memory changed; the others are counted
 
 _HEAD = """# Tasks
 
@@ -80,6 +81,7 @@ def render_task(goal: GoalStatus, ledger: Ledger) -> str:
     for name, predicates in (("Accepted when", goal.accept), ("All through", goal.constraints)):
         if predicates:
             lines.append(f"**{name}:** {', '.join(f'`{each}`' for each in predicates)}")
+    lines += _tell_advice(goal, ledger)
     parts = [f"## {goal.id}\n", "".join(f"- {flatten(line)}\n" for line in lines)]
     if goal.nodes:
         parts += [_draw(goal), _render_nodes(goal, ledger)]
@@ -155,6 +157,15 @@ def _describe_verdict(goal: GoalStatus) -> str:
         return f"cancelled, {goal.reason or 'no reason given'}" if goal.is_cancelled else "none yet"
     why = f": {goal.reason}" if goal.reason else ""
     return f"**{goal.verdict}**, {format_moment(goal.updated_at)}{why}"
+
+
+def _tell_advice(goal: GoalStatus, ledger: Ledger) -> list[str]:
+    """One line for each session that memory changed: what it does differently, and the lesson that asked for it."""
+    found = (ledger.sessions.get(id) for node in goal.nodes.values() for id in node.sessions)
+    advised = [status.contract for status in found if status is not None and status.contract.advice]
+    lines = [f"**Memory changed {each.id}:** {'; '.join(each.advice)}" for each in advised[:ADVISED_SHOWN]]
+    more = len(advised) - len(lines)
+    return [*lines, f"**Memory changed** {more} more sessions; `paos why SESSION` tells how."] if more else lines
 
 
 def _link(ledger: Ledger, id: SessionId) -> str:

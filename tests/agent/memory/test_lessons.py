@@ -98,6 +98,20 @@ def test_a_look_between_failure_and_correction_belongs_to_the_chain_and_is_no_at
     assert sum(pattern.count.trials for pattern in memory.experience.patterns.values()) == 1
 
 
+@pytest.mark.parametrize("cause", ["RUNNER_LOST", "TARGET_LOST", "CANCELLED"])
+def test_a_session_that_was_interrupted_speaks_neither_for_a_way_nor_against_it(memory, cause):
+    first = make_episode(ok=False)
+    lost = make_episode(ok=False, parent=first, strategy=SLOW, cause=cause)
+    third = make_episode(parent=lost, strategy=SLOW)
+    advised = make_episode(ok=False, strategy=SLOW, cause=cause)
+    memory.record([first, lost, third, advised, make_episode(ok=False, cause=cause)])
+    (found,) = memory.recall(ask(first))
+    assert (found.lesson.cause, found.lesson.chains[0].failed) == ("GRASP_LOST", first.session)
+    assert found.lesson.outcomes == Count(successes=1, trials=1)
+    assert memory.experience.find_baseline(found.lesson) == Count(trials=1)
+    assert [(each.strategy, each.count.trials) for each in memory.experience.patterns.values()] == [({}, 1)]
+
+
 def test_what_differed_from_case_to_case_is_left_out(memory):
     for grasp in ("yaw+000", "yaw+090", "yaw+180"):
         memory.record(make_correction(strategy={"speed": 0.5, "avoid_grasps": [grasp]}))

@@ -1,17 +1,21 @@
 """The records are the truth; everything beside them may be lost."""
 
+import contextlib
 import shutil
+import sqlite3
 
 import msgspec
 import pytest
 
 from phyagentos.agent.memory import experience, views
 from phyagentos.agent.memory.experience import Experience
+from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.lane import Edit
+from phyagentos.agent.memory.scopes import compute_scope, widen
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.memory_entries import Scope, Standing
 
-from .conftest import ask, make_correction, make_episode
+from .conftest import SLOW, ask, make_correction, make_episode
 
 
 def encode(memory):
@@ -52,6 +56,15 @@ def test_a_damaged_cache_is_made_anew(memory, open_memory, tmp_path, damage):
     memory.close()
     find_cache(tmp_path).write_bytes(damage)
     assert open_memory().recall(ask(failed))
+
+
+def test_a_number_that_rotted_in_the_cache_is_counted_anew(memory, open_memory, tmp_path):
+    memory.record(make_correction())
+    memory.close()
+    with contextlib.closing(sqlite3.connect(find_cache(tmp_path))) as connection, connection:
+        (known,) = connection.execute("SELECT experience FROM state").fetchone()
+        connection.execute("UPDATE state SET experience = ?", (known.replace(b'"successes":1', b'"successes":9'),))
+    assert encode(open_memory()) == encode(memory)
 
 
 def test_a_cache_of_other_records_is_not_believed(memory, open_memory, tmp_path):
@@ -132,6 +145,14 @@ def test_a_person_may_say_where_a_lesson_holds(memory):
     assert memory.recall(ask(failed)) == ()
 
 
+def test_a_lesson_that_a_person_opened_to_everything_is_told_of_anything(memory):
+    failed, corrected = make_correction()
+    memory.record([failed, corrected])
+    id = memory.recall(ask(failed))[0].lesson.id
+    memory.record([Edit(entry=id, scope=Scope(), by="a person")])
+    assert id in {each.lesson.id for each in memory.recall(ask(make_episode(thing="tin", place="rack"), skill="stack"))}
+
+
 def test_words_find_lessons_for_people(memory):
     memory.record([*make_correction(thing="soap"), *make_correction(thing="tin", place="rack")])
     assert {each.scope.object for each in memory.search("rack")} == {"tin"}
@@ -153,6 +174,14 @@ def test_it_stays_small_however_much_is_remembered(monkeypatch):
     assert len(views.list_lessons(known)) == len(views.list_facts(known)) == 10
 
 
+def test_what_was_counted_stands_in_the_order_of_its_records(memory):
+    for number in range(6):
+        memory.record([make_episode(thing=f"thing{number}", place=f"place{number}")])
+    scopes = [compute_scope(make_episode(thing=f"thing{number}", place=f"place{number}")) for number in range(6)]
+    ways = [(scope, widen(scope, SLOW), widen(scope, {"avoid_sites": []})) for scope in scopes]
+    assert list(memory.experience.baselines) == [compute_id("scope", each, "", {}) for way in ways for each in way]
+
+
 def test_a_retracted_lesson_is_not_let_go(monkeypatch):
     monkeypatch.setattr(experience, "CORRECTIONS_KEPT", 10)
     known = Experience()
@@ -162,3 +191,10 @@ def test_a_retracted_lesson_is_not_let_go(monkeypatch):
     events = [event for number in range(30) for event in make_correction(thing=f"thing{number}")]
     known.extend(enumerate(events, 4))
     assert known.corrections[retracted].state is Standing.RETRACTED
+
+
+def test_sessions_of_one_name_from_two_workspaces_are_two_and_one_that_is_told_twice_is_one(memory):
+    first = make_episode(judged_at="2026-01-01T10:00:00.000Z")
+    other = msgspec.structs.replace(first, judged_at="2026-01-02T10:00:00.000Z", seed=first.seed + 1)
+    memory.record([first, other, first])
+    assert sum(pattern.count.trials for pattern in memory.experience.patterns.values()) == 2
