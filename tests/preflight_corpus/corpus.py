@@ -125,6 +125,11 @@ def read_cases() -> list[Case]:
     return [read_case(file) for file in files]
 
 
+def read_sound() -> list[Case]:
+    """Edits that make nothing wrong, by name: these must be granted."""
+    return [read_case(file) for file in sorted((HERE / "sound").glob("*.yaml"))]
+
+
 def read_case(file: Path) -> Case:
     """One case; its name and side are those of its file."""
     case = msgspec.convert(yaml.safe_load(file.read_text(encoding="utf-8")), type=Case)

@@ -12,7 +12,7 @@ from phyagentos.protocol.library import Library
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 
-from .corpus import SIDES, carry, iter_shipped, make_control, read_cases
+from .corpus import SIDES, carry, iter_shipped, make_control, read_cases, read_sound
 from .recording import read_recorded, record
 
 CASES = read_cases()
@@ -50,6 +50,13 @@ def test_every_goal_graph_that_ships_is_granted(graph, tmp_path):
 
     assert outcome.stage == "granted", "\n".join(map(str, outcome.problems))
     assert outcome.plans
+
+
+@pytest.mark.parametrize("case", read_sound(), ids=lambda case: case.name)
+def test_what_is_unusual_and_fits_is_granted(case, tmp_path):
+    outcome = carry(case, tmp_path)
+
+    assert (outcome.stage, case.expect) == ("granted", ()), "\n".join(map(str, outcome.problems))
 
 
 @pytest.mark.motion

@@ -105,6 +105,18 @@ root:
     assert list(find_motions("cautious", {"object": "cube"}, Library.open(tmp_path))) == []
 
 
+def test_what_follows_a_subtree_that_was_not_looked_through_is_not_tried(tmp_path):
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees" / "push_and_pick.yaml").write_text(
+        "tree: push_and_pick\ndescription: Bring it within reach, then take it.\ninputs:\n"
+        "  object: {type: entity, description: x.}\n  to: {type: point, description: x.}\n"
+        "root:\n  sequence:\n    children:\n      - subtree: {tree: push, with: {object: $object, to: $to}}\n"
+        "      - subtree: {tree: pick, with: {object: $object}}\n"
+    )
+    arguments = {"object": "cube", "to": (0.4, 0.0, 0.02)}
+    assert list(find_motions("push_and_pick", arguments, Library.open(tmp_path))) == []
+
+
 def test_a_motion_that_was_found_is_possible_and_the_place_is_asked_for_with_its_grasp():
     planner = Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
 

@@ -1,14 +1,17 @@
 """Whole sessions on contact physics, with real planning: the outcome is read from the simulator, not from the skill."""
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
 
+from phyagentos.agent.judges.holds import HoldJudge
 from phyagentos.clock import SystemClock
 from phyagentos.protocol import evidence
 from phyagentos.protocol.evidence import read_bundle
 from phyagentos.protocol.faults import FaultFile
 from phyagentos.protocol.sessions import Ended, GoalId, Scene, SessionId
+from phyagentos.protocol.verdicts import Truth
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
@@ -127,6 +130,23 @@ def test_a_push_brings_the_cube_to_the_point(build_world, build):
     assert after[:2] == pytest.approx([x - 0.06, y - 0.05], abs=0.02)
 
 
+def test_a_drawer_that_is_closed_already_is_seen_to_be_and_left_alone(build_world, build):
+    bench = build_world()
+    scene = Scene(name="tabletop/drawer", seed=3, episode="tidy-3")
+    names = {"drawer": "drawer", "handle": "handle"}
+    session = msgspec.structs.replace(build("close_drawer", 3, **names), scene=scene)
+    shut = bench.run(session)
+    assert shut.ended is Ended.COMPLETED, shut
+
+    session = msgspec.structs.replace(build("close_drawer", 3, 1, **names), scene=scene)
+    again = bench.run(session)
+    assert (again.ended, again.code) == (Ended.COMPLETED, ""), again
+    trace = read_bundle(bench.workspace / again.evidence, session, again).trace
+    done = [event.leaf for event in trace if event.status == "SUCCESS"]
+    assert "look" in done, "it is judged by what was seen"
+    assert not {"close_gripper", "move_linear"} & set(done)
+
+
 def test_a_cube_that_slips_out_is_a_lost_grasp_and_stays_outside(build_world, build):
     bench = build_world({"kind": "slip", "object": "red_cube"})
     session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
@@ -154,3 +174,32 @@ def test_a_level_transport_keeps_the_vessel_upright(build_world, build):
     trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
     (carried,) = [event for event in trace if event.leaf == "move_level" and event.status == "SUCCESS"]
     assert carried.numbers["worst_tilt_rad"] <= 0.08 < carried.numbers["unshaped_worst_tilt_rad"]
+
+
+GENTLE = "metric(peak_force_n) <= 10"
+
+
+def judge_gently(bench, session):
+    execution = bench.run(session)
+    bundle = read_bundle(bench.workspace / execution.evidence, session, execution)
+    (held,) = HoldJudge().judge(bundle)
+    return execution, held
+
+
+def test_a_soft_placement_keeps_its_bound_of_the_contact_force(build_world, build):
+    session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
+    execution, held = judge_gently(build_world(), msgspec.structs.replace(session, hold=(GENTLE,)))
+
+    assert execution.ended is Ended.COMPLETED, execution
+    assert (held.truth, held.evidence) == (Truth.TRUE, evidence.TRAJECTORY), held
+
+
+def test_a_session_that_presses_too_hard_ends_and_is_judged_by_its_force(build_world, build):
+    bench = build_world()
+    bench.handle.load(build("home", 32).scene)
+    x, y, _ = next(e for e in bench.handle.observe().entities if e.name == "red_cube").pose.position_m
+    session = build("push", 32, object="red_cube", to=[x - 0.06, y - 0.05, 0.0])
+    execution, held = judge_gently(bench, msgspec.structs.replace(session, hold=(GENTLE,)))
+
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED"), execution
+    assert (held.truth, held.measured["peak_force_n"] > 10) == (Truth.FALSE, True), held

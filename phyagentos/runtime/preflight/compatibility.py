@@ -108,7 +108,7 @@ class Preflight:
         if skill is None:
             return []
         problems = [
-            *iter_frame_problems(skill, self.settings.sensors, live.cameras),
+            *iter_frame_problems(skill, self.settings.sensors, self.settings.perception, live.cameras),
             *iter_live_ability_problems(skill, self.profile, live),
         ]
         return locate(session, problems)

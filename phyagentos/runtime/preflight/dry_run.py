@@ -4,7 +4,7 @@ Upstream: the session, its tree, the observed world. Downstream: `compatibility`
 undecided; only what is proved impossible rejects a session. That a search within its budget found no way is no proof.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -75,6 +75,9 @@ class Place:
     destination: str
     relation: str
     near: tuple[float, float, float] | None
+
+
+Motions = Generator[Home | Grasp | Place, None, bool]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,27 +229,26 @@ def _compute_radius(shape: Shape) -> float:
     return float(np.linalg.norm(shape.pose.position_m) + np.linalg.norm(shape.size_m))
 
 
-def find_motions(
-    tree: str, arguments: Mapping[str, Any], library: Library, within: tuple[str, ...] = ()
-) -> Iterator[Home | Grasp | Place]:
+def find_motions(tree: str, arguments: Mapping[str, Any], library: Library, within: tuple[str, ...] = ()) -> Motions:
     """The grasp that a tree surely begins with, and the place that surely follows it.
 
     What stands in a fallback, a retry or any other control node is passed over, with everything after it: it may not
     be reached, or not in this world. So is everything after the place, or after a leaf of somebody else.
+
+    Returns:
+        Whether the whole tree was looked through, so that what follows it is as sure.
     """
     try:
         authored = read_tree(library.get_tree(tree))
     except DefinitionError:
-        return  # told by the check of trees
+        return False  # told by the check of trees
     inputs = authored.header.inputs
     known = {name: port.default for name, port in inputs.items() if port.default is not None}
     known |= {name: value for name, value in arguments.items() if value is not None}
-    yield from _find_in(authored.root, known, library, (*within, tree))
+    return (yield from _find_in(authored.root, known, library, (*within, tree)))
 
 
-def _find_in(
-    node: Node, known: Mapping[str, Any], library: Library, within: tuple[str, ...]
-) -> Iterator[Home | Grasp | Place]:
+def _find_in(node: Node, known: Mapping[str, Any], library: Library, within: tuple[str, ...]) -> Motions:
     children = node.children if node.kind is Kind.SEQUENCE else (node,)
     for child in children:
         wired = {
@@ -254,22 +256,24 @@ def _find_in(
             for port, value in child.wiring.items()
         }
         if child.kind is Kind.SUBTREE and child.type not in within:
-            yield from find_motions(child.type, wired, library, within)
+            if not (yield from find_motions(child.type, wired, library, within)):
+                return False
         elif child.kind is not Kind.LEAF:
-            return
+            return False
         elif child.type == "move_home":
             yield Home()
         elif child.type == "plan_grasp":
             if not isinstance(object := wired.get("object"), str):
-                return
+                return False
             yield Grasp(object)
         elif child.type == "plan_place":
             place = _make_place(wired, known.get("object"))
             if place is not None:
                 yield place
-            return
+            return False
         elif child.type not in STILL | WITH_THE_THING:
-            return
+            return False
+    return True
 
 
 def _make_place(wired: Mapping[str, Any], object: Any) -> Place | None:

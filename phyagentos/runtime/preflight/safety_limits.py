@@ -61,7 +61,7 @@ def iter_live_safety_problems(limits: TargetLimits, profile: TargetProfile, live
         yield from _iter_wider(profile, "joint_position_min", -_spread(low, n), -own_low, "its end stops", sign=-1.0)
         yield from _iter_wider(profile, "joint_position_max", _spread(high, n), own_high, "its end stops")
     force_n = float(np.asarray(limits.gripper_force_max.value))
-    if live.gripper_force_n > force_n * (1.0 + RELATIVE_TOLERANCE):
+    if not live.gripper_force_n <= force_n * (1.0 + RELATIVE_TOLERANCE):  # also when it is NaN
         yield make_problem(
             "GRIPPER_FORCE",
             _place(profile, "gripper_force_max"),
@@ -79,7 +79,7 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
         return
     point = np.asarray(state.tcp.position_m)
     low, high = np.asarray(limits.workspace_box.value)
-    if np.any(point < low) or np.any(point > high):
+    if not np.all((low <= point) & (point <= high)):  # also when it is NaN
         yield make_problem(
             "START_OUTSIDE",
             _place(profile, "workspace_box"),

@@ -6,13 +6,17 @@ Upstream: sensors.yaml, perception.yaml, the profile. Downstream: `compatibility
 from collections.abc import Iterator
 
 from phyagentos.errors import Problem, format_names
-from phyagentos.protocol.perception import Perception
+from phyagentos.protocol.perception import Perception, Sensing
 from phyagentos.protocol.runtime_contract import RuntimeContract
 from phyagentos.protocol.sensors import Modality, Sensor, Sensors, find_sensor
 from phyagentos.protocol.skill_runtimes import SkillRuntime
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.preflight.findings import make_problem
 
+PERCEIVED = {"entity_poses": "entities", "regions": "regions"}
+"""Observations that perception makes out of cameras, by the names of what its pipelines produce."""
+_SAMPLED: frozenset[Modality] = frozenset({"simulator_state", "proprioception", "contact"})
+"""What conditions are sampled from as it is measured; what is perceived has an age, which predicates heed."""
 RATE_TOLERANCE = 1e-6  # 1 / 0.02 is not exactly 50
 BODY_FRAMES = ("world", "base", "tcp")
 MODALITIES: dict[str, Modality] = {  # of what this project's targets measure, by its usual name
@@ -34,20 +38,63 @@ def iter_sensing_problems(
     read = {sensor for pipeline in perception.pipelines.values() for sensor in pipeline.sensors}
     used: dict[str, Sensor] = {}
     for need in skill.needs.observations:
-        found = find_sensor(sensors, need)
-        if found is None:
-            known = sorted({name for sensor in sensors.sensors.values() for name in sensor.provides})
-            fix = f"Let a sensor of sensors.yaml provide {need!r}."
-            address = "sensors.yaml: sensors"
-            yield make_problem("SENSOR_MISSING", address, repr(need), format_names(known), triggered_by=by, fix=fix)
-        else:
-            used[found[0]] = found[1]
+        found = find_sources(need, sensors, perception)
+        if not found:
+            yield _make_missing(need, sensors, perception, by)
+        elif _is_perceived(need, perception):
+            yield from _iter_freshness_problems(found, perception, by)
+        used |= found
     for name, sensor in used.items():
         if name not in read:
             fix = f"Name {name!r} in the pipeline that it feeds, or needs nothing of it."
             address = "perception.yaml: pipelines"
             yield make_problem("SENSOR_UNREAD", address, repr(name), format_names(read), triggered_by=by, fix=fix)
         yield from iter_sensor_problems(name, sensor, profile, contract, by)
+
+
+def find_sources(need: str, sensors: Sensors, perception: Perception) -> dict[str, Sensor]:
+    """The sensors that an observation comes from, by name: the cameras of its pipeline where it is perceived."""
+    if not _is_perceived(need, perception):
+        found = find_sensor(sensors, need)
+        return {found[0]: found[1]} if found is not None else {}
+    read = {
+        name
+        for pipeline in perception.pipelines.values()
+        if PERCEIVED[need] in pipeline.produces
+        for name in pipeline.sensors
+    }
+    return {name: sensor for name, sensor in sensors.cameras.items() if name in read}
+
+
+def _is_perceived(need: str, perception: Perception) -> bool:
+    return perception.sensing is Sensing.PERCEIVED and need in PERCEIVED
+
+
+def _make_missing(need: str, sensors: Sensors, perception: Perception, by: str) -> Problem:
+    if _is_perceived(need, perception):
+        fix = f"Name cameras in the pipeline that produces {PERCEIVED[need]!r}, or choose the sensing 'truth'."
+        address, known = "perception.yaml: pipelines", sorted(sensors.cameras)
+    else:
+        fix = f"Let a sensor of sensors.yaml provide {need!r}."
+        address = "sensors.yaml: sensors"
+        known = sorted({name for sensor in sensors.sensors.values() for name in sensor.provides})
+    return make_problem("SENSOR_MISSING", address, repr(need), format_names(known), triggered_by=by, fix=fix)
+
+
+def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception, by: str) -> Iterator[Problem]:
+    """Cameras whose picture is too old before the next one has come, so that they are stale again and again."""
+    for name, sensor in cameras.items():
+        late_s = sensor.camera.latency_s if sensor.camera is not None else 0.0
+        left_s = perception.embedded.max_age_s - late_s
+        if left_s <= 0.0 or sensor.rate_hz * left_s < 1.0 - RATE_TOLERANCE:
+            expected = (
+                f"at least {1.0 / left_s:.3g} Hz"
+                if left_s > 0.0
+                else f"a latency below {perception.embedded.max_age_s:g} s"
+            )
+            fix = "A picture is older than embedded.max_age_s of perception.yaml before the next one comes."
+            address = f"sensors.yaml: sensors.{name}.rate_hz"
+            yield make_problem("SENSOR_RATE", address, sensor.rate_hz, expected, triggered_by=by, fix=fix)
 
 
 def iter_sensor_problems(
@@ -70,7 +117,7 @@ def iter_sensor_problems(
             triggered_by=triggered_by,
         )  # fmt: skip
     fastest_hz = 1.0 / profile.physics_step_s
-    if sensor.rate_hz < contract.sampling_hz * (1.0 - RATE_TOLERANCE):
+    if sensor.modality in _SAMPLED and sensor.rate_hz < contract.sampling_hz * (1.0 - RATE_TOLERANCE):
         fix = "Conditions are sampled more often than this sensor measures."
         yield make_problem(
             "SENSOR_RATE", f"{place}.rate_hz", sensor.rate_hz, f"at least {contract.sampling_hz:g} Hz", fix=fix,
@@ -84,12 +131,14 @@ def iter_sensor_problems(
         )  # fmt: skip
 
 
-def iter_frame_problems(skill: SkillRuntime, sensors: Sensors, cameras: tuple[str, ...]) -> Iterator[Problem]:
-    """Sensors whose frame nobody knows; the live target knows its cameras."""
-    known = (*BODY_FRAMES, *cameras)
+def iter_frame_problems(
+    skill: SkillRuntime, sensors: Sensors, perception: Perception, cameras: tuple[str, ...]
+) -> Iterator[Problem]:
+    """Sensors whose frame nobody knows; the live target knows its cameras, sensors.yaml places those that it adds."""
+    known = (*BODY_FRAMES, *cameras, *sensors.cameras)
     for need in skill.needs.observations:
-        found = find_sensor(sensors, need)
-        if found is not None and found[1].frame not in known:
-            address = f"sensors.yaml: sensors.{found[0]}.frame"
-            by = f"skill {skill.skill}: needs.observations"
-            yield make_problem("FRAME_UNKNOWN", address, repr(found[1].frame), format_names(known), triggered_by=by)
+        for name, sensor in find_sources(need, sensors, perception).items():
+            if sensor.frame not in known:
+                address = f"sensors.yaml: sensors.{name}.frame"
+                by = f"skill {skill.skill}: needs.observations"
+                yield make_problem("FRAME_UNKNOWN", address, repr(sensor.frame), format_names(known), triggered_by=by)
