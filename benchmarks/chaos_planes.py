@@ -6,6 +6,7 @@ and planners are the watchdog's affair. Processes are found by the workspace in 
 
 import contextlib
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -15,11 +16,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from phyagentos.clock import Clock
+from phyagentos.protocol.library import Library
 from phyagentos.protocol.sessions import SessionStatus
 from phyagentos.protocol.store.follower import Follower
 from phyagentos.protocol.store.journal import choose_lane
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.tasks import GoalStatus
+from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.sole_process import is_held
 from phyagentos.runtime.world_process import WATCHDOG_LOCK
 
@@ -53,6 +56,29 @@ def find_processes(root: Path) -> dict[int, str]:
     return found
 
 
+def prepare(root: Path, graph: Path, lease_s: float, heartbeat_s: float) -> Path:
+    """Make the workspace with its own lease; the goal with its own limit of silence, which lies beside it.
+
+    Args:
+        root: The workspace.
+        graph: The goal as it is shipped.
+        lease_s: How long a worker goes on without a sign of its watchdog [s].
+        heartbeat_s: How long a worker may be silent [s].
+    """
+    workspace = Workspace.create(root, Library.open(Path.cwd()))
+    _edit(workspace.runtime_contract, workspace.runtime_contract, r"(?m)^lease_s: \S+", f"lease_s: {lease_s}")
+    return _edit(graph, root.parent / graph.name, "defaults: {", f"defaults: {{heartbeat_s: {heartbeat_s}, ")
+
+
+def _edit(source: Path, copy: Path, pattern: str, text: str) -> Path:
+    """The same file with one place changed."""
+    changed, count = re.subn(pattern, text, source.read_text(encoding="utf-8"))
+    if count != 1:
+        raise ValueError(f"{source}: {pattern!r} stands there {count} times, expected once")
+    copy.write_text(changed, encoding="utf-8")
+    return copy
+
+
 class Planes:
     """`paos watch` and `paos agent` over one workspace.
 
@@ -72,6 +98,7 @@ class Planes:
             "watchdog": ["watch", *place, "--no-pictures", "--world-mode", mode],
             "agent": ["agent", str(graph), *place, "--seed", str(seed), "--goal", self.goal],
         }
+        self._patience = ["nice", "-n", "10"] if mode == "lockstep" else []  # beside worlds that keep real time
         self._log = (root.parent / "planes.log").open("ab")
         self._processes = {name: self._start(name) for name in self._commands}
         self._ended_at_s: dict[str, float] = {}
@@ -129,7 +156,7 @@ class Planes:
         return sorted(left.values())
 
     def _start(self, name: str) -> "subprocess.Popen[bytes]":
-        command = [sys.executable, "-m", "phyagentos", *self._commands[name]]
+        command = [*self._patience, sys.executable, "-m", "phyagentos", *self._commands[name]]
         return subprocess.Popen(command, stdout=self._log, stderr=self._log, start_new_session=True)
 
 

@@ -167,7 +167,7 @@ REPRESENTATION_UNBRIDGED No bridge leads from the source's representation to the
 RESOURCE_UNDECLARED      The contract names a resource that runtime_contract.yaml does not.
 SENSOR_MISSING           No sensor of sensors.yaml provides an observation that is needed.
 SENSOR_MODALITY          A sensor cannot measure what it is said to provide.
-SENSOR_RATE              A sensor measures more seldom than conditions are sampled, or oftener than the world changes.
+SENSOR_RATE              A sensor measures too seldom for fresh facts, or oftener than the world changes.
 SENSOR_UNREAD            No pipeline of perception.yaml reads a sensor that is needed.
 SKILL_KIND_UNSUPPORTED   This runtime cannot run skills of this kind.
 START_OUTSIDE            The tool stands outside the workspace, or in a keep-out volume, before anything has moved.
@@ -228,6 +228,8 @@ BUDGET              The goal's budget of sessions or simulated time is spent.
 EVIDENCE_MISSING    The evidence does not tell whether the objective was met.
 EXECUTION_MISSING   The bundle does not say how the execution ended.
 NOT_JUDGED          A session has no verdict yet to which a judgement could be added.
+JUDGES_DISAGREE     One judge calls true what another calls false.
+JUDGE_FAILED        A judge gave no usable answer, and nothing else is open.
 MODEL_MALFORMED     The vision model's answer has another form than the one asked for.
 MODEL_REFUSED       The vision model's server answered with an error.
 MODEL_UNREACHABLE   The vision model did not answer in time.
@@ -245,6 +247,7 @@ WITHOUT_EFFECT      The robot moved, the object did not."""
 
 HOPELESS = """
 CANCELLED               Somebody asked for an end.
+CRITERIA_CONTRADICT     Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.
 NO_CRITERIA             The contract holds nothing that could be accepted.
 OBJECT_GONE             The object is not in the believed world.

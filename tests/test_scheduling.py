@@ -5,7 +5,7 @@ import os
 import subprocess
 import sys
 
-from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
+from phyagentos.assembly.scheduling import ask_for_precedence, ask_for_prompt_wakeups
 
 ASK = """
 import json, os, subprocess, sys
@@ -15,6 +15,24 @@ child = subprocess.run([sys.executable, "-c", "import os; print(os.sched_getsche
 own = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
 print(json.dumps([granted, own == os.SCHED_FIFO, int(child.stdout) == os.SCHED_OTHER]))
 """
+ASK_FOR_SHARE = """
+import json, os, subprocess, sys
+from phyagentos.assembly.scheduling import PRECEDENCE, ask_for_precedence
+before = os.getpriority(os.PRIO_PROCESS, 0)
+granted = ask_for_precedence()
+look = "import os; print(os.getpriority(os.PRIO_PROCESS, 0))"
+child = subprocess.run([sys.executable, "-c", look], capture_output=True)
+own = os.getpriority(os.PRIO_PROCESS, 0)
+print(json.dumps([granted, own == PRECEDENCE, int(child.stdout) >= min(before, 0)]))
+"""
+
+
+def test_a_larger_share_is_in_force_where_it_was_granted_and_no_child_inherits_it():
+    done = subprocess.run([sys.executable, "-c", ASK_FOR_SHARE], capture_output=True, text=True, check=True)
+    granted, has_share, is_child_ordinary = json.loads(done.stdout)
+
+    assert granted == has_share
+    assert is_child_ordinary
 
 
 def test_what_was_granted_is_in_force_and_no_child_inherits_it():
@@ -32,6 +50,7 @@ def test_a_refusal_leaves_everything_as_it_was(monkeypatch):
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
 
     assert not ask_for_prompt_wakeups()
+    assert not ask_for_precedence()
 
 
 def test_nobody_is_put_in_front_of_the_others_on_a_single_processor(monkeypatch):

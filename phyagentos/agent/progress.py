@@ -32,7 +32,7 @@ from phyagentos.protocol.store.admission import Entry, GoalEvent
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.records import Record
 from phyagentos.protocol.tasks import GoalStatus, NodeState
-from phyagentos.protocol.verdicts import Attempt, Verdict, VerificationMode
+from phyagentos.protocol.verdicts import Attempt, Truth, Verdict, VerificationMode
 
 NODES_A_RECORD = 1000  # a record has an upper limit; a larger graph takes several
 BATCH = 64  # verdicts recorded as one: enough to share the wait for the disk, few enough that nobody waits for them
@@ -306,6 +306,10 @@ class GoalRun:
                 return self.recovery.reopen(payable)
             if undone:
                 outcome = replace(outcome, verdict=Verdict.FAILURE, reason=next(iter(undone.values())))
+            if outcome.now is not None and not any(each.truth is Truth.FALSE for each in outcome.criteria):
+                looks = self.recovery.look_for(outcome.criteria, outcome.now)
+                if looks:
+                    return looks
         body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
         return [self._say(GoalEvent.GOAL_VERDICT, body)]
 

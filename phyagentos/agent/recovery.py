@@ -4,7 +4,7 @@ Upstream: `progress`, with a judgement. Downstream: the records it returns. The 
 the affected part of the graph is touched: finished work is kept unless the world undid it.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,12 +21,14 @@ from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.policies import RepairPolicy
 from phyagentos.agent.repair.retrying import keep_means, revise_requires
 from phyagentos.agent.repair.undone import find_lost_preconditions
+from phyagentos.agent.wants import find_wants
+from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import AFTER, Bundle
 from phyagentos.protocol.lifecycle import SessionState
 from phyagentos.protocol.sessions import Ended, Execution, Session, SessionStatus
 from phyagentos.protocol.store.admission import Entry, GoalEvent
 from phyagentos.protocol.tasks import NodeState
-from phyagentos.protocol.verdicts import Attempt, Verdict, VerificationMode
+from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict, VerificationMode
 
 Compile = Callable[[str, Mapping[str, Mapping[str, Any]], Revision | None], Session | str]
 
@@ -126,6 +128,35 @@ class Recovery:
             entries.append(self.say_of(name, GoalEvent.INVALIDATED, reason))
             entries.append(self.say_of(name, GoalEvent.BUDGET_SPENT, reason))
         return entries
+
+    def look_for(self, criteria: Sequence[Criterion], now: Environment) -> list[Entry]:
+        """A look for the sake of the goal, whose own acceptance the latest snapshot leaves unknown; costs no replan.
+
+        It is the child of the finished session that acted on the thing, else of the last one. Empty when nothing is to
+        be looked at, or it was looked for often enough.
+
+        Args:
+            criteria: Of the goal.
+            now: The latest snapshot.
+        """
+        wants = find_wants(criteria, now)
+        finished = [(name, self.facts.find_own(name)) for name in self.facts.find_finished()]
+        own = [(name, status) for name, status in finished if status is not None and status.execution is not None]
+        named = [(name, status) for name, status in own if set(wants) & set(_iter_things(status.contract))]
+        if not wants or not own:
+            return []
+        node, subject = (named or own)[-1]
+        unknown = next(each for each in criteria if each.truth is Truth.UNKNOWN)
+        attempt = Attempt(
+            verdict=Verdict.REPLAN,
+            criteria=tuple(criteria),
+            cause=Cause.EVIDENCE_MISSING.value,
+            reason=f"of the goal, {unknown.text} is unknown: {unknown.because}",
+            wants=wants,
+        )
+        if self.facts.count_looks(subject.contract) >= looking.LOOKS_MAX:
+            return []
+        return self._look_once_more(node, self.evidence.read(subject), attempt)
 
     def submit_child(self, child: Session, reasons: Iterable[str]) -> list[Entry]:
         """The record of the relation, with the reasons of the choice, and the contract."""
@@ -284,6 +315,10 @@ def is_look(session: Session) -> bool:
 def join(sentences: Iterable[str]) -> str:
     """One text of several sentences."""
     return "; ".join(sentence.rstrip(".") for sentence in sentences)
+
+
+def _iter_things(session: Session) -> Iterator[str]:
+    return (value for value in session.parameters.values() if isinstance(value, str))
 
 
 def _is_end(entries: list[Entry]) -> bool:

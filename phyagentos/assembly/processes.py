@@ -16,6 +16,7 @@ import msgspec
 from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import FAULTS, STRIKES
 from phyagentos.assembly.rehearsal import make_command
+from phyagentos.assembly.scheduling import ask_for_precedence
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.cameras import WORLD
@@ -83,6 +84,7 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     sensors = read_sensors(workspace.sensors)
     world = MujocoWorld(profile, folder, library, log, make_faults, stops.is_latched, mode, sensors, stops.keep)
     if mode is WorldMode.REALTIME:
+        ask_for_precedence()
         serve_realtime(world, socket, clock)
     else:
         serve(world, socket)
@@ -158,6 +160,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     oracle = RehearsalProcess(make_command(workspace.root, target))
     gate = LookaheadGate(oracle=oracle, handle=handle, perception=perception, evidence=workspace.evidence)
     collect_rarely()
+    if settings.contract.world_mode is WorldMode.REALTIME:
+        ask_for_precedence()
     WorkerLoop(
         control=orders,
         handle=handle,

@@ -1,14 +1,18 @@
-"""How soon the supervisor runs once it is woken. Upstream: `paos watch`. Downstream: the operating system.
+"""How soon a process runs once it is woken. Upstream: `paos watch`, world, worker. Downstream: the operating system.
 
 A woken process may wait for the next tick of the scheduler, 4 ms, each time that a record, an answer or the disk wakes
 it, and longer on a busy machine; one with a real-time priority does not wait. The supervisor asks for the lowest one.
 It is the only process that does, since it sleeps nearly all the time: a worker runs skills that others wrote, a planner
 computes for seconds, and an agent is in no hurry. Its children begin with ordinary scheduling. It does not ask where
 there is one processor only, or where a world keeps real time, since it would then stand in front of that world.
+
+World and worker that keep real time ask for a larger share instead, which takes the processor from nobody for good: a
+command that comes late, because something else computes, makes the target stop by itself.
 """
 
 import os
 
+PRECEDENCE = -10  # the nice value of what keeps real time: nine times the share of an ordinary process
 PRIORITY = 1  # of 1..99: in front of ordinary processes, behind everything else that asks
 
 
@@ -19,5 +23,17 @@ def ask_for_prompt_wakeups() -> bool:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
     except OSError:  # a right that an ordinary user rarely has; `paos doctor` tells
+        return False
+    return True
+
+
+def ask_for_precedence() -> bool:
+    """Let this thread run before ordinary processes when both could; whether that was granted. Children do not."""
+    if not hasattr(os, "sched_setscheduler"):
+        return False
+    try:
+        os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+        os.setpriority(os.PRIO_PROCESS, 0, PRECEDENCE)
+    except OSError:  # a right that an ordinary user rarely has
         return False
     return True

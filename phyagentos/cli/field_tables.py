@@ -36,7 +36,7 @@ def render_fields(kind: str) -> str:
                 f"`{name}`",
                 _describe_type(each, definitions),
                 _describe_default(each, is_needed=name in needed),
-                _describe(each, definitions),
+                _describe(each),
             )
             for name, each in structure["properties"].items()
         )
@@ -115,7 +115,7 @@ def _describe_default(schema: dict[str, Any], *, is_needed: bool) -> str:
     return "" if default in (None, "", [], (), {}) or isinstance(default, dict) else f"`{default}`"
 
 
-def _describe(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
+def _describe(schema: dict[str, Any]) -> str:
     bounds = [
         f"{word} {schema[key]}"
         for key, word in (("minimum", "at least"), ("maximum", "at most"), ("exclusiveMinimum", "above"))

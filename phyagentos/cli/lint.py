@@ -155,7 +155,7 @@ def _check_tree(path: Path, library: Library) -> None:
         raise DefinitionError(found)
 
 
-def _check_scene(path: Path, library: Library) -> None:
+def _check_scene(path: Path, _: Library) -> None:
     from phyagentos.protocol.scenes import read_scene
 
     read_scene(path)

@@ -199,7 +199,8 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     """How one camera does.
 
     Attributes:
-        status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `missing`.
+        status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `dark` (no depth
+            at all), `missing`, `unread` (no detector could tell what it shows).
         time_s: Stamp of its latest frame [s].
         digest: Hash of its latest whole frame.
         since_s: When it came to this status [s].

@@ -58,14 +58,6 @@ class Library:
         """Path of `robots/<name>/target.yaml`."""
         return self._get("target", name, f"robots/{name}/target.yaml", self.names_of_targets)
 
-    def get_pristine(self, name: str) -> Path:
-        """Path of `protocol/<name>`."""
-
-        def names() -> list[str]:
-            return sorted({path.name for _, path in self._iter("protocol", "*.*")})
-
-        return self._get("protocol document", name, f"protocol/{name}", names)
-
     def names_of_trees(self) -> list[str]:
         """Every tree, sorted."""
         return sorted(

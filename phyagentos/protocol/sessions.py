@@ -39,6 +39,10 @@ class Ended(StrEnum):
     """Somebody asked for an end."""
 
 
+INTERRUPTED = frozenset({Ended.TIMED_OUT, Ended.STALLED, Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.SAFETY_STOP})
+"""Ends in the middle of a motion: the hand may still hold what another session would let fall."""
+
+
 class ResetPolicy(StrEnum):
     """When the world of a target may be begun anew for a session of another episode."""
 

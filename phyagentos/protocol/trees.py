@@ -228,7 +228,7 @@ def _build(located: Located, address: Address, problems: list[Problem], default_
     if key == Kind.CONDITION:
         return _build_condition(located, place, body, problems, default_name)
     if key in _FORMS:
-        return _build_control(located, Kind(key), place, body, problems, default_name)
+        return _build_control(located, Kind(key), place, problems, default_name)
     return _build_leaf(located, str(key), place, body, problems, default_name)
 
 
@@ -261,7 +261,7 @@ def _build_leaf(
 
 
 def _build_control(
-    located: Located, kind: Kind, place: Address, body: Any, problems: list[Problem], default_name: str
+    located: Located, kind: Kind, place: Address, problems: list[Problem], default_name: str
 ) -> Node | None:
     try:
         form: Any = validate(_FORMS[kind], located, place)

@@ -1,5 +1,7 @@
 """What the watchdog asks of a worker process, and what it hears back. One session at a time."""
 
+from typing import Any
+
 import msgspec
 
 from phyagentos.errors import Problem
@@ -117,6 +119,11 @@ class Checked(msgspec.Struct, frozen=True, tag=True):
     problems: tuple[Problem, ...] = ()
     trials: tuple[Trial, ...] = ()
     ms: float = 0.0
+
+    def tell_grant(self) -> dict[str, Any]:
+        """What the start of the session says of it; operations by name, since their schemas are the target's."""
+        granted = self.tools.expose if self.tools is not None else ()
+        return {"plan": msgspec.to_builtins(self.plan), "tools": {"expose": granted}}
 
 
 class Finished(msgspec.Struct, frozen=True, tag=True):

@@ -229,9 +229,11 @@ class TargetSessionHandle:
         """A picture of the present; empty when the world cannot render."""
         return self._ask(wire.Render(camera=camera, width=width, height=height), wire.Picture, LOAD_TIMEOUT_S)
 
-    def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None) -> wire.Frames:
+    def capture(
+        self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None, every: int = 1
+    ) -> wire.Frames:
         """The latest frames of these RGB-D cameras, all of them when none is named; time does not move."""
-        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}), wire.Frames, LOAD_TIMEOUT_S)
+        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every), wire.Frames, LOAD_TIMEOUT_S)
 
     def save_model(self, folder: Path) -> None:
         """Let the world write its compiled model into `folder`."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Execution, Session, SessionId
+from phyagentos.protocol.sessions import INTERRUPTED, Ended, Execution, Session, SessionId
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.runtime.ahead import Ahead
 from phyagentos.runtime.dispatch import Reconcile
@@ -80,7 +80,8 @@ class Post:
         stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
         ahead: The check that was asked for beside the running session.
         unwanted: Answers to such checks that are still to come, and that nobody wants any more.
-        unsure: The session whose last look left its acceptance undecided, and when it ended, by the watchdog's clock.
+        unsure: The session whose verdict the target waits for (its last look left something undecided, or it was
+            interrupted), and when it ended, by the watchdog's clock.
     """
 
     target: str
@@ -101,8 +102,9 @@ class Post:
     unsure: tuple[SessionId, float] | None = None
 
     def note_end(self, session: Session, execution: Execution, now_s: float) -> None:
-        """Keep in mind whether somebody may have to look again before the target does anything else."""
-        self.unsure = (session.id, now_s) if execution.undecided else None
+        """Keep in mind whether the verdict decides what the target does next: a look, or what was interrupted."""
+        waits = bool(execution.undecided) or execution.ended in INTERRUPTED
+        self.unsure = (session.id, now_s) if waits else None
 
     def is_free(self, ledger: Ledger, now_s: float) -> bool:
         """Whether it may get work: idle, nothing lost, and no verdict due that may ask for another look."""

@@ -275,8 +275,11 @@ class SessionRunner:
         except LeafError as error:
             run.context.note("leaf_error", "LEAF_ERROR", leaf=error.path, message=str(error))
         try:
-            self._handle.halt()
-            run.context.situation.advance(self._handle.settle(SETTLE_S))
+            run.recorder.on_rest(self._handle.step)  # which no command answered where the target stopped by itself
+            run.recorder.on_rest(self._handle.halt())
+            settled = self._handle.settle(SETTLE_S)
+            run.recorder.on_rest(settled)
+            run.context.situation.advance(settled)
         except ExecutionError as error:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         return None

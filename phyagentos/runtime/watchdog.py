@@ -18,12 +18,12 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState
-from phyagentos.protocol.sessions import Ended, ResetPolicy, Session
+from phyagentos.protocol.sessions import Ended, Session, SessionId
 from phyagentos.protocol.store.journal import Entry, Fenced, Journal, Record
 from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.ahead import Ahead
 from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
+from phyagentos.runtime.following import check_ahead, find_following
 from phyagentos.runtime.leases import LEASE_S, Leases
 from phyagentos.runtime.limits import Due, Measure, find_due
 from phyagentos.runtime.liveness import HeartbeatMonitor
@@ -179,14 +179,6 @@ class Watchdog:
         elif ahead.answer is not None:
             self._hear(post, ahead.answer)
 
-    def _check_ahead(self, post: Post) -> None:
-        """Have the session checked whose turn probably comes next, as soon as the running one has ended."""
-        session = self._queues.guess_next(post.target)
-        if session is not None and session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
-            post.ahead = Ahead(session, self._register.ledger.sessions[session.id].epoch + 1)
-            may_reset = compute_may_reset(session, self._register.ledger)
-            post.worker.send(Check(session=session, epoch=post.ahead.epoch, may_reset=may_reset))
-
     def _get_post(self, target: str) -> Post | None:
         if target not in self._posts:
             worker = self._hire(target)
@@ -262,18 +254,21 @@ class Watchdog:
             self._register.record(*self._register.open_claim(session.id, post.epoch), refused)
             self._free(post)
         else:
-            granted = answer.tools.expose if answer.tools is not None else ()  # by name: the schemas are the target's
-            facts = {"plan": msgspec.to_builtins(answer.plan), "tools": {"expose": granted}}
-            start = (*self._register.open_claim(session.id, post.epoch), Entry(id, "start", facts, epoch))
-            self._register.record(*start, durable=False)
-            post.session = self._register.ledger.sessions[id].contract  # limits may have been amended until the claim
-            post.lost_targets = 0
-            self._begin(post, Phase.RUNNING)
-            post.worker.send(Prepare(session=post.session, epoch=epoch, evidence=f"evidence/{id}"))
-            self._register.sync()  # nothing moves on what a power cut could take back
-            until_s = self._leases.grant(post)
-            post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
-            self._check_ahead(post)
+            self._launch(post, answer, epoch)
+
+    def _launch(self, post: Post, checked: Checked, epoch: int, *ended: Entry) -> None:
+        """Start a session that passed its check; the end of the one before it is recorded with it."""
+        id = SessionId(checked.session)
+        start = (*self._register.open_claim(id, epoch), Entry(id, "start", checked.tell_grant(), epoch))
+        self._register.record(*ended, *start, durable=False)
+        post.session = self._register.ledger.sessions[id].contract  # limits may have been amended until the claim
+        post.epoch, post.lost_targets, post.ahead = epoch, 0, None
+        self._begin(post, Phase.RUNNING)
+        post.worker.send(Prepare(session=post.session, epoch=epoch, evidence=f"evidence/{id}"))
+        self._register.sync()  # nothing moves on what a power cut could take back
+        until_s = self._leases.grant(post)
+        post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
+        check_ahead(post, self._queues, self._register.ledger)
 
     def _on_finished(self, post: Post, answer: Finished) -> None:
         session = post.session
@@ -288,6 +283,7 @@ class Watchdog:
                 self._lose(post, answer.execution.message, Ended.TARGET_LOST)
                 return
         post.lost_targets = 0
+        post.note_end(session, answer.execution, self._clock.now_s())
         execution = msgspec.to_builtins(answer.execution)
         state = self._register.get_state(session.id)
         if state is SessionState.CANCELLING:
@@ -295,9 +291,14 @@ class Watchdog:
         elif state is SessionState.OUTCOME_UNKNOWN:
             self._register.commit(session.id, "reconcile", post.epoch, execution=execution)
         elif state not in FINAL_STATES:
-            self._register.record(Entry(session.id, "finish", {"execution": execution}, post.epoch), durable=False)
-        post.lost = None
-        post.note_end(session, answer.execution, self._clock.now_s())
+            finish = Entry(session.id, "finish", {"execution": execution}, post.epoch)
+            may_go_on = not (answer.is_target_lost or self._is_stopping or self._requests.is_stopped())
+            following = find_following(post, self._queues, self._register) if may_go_on else None
+            if following is not None:
+                self._launch(post, *following, finish)
+                self._queues.release(post.target)
+                return
+            self._register.record(finish, durable=False)
         self._free(post)
         if answer.is_target_lost:
             self._replace(post)
@@ -320,7 +321,7 @@ class Watchdog:
 
     def _free(self, post: Post) -> None:
         self._queues.release(post.target)
-        post.session, post.failures = None, 0
+        post.session, post.lost, post.failures = None, None, 0
         self._begin(post, Phase.IDLE)
 
     def _lose(self, post: Post, reason: str, ended: Ended = Ended.RUNNER_LOST, code: str = "") -> None:

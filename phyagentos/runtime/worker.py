@@ -277,11 +277,20 @@ class WorkerLoop:
         """Look at the world a lost runner left behind, and say how it was lost."""
         try:
             self._handle.load(order.session.scene)
+            self._remember(order)
             return Finished(session=order.session.id, execution=self._observe(order))
         except ExecutionError as error:
             message = f"{order.reason}; {error}"
             lost = Execution(ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=message)
             return Finished(session=order.session.id, execution=lost, is_target_lost=True)
+
+    def _remember(self, order: Reconcile) -> None:
+        """Believe what was believed as the session began: what hides behind the arm is not forgotten with a worker."""
+        belief = None
+        with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
+            belief = _read_belief(str(self._workspace.root / order.evidence / BEFORE))
+        if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
+            self._perception.restore(belief)
 
     def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
         """Under an epoch that the target has not seen yet: whoever was observing before may have been lost too."""

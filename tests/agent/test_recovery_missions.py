@@ -13,7 +13,7 @@ from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.evidence import TraceEvent
 from phyagentos.protocol.sessions import Ended
 
-from .conftest import Play, make_world, put, succeed
+from .conftest import Play, hold, make_world, put, succeed
 
 MORE_SKILLS = {
     "inspect": """
@@ -137,6 +137,42 @@ def test_what_stays_unseen_is_looked_at_twice_and_then_its_cause_is_told(make_st
     assert [session.state for session in red] == ["replanned", "replanned", "failed"]
     assert red[0].cause == "EVIDENCE_MISSING"
     assert "It was looked for 2 times" in red[-1].reason
+
+
+def lose_runner(world, session):
+    return Play(world=hold(world, session.parameters["object"]), ended=Ended.RUNNER_LOST, code="RUNNER_LOST")
+
+
+def test_what_was_interrupted_goes_on_before_another_session_can_let_fall_what_the_hand_holds(make_stage, two):
+    stage = make_stage({"green": lose_runner})
+    assert stage.pursue(two).verdict == "success"
+    first, again, other = stage.runtime.ran
+    assert (again.parent, again.purpose) == (first.id, "")
+    assert again.priority > other.priority == first.priority
+
+
+def achieve_and_hide_green(world, session):
+    play = succeed(world, session)
+    return replace(play, world=hide(play.world, "green_cube"))
+
+
+def test_what_the_goal_asks_and_the_last_look_does_not_show_is_looked_at_before_the_goal_is_judged(make_stage, two):
+    stage = make_stage({"red": achieve_and_hide_green, "green.r1": see_again})
+    report = stage.pursue(two)
+    assert report.verdict == "success"
+    look = stage.runtime.ran[-1]
+    assert (look.id, look.skill, look.purpose, look.parent) == ("two-7.green.r1", "inspect", "inspect", "two-7.green")
+    assert [session.state for session in report.sessions] == ["succeeded", "succeeded", "succeeded"]
+    assert report.replans == 0
+
+
+def test_what_the_goal_asks_and_two_looks_do_not_show_ends_it_with_the_cause(make_stage, two):
+    script = {"red": achieve_and_hide_green, "green.r1": still_unseen, "green.r2": still_unseen}
+    stage = make_stage(script)
+    report = stage.pursue(two)
+    assert report.verdict == "failure"
+    assert [session.purpose for session in stage.runtime.ran] == ["", "", "inspect", "inspect"]
+    assert "EVIDENCE_MISSING" in {session.cause for session in report.sessions}
 
 
 def test_what_is_in_the_way_is_cleared_and_the_objective_is_pursued_again(make_stage, two):

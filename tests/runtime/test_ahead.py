@@ -1,5 +1,7 @@
 """The next session is checked while one runs, and nothing is commanded before its start is on the disk."""
 
+import threading
+
 import msgspec
 import pytest
 
@@ -11,7 +13,7 @@ from phyagentos.protocol.sessions import Ended
 from phyagentos.protocol.store.journal import Entry, Journal
 from phyagentos.protocol.store.segments import SystemIO
 from phyagentos.runtime.ahead import Ahead
-from phyagentos.runtime.dispatch import Check, Checked, Prepare, Run
+from phyagentos.runtime.dispatch import Check, Checked, Prepare, Run, send
 from phyagentos.runtime.watchdog import Watchdog
 
 from .test_watchdog import PLAN, TOOLS, ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
@@ -58,6 +60,61 @@ def test_a_session_is_recorded_as_finished_before_the_next_one_starts(stand):  #
 
     told = [(record.id, record.ev) for record in stand.records if record.ev in {"claim", "start", "finish"}]
     assert told == [(f"g.{name}", ev) for name in "ab" for ev in ("claim", "start", "finish")]
+
+
+class WarmWorker(ScriptedWorker):
+    """Answers the check that comes beside a run together with the run, as a real worker does."""
+
+    def __init__(self, **answers) -> None:
+        super().__init__(**answers)
+        self._running: Run | None = None
+
+    def send(self, order) -> None:
+        if isinstance(order, Run) and order.session.id != "g.c":  # nothing comes after that one
+            self.orders.append(order)
+            self._running = order
+        elif isinstance(order, Check) and self._running is not None:
+            self.orders.append(order)
+            running, self._running = self._running, None
+            send(self._theirs, msgspec.structs.replace(self._on_run(running), ahead=self._on_check(order)))
+        else:
+            super().send(order)
+
+
+def test_the_end_of_a_session_and_the_start_of_the_one_checked_ahead_are_one_write(stand):  # noqa: F811
+    class Counting(SystemIO):
+        writes = 0
+
+        def write(self, fd, data):
+            Counting.writes += b'"ev":' in bytes(data)
+            return super().write(fd, data)
+
+    stand.submit(*(make_session(f"g.{name}") for name in "abc"))
+    stand.watchdog = watch_disk(stand, WarmWorker(), Counting())
+    stand.thread = threading.Thread(target=stand.watchdog.run, daemon=True)
+    stand.thread.start()
+
+    stand.wait_for("g.c", "awaiting_verification")
+
+    for name in "abc":
+        assert stand.events(f"g.{name}") == ["submit", "claim", "start", "finish"]
+    assert Counting.writes == 4  # each start but the first one stands behind the end of the one before
+
+
+def test_a_cancellation_just_before_the_end_is_recorded_leaves_that_end_standing(stand):  # noqa: F811
+    def cancel_then_finish(order: Run):
+        if order.session.id == "g.a":
+            record_as_operator(stand, Entry("g.b", "cancel", {"reason": "no more"}))
+        return finish(Ended.COMPLETED)(order)
+
+    stand.submit(*(make_session(f"g.{name}") for name in "abc"))
+    stand.watch(worker := WarmWorker(on_run=cancel_then_finish))
+
+    stand.wait_for("g.c", "awaiting_verification")
+
+    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
+    assert stand.events("g.b") == ["submit", "cancel"]
+    assert ("Run", "g.b") not in tell(worker)
 
 
 def test_a_more_urgent_session_that_comes_meanwhile_has_its_turn(stand):  # noqa: F811

@@ -1,11 +1,16 @@
 """A target that is lost is not its session's fault; and whoever is replaced is ended before that is recorded."""
 
+from multiprocessing import Pipe
+
 import pytest
 
-from phyagentos.errors import Problem
+from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.safety import read_safety
 from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.store.follower import Follower
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Reconcile, Run
+from phyagentos.runtime.handle import TargetSessionHandle
 
 from .test_watchdog import PLAN, TOOLS, ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 
@@ -142,3 +147,16 @@ def test_a_worker_whose_start_fails_has_a_rest_before_the_next(stand):  # noqa: 
 
     assert worker.restarts == 2
     assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
+
+
+@pytest.mark.parametrize("answer", [b"\xc1", b"\x81\xa4type\xa4Step"])
+def test_a_target_that_answers_with_what_is_no_reply_is_lost(answer):
+    ours, theirs = Pipe()
+    theirs.send_bytes(answer)
+    handle = TargetSessionHandle(ours, read_safety(find_shipped_root() / "protocol/safety.yaml").targets["panda"])
+
+    with pytest.raises(ExecutionError, match="bytes that are no reply") as lost:
+        handle.observe()
+
+    assert lost.value.code == "TARGET_LOST"
+    assert ours.closed

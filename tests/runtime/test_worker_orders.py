@@ -2,6 +2,7 @@
 
 import threading
 from multiprocessing import Pipe
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -9,10 +10,12 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.channel import Link
+from phyagentos.protocol.environment import Entity, Environment, Pose
+from phyagentos.protocol.evidence import BEFORE
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.sessions import Ended, Execution, Scene
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.dispatch import Check, Checked, Finished, Prepare, Ready, Run, receive_answer, send
+from phyagentos.runtime.dispatch import Check, Checked, Finished, Prepare, Ready, Reconcile, Run, receive_answer, send
 from phyagentos.runtime.heartbeat import HeartbeatWriter
 from phyagentos.runtime.preflight.examination import Finding
 from phyagentos.runtime.worker import WorkerLoop
@@ -27,6 +30,7 @@ class Steps:
 
     def __init__(self) -> None:
         self.told: list[str] = []
+        self.time_s = None
         self.may_end = threading.Event()
 
     def examine(self, session, **_) -> Finding:
@@ -49,7 +53,20 @@ class Steps:
     def perceive(self, *_, **__):
         raise ExecutionError("TARGET_LOST", "nobody looks")
 
-    observe = perceive
+    def load(self, scene, **_) -> None:
+        self.time_s = 7.0
+
+    def observe(self):
+        if self.time_s is None:
+            raise ExecutionError("TARGET_LOST", "nobody looks")
+        return SimpleNamespace(time_s=self.time_s)
+
+    def restore(self, belief) -> None:
+        self.told.append(f"believe {sorted(belief.entities)}")
+
+    def observe_only(self, session, epoch, *, ended, evidence, **_) -> Execution:
+        self.told.append(f"look {session.id}")
+        return Execution(ended=ended, evidence=evidence)
 
 
 class Place:
@@ -58,6 +75,7 @@ class Place:
     def __init__(self, root) -> None:
         self.steps = Steps()
         self.ours, theirs = Pipe()
+        self.root = root
         workspace = Workspace.create(root, Library(()))
         self.loop = WorkerLoop(
             control=Link(theirs, spin_s=0.0),
@@ -172,3 +190,28 @@ def test_a_watchdog_that_goes_between_prepare_and_run_leaves_nothing_begun(place
 
     assert not place.thread.is_alive()
     assert place.steps.told == ["check g.a", "prepare g.a"]
+
+
+@pytest.mark.parametrize(
+    ("left", "told"),
+    [
+        (6.5, ["believe ['cube']", "look g.a"]),
+        (7.5, ["look g.a"]),  # of a world that is gone: this one is younger
+        ("torn", ["look g.a"]),
+        (None, ["look g.a"]),
+    ],
+)
+def test_a_new_worker_looks_at_what_a_lost_one_left_and_remembers_what_that_one_knew(place, left, told):
+    bundle = place.root / "evidence" / "g.a"
+    bundle.mkdir(parents=True)
+    if left == "torn":
+        (bundle / BEFORE).write_text('{"time_s": 6.5, "sce')
+    elif left is not None:
+        cube = Entity(name="cube", kind="cube", pose=Pose())
+        world = Environment(
+            time_s=left, scene="s", episode="e", revision=1, sensing="perceived", entities={"cube": cube}
+        )
+        (bundle / BEFORE).write_bytes(msgspec.json.encode(world))
+    place.ask(Reconcile(session=make_session("g.a"), epoch=2, evidence="evidence/g.a", reason="it was lost"))
+    assert isinstance(place.hear(), Finished)
+    assert place.steps.told == told

@@ -12,10 +12,11 @@ from phyagentos.agent.compiler import Revision
 from phyagentos.agent.diagnosis import find_object
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
 from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.undone import find_lost_preconditions
 from phyagentos.agent.selector import Choice
 from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.sessions import INTERRUPTED, Session
 from phyagentos.protocol.verdicts import Attempt
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
@@ -140,6 +141,7 @@ def _continue(case: Case, revision: Revision) -> Revision:
         requires=revision.requires,
         reasons=revision.reasons,
         choice=choice,
+        lead=LEAD if case.bundle.execution.ended in INTERRUPTED else 0,
     )
 
 

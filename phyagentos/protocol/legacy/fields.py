@@ -60,9 +60,9 @@ SESSION: Table = {
     "claim_token": _CLAIM,
     "timeouts": {
         "queue_timeout_s": No("a node waits `defaults.queue_s`; theirs was never enforced"),
-        "preflight_timeout_s": No("preflight has no limit of its own; theirs was never enforced"),
+        "preflight_timeout_s": No("a limit of the goal here, `defaults.preflight_s`; theirs was never enforced"),
         "execute_timeout_s": To("`timeout_s`"),
-        "policy_timeout_s": No("a silent policy is a matter of its skill"),
+        "policy_timeout_s": No("a limit of the goal here, `defaults.policy_s`"),
     },
     "retry": {
         "max_retries": To("`max_replans`"),

@@ -211,7 +211,7 @@ class SafetyGuard:
 
     def _check_gripper(self, width_m: Array) -> Violation | None:
         bounds = self._limits
-        if self._force_n > bounds.force_max_n:
+        if not self._force_n <= bounds.force_max_n:  # also when it is NaN
             return Violation(ViolationCode.GRIPPER_FORCE, "gripper", self._force_n, bounds.force_max_n, "N")
         low, high = float(width_m.min()), float(width_m.max())  # NaN wins both
         if low >= -ROUNDING and high <= bounds.width_max_m:
