@@ -13,7 +13,7 @@ from phyagentos.agent.course import Course, Stage, compute_move, find_failed_lea
 from phyagentos.agent.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging_faults import find_judging_fault
 from phyagentos.codes import CODES, Retry
-from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.environment import Environment, Status
 from phyagentos.protocol.evidence import Bundle
 from phyagentos.protocol.predicates.predicate import find_entities, iter_entities, parse_predicate
 from phyagentos.protocol.sessions import Ended
@@ -239,7 +239,7 @@ def _find_disturbance(bundle: Bundle, course: Course) -> tuple[Cause, str] | Non
     name, moved_m = course.name, course.moved_m
     if course.now is None or not course.now.visible:
         return None  # where it is now is not known
-    touched = course.stage >= Stage.GRASPED
+    touched = course.stage >= Stage.GRASPED or _was_held(course)
     if not touched and _is_out_of_reach(course):
         return (
             Cause.OBJECT_GONE,
@@ -278,10 +278,15 @@ def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: Cour
 def _is_out_of_reach(course: Course, *, is_told: bool = True) -> bool:
     """Whether the thing fell off what it stood on, or was taken away; a lost runner may have carried it (not told)."""
     was, now = course.was, course.now
-    if was is None or now is None or now.confidence < SURE:
+    if was is None or now is None or now.confidence < SURE or _was_held(course):
         return False
     fell_m = was.pose.position_m[2] - now.pose.position_m[2]
     return fell_m > FELL_M or (is_told and course.moved_m > GONE_M and course.stage < Stage.LIFTED)
+
+
+def _was_held(course: Course) -> bool:
+    """Whether a hand had it as the session began; when that opens, the thing falls."""
+    return course.was is not None and course.was.status is Status.HELD
 
 
 def _describe_end(bundle: Bundle) -> str:

@@ -24,7 +24,7 @@ from phyagentos.protocol.channel import Channel, Link
 from phyagentos.protocol.estop import is_latched
 from phyagentos.protocol.perception import Sensing
 from phyagentos.protocol.registries import read_skill_registry, read_target_registry
-from phyagentos.protocol.safety import TargetLimits
+from phyagentos.protocol.safety import TargetLimits, as_numbers
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.protocol.workspace import Workspace
 
@@ -133,7 +133,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         planner, connection = NoPlanner(), Loopback(ScriptedWorld(profile, library, log))
     else:
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
-    handle = open_handle(connection, settings.limits, workspace)
+    handle = open_handle(connection, settings.limits, workspace, profile, profile_path.parent)
     perception = open_perception(workspace, target, profile, handle, settings)
     blanks = Blanks(workspace.cache / f"blanks-{target}", WRITTEN)
     runner = SessionRunner(
@@ -222,12 +222,18 @@ def open_detector(settings: "Settings") -> "Detector | None":
     return build_detector_registry().open(chosen.name, chosen.settings, "perception.yaml: detector.name")
 
 
-def open_handle(connection: Channel, limits: TargetLimits, workspace: Workspace) -> "TargetSessionHandle":
+def open_handle(
+    connection: Channel, limits: TargetLimits, workspace: Workspace, profile: TargetProfile, folder: Path
+) -> "TargetSessionHandle":
     """The worker's door to its target; its guard asks before every command whether the emergency stop is latched."""
+    from phyagentos.runtime.actions.collision import PostureCollision
     from phyagentos.runtime.handle import TargetSessionHandle
 
-    signals = workspace.signals.parent
-    return TargetSessionHandle(connection, limits, is_stopped=lambda: is_latched(signals))
+    signals, limit = workspace.signals.parent, limits.collision_depth_max
+    collision = None
+    if limit is not None and profile.kind != "debug":
+        collision = PostureCollision(profile, folder, min(as_numbers(limit)))
+    return TargetSessionHandle(connection, limits, is_stopped=lambda: is_latched(signals), collision=collision)
 
 
 def connect_to_world(socket: str, clock: Clock) -> Link:

@@ -28,6 +28,7 @@ UNITS = {
     "session_duration_max": "s",
     "tracking_error_max": "rad",
 }
+BOXES = ("workspace_box", "keep_out")
 NO_SOURCE = {"", "?", "-", "n/a", "none", "unknown", "tbd", "todo", "guess", "guessed"}
 CLAMPABLE = ("JOINT_POSITION", "GRIPPER_WIDTH")  # what can be projected without making it worse
 
@@ -65,6 +66,8 @@ class TargetLimits(Authored):
         command_validity_max: Longest time from a command to its expiry [s].
         session_duration_max: Longest time from a session's first command to its last [s].
         tracking_error_max: Largest distance between commanded and measured joint position [rad].
+        collision_depth_max: How deep a commanded posture may reach into the robot itself, or into the distance that
+            planning keeps from what stands fixed [m]; postures are not tested where nothing is said.
         reactions: What is done about a broken limit, by code; a command is refused where nothing is said. A stop of
             category 1 also ends the session's motion for good, category 2 holds (IEC 60204-1, 9.2.2).
     """
@@ -82,6 +85,7 @@ class TargetLimits(Authored):
     command_validity_max: Limit
     session_duration_max: Limit
     tracking_error_max: Limit
+    collision_depth_max: Limit | None = None
     reactions: dict[str, Reaction] = {}
 
     def iter_limits(self) -> Iterator[tuple[tuple[str, ...], Limit, str]]:
@@ -90,6 +94,8 @@ class TargetLimits(Authored):
             yield (name,), getattr(self, name), unit
         for name, limit in self.keep_out.items():
             yield ("keep_out", name), limit, "m"
+        if self.collision_depth_max is not None:
+            yield ("collision_depth_max",), self.collision_depth_max, "m"
 
 
 class Safety(Authored):
@@ -127,11 +133,11 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
             yield located.problem("UNSOURCED_LIMIT", (*at, "source"), repr(limit.source), "where the number comes from")
         if limit.unit != unit:
             yield located.problem("WRONG_UNIT", (*at, "unit"), repr(limit.unit), unit)
-        if unit == "m" and path[0] != "gripper_width_max":
+        if path[0] in BOXES:
             yield from _check_box(located, (*at, "value"), limit)
         elif isinstance(limit.value, tuple) and not all(isinstance(each, float | int) for each in limit.value):
             yield located.problem("INVALID_VALUE", (*at, "value"), "a box", "a number, or one per joint")
-        elif path[0] not in {"joint_position_min", "joint_position_max"} and _least(limit) <= 0.0:
+        elif path[0] not in {"joint_position_min", "joint_position_max"} and min(as_numbers(limit)) <= 0.0:
             yield located.problem("INVALID_VALUE", (*at, "value"), str(limit.value), "greater than 0")
     for code, reaction in limits.reactions.items():
         if reaction == "clamp" and code not in CLAMPABLE:
@@ -149,8 +155,9 @@ def _check_box(located: Located, at: tuple[str, ...], limit: Limit) -> Iterator[
         yield located.problem("INVALID_VALUE", at, str(value), "the least corner first")
 
 
-def _least(limit: Limit) -> float:
-    return min(limit.value) if isinstance(limit.value, tuple) else limit.value  # type: ignore[return-value]
+def as_numbers(limit: Limit) -> tuple[float, ...]:
+    """The numbers of a limit that is no box: one, or one per joint."""
+    return limit.value if isinstance(limit.value, tuple) else (limit.value,)  # type: ignore[return-value]
 
 
 def get_target_limits(safety: Safety, target: str, source: str) -> TargetLimits:

@@ -12,9 +12,11 @@ import numpy as np
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.channel import Channel
+from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.runtime_contract import WorldMode
 from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.sessions import Scene
+from phyagentos.runtime.actions.collision import PostureCollision
 from phyagentos.runtime.actions.guard import Ruling, SafetyGuard
 from phyagentos.runtime.actions.interventions import Intervention
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -62,7 +64,7 @@ class TargetSessionHandle:
         connection: To the world process.
         limits: Of this target, from safety.yaml.
         is_stopped: Whether the emergency stop is latched; asked before every command.
-        find_contact: Names what a posture (n_joints,) touches; the guard's optional collision stage.
+        collision: The guard's stage for what a posture touches; it is told of every session's world.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
@@ -74,9 +76,9 @@ class TargetSessionHandle:
         limits: TargetLimits,
         *,
         is_stopped: Callable[[], bool] | None = None,
-        find_contact: Callable[[wire.Array], str] | None = None,
+        collision: PostureCollision | None = None,
     ) -> None:
-        self._is_stopped, self._find_contact = is_stopped, find_contact
+        self._is_stopped, self._collision = is_stopped, collision
         self._interventions: list[Intervention] = []
         self._connection = connection
         self._limits = limits
@@ -130,7 +132,8 @@ class TargetSessionHandle:
         observation = self.observe()
         description = self.describe()
         if self._made is None or self._made[0] is not description:
-            guard = SafetyGuard(self._limits, description, is_stopped=self._is_stopped, find_contact=self._find_contact)
+            touch = self._collision.find_contact if self._collision is not None else None
+            guard = SafetyGuard(self._limits, description, is_stopped=self._is_stopped, find_contact=touch)
             self._made = (description, guard)
         self._guard = self._made[1]
         self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))
@@ -141,6 +144,11 @@ class TargetSessionHandle:
             touching=observation.target.holding,
         )
         return observation
+
+    def believe(self, world: Environment) -> None:
+        """From now on the guard holds commanded postures against what stands fixed in this world."""
+        if self._collision is not None:
+            self._collision.update(world.entities.values(), np.asarray(self.step.target.q_rad, dtype=np.float64))
 
     @property
     def step(self) -> wire.Step:

@@ -226,6 +226,7 @@ class SessionRunner:
         handle = self._handle
         observation = handle.begin(session.id, epoch)
         initial = self._perception.perceive(observation, session.scene)
+        handle.believe(initial)
         self._provide_model(session, recorder)
         recorder.write_initial(observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)

@@ -10,6 +10,7 @@ from phyagentos.agent.causes import Cause, CauseClass, classify_refusal
 from phyagentos.agent.course import Course, Stage
 from phyagentos.agent.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judges.predicates import evaluate_criterion
+from phyagentos.protocol.environment import Status
 from phyagentos.protocol.evidence import Bundle, TraceEvent
 from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
 from phyagentos.protocol.verdicts import Criterion, Truth
@@ -216,3 +217,11 @@ def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():
 )
 def test_a_refusal_has_the_class_of_its_code(reason, kind):
     assert classify_refusal(reason) is kind
+
+
+def test_what_a_hand_still_held_as_the_session_began_is_neither_moved_nor_gone_when_it_falls():
+    bundle = make_bundle(moved(z=0.02), Stage.CLOSED, code="GRASP_MISSED")
+    up = msgspec.structs.replace(moved(z=0.3).entities["red_cube"], status=Status.HELD, held_by="panda")
+    before = msgspec.structs.replace(bundle.before, entities={**bundle.before.entities, "red_cube": up})
+    diagnosis = ask(msgspec.structs.replace(bundle, before=before))
+    assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.GRASP_MISSED, False)

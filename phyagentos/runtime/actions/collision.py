@@ -1,7 +1,8 @@
-"""The guard's optional stage: what a commanded posture would touch, of the robot itself and of what stands fixed.
+"""The guard's stage for what a commanded posture would touch, of the robot itself and of what stands fixed.
 
-Upstream: the robot's planning model and a believed world. Downstream: `SafetyGuard(find_contact=...)`. Exact, by
-MuJoCo, on a model of its own. Movable things are left out: skills touch them on purpose, and know which.
+Upstream: the robot's planning model, and the world that a session's first look believes in. Downstream: `SafetyGuard`.
+Exact, by MuJoCo, on a model of its own. Movable things, and what slides or turns on a joint, are left out: skills touch
+them on purpose, and know which. What is touched already as a session begins does not count, so that it can be left.
 """
 
 from collections.abc import Iterable
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.protocol.environment import Entity
 from phyagentos.protocol.targets import TargetProfile
-from phyagentos.runtime.motion.planning_scene import PlanningScenes, name_pair
+from phyagentos.runtime.motion.planning_scene import Pair, PlanningScenes, name_pair
 from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import build_robot_model
 
@@ -25,18 +26,36 @@ class PostureCollision:
     Args:
         profile: The target.
         folder: Where its model lies.
+        depth_max_m: How deep a posture may reach into the robot, or into the distance kept from a fixed thing [m].
+
+    Raises:
+        DefinitionError: When the model cannot be read.
     """
 
-    def __init__(self, profile: TargetProfile, folder: Path) -> None:
+    def __init__(self, profile: TargetProfile, folder: Path, depth_max_m: float = 0.0) -> None:
+        self._depth_max_m = depth_max_m
         self._scenes = PlanningScenes(build_robot_model(profile, folder))
         self._scene = self._scenes.get_scene(World(entities=()))
+        self._touched: frozenset[Pair] = frozenset()
 
-    def update(self, entities: Iterable[Entity]) -> None:
-        """Believe in this world from now on; a world with the same fixed solids costs no compilation."""
-        self._scene = self._scenes.get_scene(World(entities=tuple(each for each in entities if not each.movable)))
+    def update(self, entities: Iterable[Entity], q_rad: Array) -> None:
+        """Believe in this world from now on; a world with the same fixed solids costs no compilation.
+
+        Args:
+            entities: All of it; what does not stand fixed is passed over.
+            q_rad: (n_joints,) where the robot is; what it touches there it may go on touching [rad].
+        """
+        self._scene = self._scenes.get_scene(World(entities=tuple(_iter_fixed(tuple(entities)))))
+        self._touched = frozenset(self._scene.find_contacts(q_rad))
 
     def find_contact(self, q_rad: Array) -> str:
         """`link5|wall` for the first pair that touches in a posture (n_joints,); empty when nothing does."""
-        if self._scene.is_free(q_rad):
-            return ""
-        return name_pair(self._scene.find_contacts(q_rad)[0])
+        for pair in self._scene.find_contacts(q_rad, self._depth_max_m):
+            if pair not in self._touched:
+                return name_pair(pair)
+        return ""
+
+
+def _iter_fixed(entities: tuple[Entity, ...]) -> Iterable[Entity]:
+    jointed = {each.name for each in entities if each.joint is not None or each.mechanism is not None}
+    return (each for each in entities if not each.movable and jointed.isdisjoint((each.name, each.part_of)))

@@ -98,12 +98,18 @@ class PlanningScene:
         mujoco.mj_collision(self._model, self._data)
         return int(self._data.ncon) == 0
 
-    def find_contacts(self, q_rad: Array) -> list[Pair]:
-        """Names of the pairs that touch in a posture, sorted and without repetition; robot bodies come first."""
+    def find_contacts(self, q_rad: Array, depth_m: float = 0.0) -> list[Pair]:
+        """Names of the pairs that touch in a posture, sorted and without repetition; robot bodies come first.
+
+        Args:
+            q_rad: (n_joints,) [rad].
+            depth_m: Pairs that reach into each other by no more than this do not count [m].
+        """
         if self.is_free(q_rad):
             return []
         pairs = set()
-        for first, second in self._data.contact.geom[: self._data.ncon]:
+        contacts = self._data.contact
+        for first, second in contacts.geom[contacts.dist < -depth_m]:
             a, b = self._owner[first], self._owner[second]
             pairs.add((b, a) if a in self._mocap else (a, b))
         return sorted(pairs)

@@ -71,6 +71,8 @@ def update_belief(
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
     _look_at_loose(loose, entities, rest, eyes, inventory, time_s)
+    if not held and not focus:  # nobody saw it taken: a worker that was lost had done so
+        _recognise_grip(inventory, entities, state, target, time_s)
     outside, filled = _take_filling(filling, entities, rest)
     spilt = associate(filling, entities, outside, eyes, inventory.map)
     for name, thing in filling.items():
@@ -112,6 +114,15 @@ def follow_hand(
         entities[taken.name] = msgspec.structs.replace(carry(taken, state, target), observed_at_s=time_s)
         entities = _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
     return entities
+
+
+def _recognise_grip(
+    inventory: Inventory, entities: dict[str, Entity], state: TargetState, target: str, time_s: float
+) -> None:
+    seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
+    taken = find_held(seen, state, inventory)
+    if taken is not None:
+        entities[taken.name] = carry(taken, state, target)
 
 
 def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[str, Region]:

@@ -50,7 +50,7 @@ def answer(
     Args:
         connection: To the client.
         target: What moves.
-        before: Told of the request before it is carried out.
+        before: Told of the request before it is carried out; it may wait, and this process be stopped meanwhile.
 
     Returns:
         Whether it was a `Shutdown`.
@@ -63,9 +63,9 @@ def answer(
     except ExecutionError as error:
         send(connection, Refused(error.code, str(error)))
         return False
+    before(request)
     if _is_gone(connection):  # whoever asked has no authority any more: what it left in the pipe must not happen
         raise EOFError
-    before(request)
     send(connection, target.handle(request))
     return isinstance(request, Shutdown)
 

@@ -1,5 +1,6 @@
-"""The guard's optional stage names what a posture would touch."""
+"""The guard's stage names what a commanded posture would touch."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from phyagentos.runtime.actions.collision import PostureCollision
 pytestmark = pytest.mark.motion
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+RAISED = np.array([0.0, -1.5, 0.0, -1.6, 0.0, 1.571, 0.785])
 FOLDED = np.array([0.0, -1.7, 0.0, -3.05, 0.0, 0.1, 0.0])
 
 
@@ -23,21 +25,46 @@ def build_wall(movable=False):
 
 
 def test_a_free_posture_touches_nothing(stage):
-    stage.update([])
+    stage.update([], HOME)
     assert stage.find_contact(HOME) == ""
 
 
 def test_a_posture_that_folds_into_itself_is_named(stage):
-    stage.update([])
+    stage.update([], HOME)
     first, second = stage.find_contact(FOLDED).split("|")
     assert first != second
 
 
 def test_a_posture_that_reaches_through_a_wall_is_named(stage):
-    stage.update([build_wall()])
+    stage.update([build_wall()], RAISED)
     assert stage.find_contact(HOME).endswith("|wall")
 
 
 def test_a_movable_thing_is_the_skills_own_business(stage):
-    stage.update([build_wall(movable=True)])
+    stage.update([build_wall(movable=True)], RAISED)
+    assert stage.find_contact(HOME) == ""
+
+
+def test_what_is_touched_as_a_session_begins_may_be_left(stage):
+    stage.update([build_wall()], HOME)
+    assert stage.find_contact(HOME) == ""
+
+
+def test_the_distance_that_planning_keeps_may_be_used_up_to_the_limit(profile, library, stage):
+    lenient = PostureCollision(profile, library.get_target("panda").parent, 0.004)
+    x_m = next(x for x in np.arange(0.8, 0.3, -0.001) if touches(stage, x))
+    assert not touches(lenient, x_m)
+    assert touches(lenient, x_m - 0.006)
+
+
+def touches(stage, x_m):
+    stage.update([msgspec.structs.replace(build_wall(), pose=Pose((float(x_m), 0.0, 0.5)))], RAISED)
+    return bool(stage.find_contact(HOME))
+
+
+@pytest.mark.parametrize("part", [{"joint": 0.2}, {"part_of": "drawer"}])
+def test_what_moves_on_a_joint_is_the_skills_own_business(stage, part):
+    wall = msgspec.structs.replace(build_wall(), **part)
+    drawer = msgspec.structs.replace(build_wall(), name="drawer", shapes=(), joint=0.2)
+    stage.update([wall, drawer], RAISED)
     assert stage.find_contact(HOME) == ""

@@ -123,6 +123,19 @@ def test_what_the_fingers_hold_follows_the_hand_and_is_unseen_once_let_go(twins)
     assert judge(f"upright({name})", let_go) is Truth.UNKNOWN
 
 
+def test_what_a_look_finds_between_the_fingers_is_held_although_nobody_saw_it_taken(twins):
+    twins.look()
+    twins.put("can", 0.45, 0.1, 0.2)
+    down = (0.0, 1.0, 0.0, 0.0)
+    grip = msgspec.structs.replace(
+        twins.state, tcp=Pose((0.45, 0.1, 0.2), down), gripper_width_m=0.06, fingers_touching=2
+    )
+
+    belief = twins.look(state=grip)
+
+    assert (belief.entities["can"].status, belief.entities["can"].held_by) == (Status.HELD, "panda")
+
+
 def test_fingers_that_touch_nothing_known_hold_nothing(twins):
     twins.look()
     closed = msgspec.structs.replace(twins.state, gripper_width_m=0.01, fingers_touching=2)

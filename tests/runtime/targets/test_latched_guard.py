@@ -24,9 +24,11 @@ def workspace(tmp_path, library):
 
 
 @pytest.fixture
-def handle(make_rig, workspace, tmp_path):
+def handle(make_rig, workspace, tmp_path, profile, library):
     rig = make_rig(log=tmp_path / "receive.jsonl")  # a target that listens to nobody
-    handle = open_handle(Loopback(rig.world), open_robot().limits, workspace)
+    handle = open_handle(
+        Loopback(rig.world), open_robot().limits, workspace, profile, library.get_target("panda").parent
+    )
     handle.load(Scene(name="tabletop/cubes_and_trays", seed=1, episode="e"))
     return handle
 

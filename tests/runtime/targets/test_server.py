@@ -1,0 +1,48 @@
+"""The main loop of a world process: who is gone has no authority, and what was under way then does not happen."""
+
+from multiprocessing import Pipe
+
+import pytest
+
+from phyagentos.runtime.targets.server import answer
+from phyagentos.runtime.targets.wire import Ack, Settle, send
+
+
+class Recording:
+    def __init__(self):
+        self.handled = []
+
+    def handle(self, request):
+        self.handled.append(request)
+        return Ack()
+
+    def withdraw(self):
+        pass
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def ends():
+    ours, theirs = Pipe()
+    with ours:
+        yield ours, theirs
+
+
+def test_a_request_is_answered(ends):
+    ours, theirs = ends
+    target = Recording()
+    send(theirs, Settle(session="s", epoch=1, duration_s=0.02))
+    assert not answer(ours, target)
+    assert len(target.handled) == 1
+    theirs.close()
+
+
+def test_a_request_whose_sender_goes_while_it_waits_for_its_period_does_not_happen(ends):
+    ours, theirs = ends
+    target = Recording()
+    send(theirs, Settle(session="s", epoch=1, duration_s=0.02))
+    with pytest.raises(EOFError):
+        answer(ours, target, lambda _request: theirs.close())
+    assert target.handled == []
