@@ -149,6 +149,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         settings=(workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract),
         pictures=pictures,
         blanks=blanks,
+        sampling_hz=settings.contract.sampling_hz,
         policies=Policies(
             skills=skills,
             profile=profile,

@@ -148,7 +148,7 @@ def _read_rules(workspace: Workspace) -> RuntimeContract:
             control_period_s=0.02,
             physics_step_s=0.002,
             command_representation="joint_position_velocity",
-            sampling_hz=50.0,
+            sampling_hz=10.0,
         )
 
 

@@ -111,6 +111,7 @@ class SessionRunner:
         pictures: Whether to take pictures before and after.
         blanks: Evidence folders that were made ahead.
         policies: Opens skills that a policy server carries out.
+        sampling_hz: How often conditions that must hold all through are sampled, in simulated time [Hz].
     """
 
     def __init__(
@@ -129,8 +130,10 @@ class SessionRunner:
         pictures: bool = False,
         blanks: Blanks | None = None,
         policies: Policies | None = None,
+        sampling_hz: float = 10.0,
     ) -> None:
         self._handle = handle
+        self._sample_every = max(1, round(1.0 / (sampling_hz * profile.control_period_s)))
         self._planner = planner
         self._perception = perception
         self._registry = registry
@@ -248,7 +251,7 @@ class SessionRunner:
             tracking_error_max_rad=float(np.asarray(self._limits.tracking_error_max.value)),
         )
         skill = self._make_skill(session, plan, context)
-        holds = HoldMonitor(session.hold, initial, session.target)
+        holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
         pulse = _Pulse(session=session, epoch=epoch, beat=beat)
         loop = SessionLoop(
             handle=handle,

@@ -121,6 +121,13 @@ def test_a_plug_in_never_replaces_a_shipped_judge(install):
         build_judge_registry()
 
 
+def test_a_package_that_does_not_load_is_refused_only_to_those_who_ask_for_it(install, make_verifier):
+    install(code="import nothing_of_this_name")
+    make_verifier("verification: {judges: [predicates, holds]}")
+    with pytest.raises(DefinitionError, match="judge 'haste', whose package does not load: ModuleNotFoundError"):
+        make_verifier("verification: {judges: [predicates, haste]}")
+
+
 def test_an_entry_point_that_announces_something_else_is_named(install):
     install(points="haste = haste_judge:Haste")
     with pytest.raises(ValueError, match="entry point 'haste_judge:Haste' is no JudgeDefinition of the name 'haste'"):

@@ -57,10 +57,12 @@ def test_a_snapshot_older_than_the_one_before_the_session_proves_nothing():
     assert "older than the one before it" in criterion.because
 
 
-def test_a_world_that_began_anew_counts_its_time_anew():
+def test_a_world_that_began_anew_counts_its_time_anew_where_the_old_one_was_lost():
     before = msgspec.structs.replace(make_world(), time_s=3.0, revision=9)
-    (criterion,) = PredicateJudge().judge(make_bundle(DONE, before=before))
+    (criterion,) = PredicateJudge().judge(make_bundle(DONE, before=before, execution={"ended": Ended.TARGET_LOST}))
     assert criterion.truth is Truth.TRUE
+    (criterion,) = PredicateJudge().judge(make_bundle(DONE, before=before))
+    assert criterion.truth is Truth.UNKNOWN
 
 
 # -- holds -------------------------------------------------------------------------------------------------------------

@@ -124,6 +124,13 @@ def test_joints_height_and_speed():
     assert truth("height(a) >= 0.09 and speed(a) <= 0.2", now) is Truth.TRUE
 
 
+def test_one_look_does_not_tell_whether_a_thing_moves():
+    once, twice = cube("a", looks=1), cube("a", looks=2)
+    assert truth("speed(a) <= 0.2", world(once, sensing="perceived")) is Truth.UNKNOWN
+    assert truth("speed(a) <= 0.2", world(twice, sensing="perceived")) is Truth.TRUE
+    assert truth("speed(a) <= 0.2", world(once)) is Truth.TRUE
+
+
 def test_the_extent_of_round_and_turned_solids_is_exact():
     lying = Entity(
         name="can",

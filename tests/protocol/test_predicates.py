@@ -207,6 +207,8 @@ def test_evaluation_never_raises_whatever_the_formula_and_the_world(formula, now
     [
         ({"visible": False}, "was not visible"),
         ({"observed_at_s": 3.0}, "last seen 7.0 s before, allowed are 5 s"),
+        ({"observed_at_s": 12.0}, "seen 2.0 s after the snapshot"),
+        ({"observed_at_s": math.nan}, "is said to be seen"),
     ],
 )
 def test_an_unseen_or_stale_fact_is_unknown_with_the_reason(change, because):

@@ -13,11 +13,13 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import AFTER, Bundle
 from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
+from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.verdicts import Criterion
 
 FRESH_S = (
     1.0  # age of a fact at the end: the slowest camera that ships takes a picture every 0.1 s, and is late by less
 )
+_LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}
 _NO_METRICS: Mapping[str, float] = {}
 
 
@@ -38,7 +40,7 @@ def evaluate_criterion(
     """One predicate on the snapshots of a bundle, with what was measured on the way."""
     if bundle.after is None:
         return make_unknown(text, kind, AFTER, "the world was not observed after the session")
-    if bundle.before is not None and _is_older(bundle.after, bundle.before):
+    if bundle.before is not None and _is_older(bundle.after, bundle.before, bundle.execution):
         return make_unknown(text, kind, AFTER, "the snapshot after the session is older than the one before it")
     view = View(
         now=bundle.after,
@@ -73,6 +75,7 @@ def _evaluate(text: str, kind: str, view: View, evidence: str) -> Criterion:
     )
 
 
-def _is_older(after: Environment, before: Environment) -> bool:
+def _is_older(after: Environment, before: Environment, execution: Execution) -> bool:
     """A world that began anew, because the old one was lost, counts its time and its revisions anew."""
-    return after.episode == before.episode and after.time_s < before.time_s and after.revision >= before.revision
+    began_anew = execution.ended in _LOST and after.revision < before.revision
+    return after.episode == before.episode and after.time_s < before.time_s and not began_anew

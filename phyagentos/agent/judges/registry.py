@@ -65,9 +65,13 @@ class JudgeRegistry:
         self._definitions[definition.name] = definition
 
     def register_installed(self) -> None:
-        """Add what installed packages announce."""
+        """Add what installed packages announce; what does not load is refused to those who ask for it."""
         for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
-            definition = point.load()
+            try:
+                definition = point.load()
+            except Exception as error:  # code of others; who never asks for it is not to suffer
+                self.register(_make_unloadable(point.name, f"{type(error).__name__}: {error}"))
+                continue
             if not isinstance(definition, JudgeDefinition) or definition.name != point.name:
                 raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
             self.register(_make_closed(definition))
@@ -129,6 +133,16 @@ class ForeignJudge:
             return known
         strangers = sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)})
         return [make_unknown(self.kind, self.kind, "", f"the judge answered with {', '.join(strangers)}")]
+
+
+def _make_unloadable(name: str, reason: str) -> JudgeDefinition:
+    def open(settings: JudgeSettings) -> Judge:
+        found = f"judge {name!r}, whose package does not load: {reason}"
+        raise DefinitionError(
+            Problem(code="UNKNOWN_JUDGE", address=settings.address, found=found, expected="a package that loads")
+        )
+
+    return JudgeDefinition(name=name, open=open, description=f"Does not load: {reason}")
 
 
 def _make_closed(definition: JudgeDefinition) -> JudgeDefinition:

@@ -21,6 +21,7 @@ from phyagentos.protocol.predicates.geometry import (
     to_child,
 )
 from phyagentos.protocol.predicates.library import (
+    AHEAD_S,
     Argument,
     FactUnknown,
     Kind,
@@ -176,7 +177,7 @@ def measure_visible(view: View, a: str) -> Reading:
     if entity is None:
         return Reading(-1.0, {"visible": False}, f"{a} is not in the snapshot")
     age_s = view.now.time_s - entity.observed_at_s
-    seen = entity.visible and age_s <= 5.0
+    seen = entity.visible and -AHEAD_S <= age_s <= 5.0
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
     )
@@ -260,7 +261,9 @@ def measure_distance(view: View, a: Entity, b: Place) -> Reading:
 
 
 def measure_speed(view: View, a: Entity) -> Reading:
-    """Magnitude of its linear velocity [m/s]."""
+    """Magnitude of its linear velocity [m/s]; one look at a thing does not tell it."""
+    if view.now.sensing == "perceived" and a.movable and a.looks < 2 and a.speed_m_s == 0.0:
+        raise FactUnknown(f"{a.name} was looked at once, which does not tell whether it moves")
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
 
 

@@ -14,6 +14,7 @@ from importlib.metadata import entry_points
 from phyagentos.protocol.environment import Entity, Environment, Pose
 from phyagentos.protocol.predicates.geometry import Vector, compute_center, to_parent
 
+AHEAD_S = 1.0  # touch tells of a held thing between two looks; nothing is seen later than that after its snapshot
 ENTRY_POINT_GROUP = "phyagentos.predicates"
 
 
@@ -189,7 +190,9 @@ def get_entity(view: View, name: str, max_age_s: float) -> Entity:
         age_s, allowed_s = view.now.time_s - entity.observed_at_s, min(max_age_s, view.max_age_s)
         if not entity.visible:
             raise FactUnknown(f"{name} was not visible")
-        if age_s > allowed_s:
+        if not age_s >= -AHEAD_S:  # also when it is NaN
+            raise FactUnknown(f"{name} is said to be seen {-age_s:.1f} s after the snapshot")
+        if not age_s <= allowed_s:
             raise FactUnknown(f"{name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s")
     return entity
 

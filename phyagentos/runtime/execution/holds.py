@@ -20,7 +20,7 @@ from phyagentos.protocol.predicates.predicate import (
 from phyagentos.protocol.verdicts import Criterion, Truth
 from phyagentos.runtime.targets.wire import Step
 
-SAMPLE_PERIODS = 5  # control periods between samples: 10 Hz of simulated time
+SAMPLE_PERIODS = 5  # control periods between samples, where nobody says
 PEAK_FORCE = "peak_force_n"
 
 
@@ -31,12 +31,14 @@ class HoldMonitor:
         texts: As in the contract, fully substituted.
         initial: The snapshot that `moved` compares with.
         target: Whose session it is.
+        every: Control periods from one sample to the next.
 
     Attributes:
         names: Of the things and places that the conditions are about.
     """
 
-    def __init__(self, texts: Sequence[str], initial: Environment, target: str) -> None:
+    def __init__(self, texts: Sequence[str], initial: Environment, target: str, every: int = SAMPLE_PERIODS) -> None:
+        self._every = every
         self._predicates: tuple[tuple[str, Predicate], ...] = tuple((text, parse_predicate(text)) for text in texts)
         self._felt = tuple(each for each in self._predicates if is_metric_only(each[1]))
         self._seen = tuple(each for each in self._predicates if each not in self._felt)
@@ -48,7 +50,7 @@ class HoldMonitor:
 
     def is_due(self, tick: int) -> bool:
         """Whether the sample of this command tick is to be taken."""
-        return bool(self._seen) and tick % SAMPLE_PERIODS == 0
+        return bool(self._seen) and tick % self._every == 0
 
     def feel(self, step: Step, recall: Callable[[], Environment]) -> Criterion | None:
         """Take in the contact force of a report; returns the first condition on it that is false.

@@ -67,7 +67,9 @@ def feel_pulses(frames: Frames, before: Mapping[str, SensorHealth], now_s: float
     """How the cameras do, by these windows: one that comes again with a new stamp is of a frozen camera."""
     health = {camera: msgspec.structs.replace(each, pulse_s=now_s) for camera, each in before.items()}
     for frame in frames.frames:
-        was = health[frame.camera]
+        was = health.get(frame.camera)
+        if was is None:
+            continue  # nobody asked for it
         if not np.isfinite(frame.depth_m).any():
             health[frame.camera] = msgspec.structs.replace(was, pulse="")  # darkness repeats
             continue
@@ -94,7 +96,7 @@ def _judge(
     frame: Frame, digest: str, was: SensorHealth | None, now_s: float, max_age_s: float, noisy: bool
 ) -> tuple[str, str]:
     age_s = now_s - frame.time_s
-    if age_s > max_age_s:
+    if not age_s <= max_age_s:  # also when its stamp is no number
         return "stale", f"its latest frame is {age_s:.2f} s old"
     if age_s < -AHEAD_S:
         return "stale", f"its frame is dated {-age_s:.2f} s ahead"

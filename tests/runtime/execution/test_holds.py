@@ -37,10 +37,11 @@ def test_a_violation_is_reported_and_stays_the_worst():
     assert monitor.read_worst() == (violated,)
 
 
-def test_samples_are_due_ten_times_a_second_and_never_without_conditions():
+def test_samples_are_due_as_often_as_asked_and_never_without_conditions():
     world = build_world(0.0, 0.0)
 
     assert [tick for tick in range(1, 16) if HoldMonitor([TEXT], world, "panda").is_due(tick)] == [5, 10, 15]
+    assert [tick for tick in range(1, 6) if HoldMonitor([TEXT], world, "panda", every=2).is_due(tick)] == [2, 4]
     assert not HoldMonitor([], world, "panda").is_due(5)
 
 

@@ -1,5 +1,7 @@
 """Whether a camera can be believed: by the noise that it declares, and by its pulse between two whole pictures."""
 
+import math
+
 import msgspec
 import numpy as np
 import pytest
@@ -56,6 +58,14 @@ def test_a_camera_that_froze_between_two_whole_looks_is_known_by_its_pulse():
     assert take(3, 2.0, health)["top"].status == "frozen"  # though this whole picture was never seen before
     thawed = take(9, 2.5, health, crops)
     assert take(9, 2.5, thawed)["top"].status == "live"
+
+
+def test_a_frame_without_a_time_is_stale():
+    assert take(1, math.nan, {})["top"].status == "stale"
+
+
+def test_a_window_that_nobody_asked_for_is_passed_over():
+    assert feel_pulses(Frames((expose(1, 1.0),)), {}, 1.0) == {}
 
 
 def test_a_pulse_whose_frame_was_lost_tells_nothing():
