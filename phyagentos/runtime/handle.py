@@ -141,7 +141,6 @@ class TargetSessionHandle:
             time_s=observation.time_s,
             target=observation.target,
             tracking_error_rad=0.0,
-            touching=observation.target.holding,
         )
         return observation
 

@@ -141,7 +141,7 @@ class PerfectTarget:
     def _step(self):
         state = self._state()
         error = float(np.abs(self.q - self.q_d).max())
-        return wire.Step(time_s=self.time_s, target=state, tracking_error_rad=error, touching=state.holding)
+        return wire.Step(time_s=self.time_s, target=state, tracking_error_rad=error)
 
     def _observe(self):
         return wire.Observation(

@@ -217,7 +217,6 @@ class Step(msgspec.Struct, frozen=True, tag=True):
         time_s: Simulated time.
         target: The target's own state.
         tracking_error_rad: Largest |q - q_d| at the end of the period.
-        touching: Names of the entities that touch at least one finger pad.
         stopped: Code of the target's own protective stop, when the command was broken off; the target has come to rest
             and takes no further command of this session.
         contact_force_n: The greatest force between the robot and one other body since the latest report, as its joint
@@ -227,7 +226,6 @@ class Step(msgspec.Struct, frozen=True, tag=True):
     time_s: float
     target: TargetState
     tracking_error_rad: float
-    touching: tuple[str, ...] = ()
     stopped: str = ""
     contact_force_n: float | None = None
 

@@ -286,12 +286,10 @@ class MujocoWorld:
 
     def _report(self, physics: Physics, stopped: str = "") -> Step:
         physics.look()
-        touching = physics.find_touching()
         return Step(
             time_s=physics.time_s,
-            target=physics.read_target(touching),
+            target=physics.read_target(physics.find_touching()),
             tracking_error_rad=float(np.abs(physics.q_rad - self._get_drive().q_rad).max()),
-            touching=tuple(touching),
             stopped=stopped,
             contact_force_n=self._get_drive().take_force(),
         )

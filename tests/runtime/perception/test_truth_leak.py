@@ -31,8 +31,7 @@ class PoisonedWorld(MujocoWorld):
             regions = tuple(msgspec.structs.replace(each, pose=_shift(each.pose)) for each in reply.regions)
             return msgspec.structs.replace(reply, entities=entities, regions=regions, target=_rename(reply.target))
         if isinstance(reply, Step):
-            touching = tuple("bottle" for _ in reply.touching)
-            return msgspec.structs.replace(reply, target=_rename(reply.target), touching=touching)
+            return msgspec.structs.replace(reply, target=_rename(reply.target))
         return reply
 
 

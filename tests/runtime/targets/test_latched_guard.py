@@ -8,6 +8,7 @@ import pytest
 from benchmarks.recorded import open_robot
 from phyagentos.assembly.processes import open_handle
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.environment import Entity, Environment, Pose, Shape, ShapeKind
 from phyagentos.protocol.estop import Latch, latch, reset
 from phyagentos.protocol.sessions import Scene
 from phyagentos.protocol.workspace import Workspace
@@ -62,3 +63,25 @@ def test_a_session_after_the_reset_is_let_through_again(handle, workspace):
     still = stand_still(handle.begin("t", 1).target.q_rad)
 
     assert handle.apply(still).time_s > 0.0
+
+
+def test_a_posture_that_reaches_into_what_stands_fixed_is_refused_by_the_guard_of_a_worker(handle):
+    start = np.array(handle.begin("s", 1).target.q_rad)
+    shape = Shape(kind=ShapeKind.BOX, size_m=(0.3, 0.02, 0.4))
+    wall = Entity(name="screen", kind="wall", pose=Pose((0.45, 0.3, 0.45)), shapes=(shape,), movable=False)
+    scene = {"scene": "s", "episode": "e", "revision": 1, "sensing": "perceived"}
+    handle.believe(Environment(time_s=0.0, entities={"screen": wall}, **scene))
+    with pytest.raises(CommandRefused) as refused:
+        for period in range(75):
+            handle.apply(swing(start, 0.02 * period))
+    assert (refused.value.by, refused.value.violation.code) == ("guard", "COLLISION")
+    assert refused.value.violation.where.endswith("|screen")
+
+
+def swing(start, begin_s):
+    """One control period of turning the first joint from rest at 1 rad/s^2."""
+    t = begin_s + 0.002 * np.arange(1, 11)
+    q, qd = np.tile(start, (10, 1)), np.zeros((10, 7))
+    q[:, 0] += 0.5 * t**2
+    qd[:, 0] = t
+    return SetPoints(q, qd, np.full(10, 0.08))

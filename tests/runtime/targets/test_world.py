@@ -23,7 +23,7 @@ def test_the_live_description_agrees_with_the_profile(rig):
 def test_the_arm_stands_at_home_without_contact_and_holds_its_posture(rig):
     step = rig.hold(0.08, 0.5)
     assert np.abs(np.array(step.target.q_rad) - HOME).max() < 1e-3
-    assert step.touching == ()
+    assert (step.target.holding, step.target.fingers_touching) == ((), 0)
 
 
 @pytest.mark.parametrize(
