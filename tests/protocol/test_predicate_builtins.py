@@ -26,6 +26,14 @@ def test_inside_is_judged_by_centre_and_lowest_point(position, expected):
     assert truth("inside(a, tray)", world(tray(), cube("a", *position))) is expected
 
 
+@pytest.mark.parametrize("text", ["inside(a, tray)", "on(a, tray)"])
+def test_what_a_hand_still_holds_was_not_put_anywhere(text):
+    lying, held = cube("a", 0.5, 0.0, 0.03), cube("a", 0.5, 0.0, 0.03, held_by="panda")
+    assert truth(text, world(tray(), lying)) is Truth.TRUE
+    found = value(text, world(tray(), held))
+    assert (found.truth, found.because) == (Truth.FALSE, "a is still held by panda")
+
+
 def test_inside_follows_a_turned_container():
     turned = tray(pose=Pose((0.5, 0.0, 0.0), EIGHTH_TURN_ABOUT_Z))
     along = (0.5 + 0.08 * math.cos(math.pi / 4), 0.08 * math.sin(math.pi / 4), 0.03)

@@ -67,7 +67,9 @@ def _combine(view: View, entities: Sequence[Entity | None], stated: str, perceiv
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
-    """Centre within the sides of the interior box, lowest point between its floor and its rim, in the box's frame."""
+    """Let go of; centre within the sides of the interior box, lowest point between floor and rim, in its frame."""
+    if a.held_by:
+        return _tell_held(a)
     box = get_place(view, b, 5.0)
     if box.half_m == (0.0, 0.0, 0.0):
         return Reading(-1.0, {"interior": False}, f"{b} has no interior")
@@ -91,7 +93,9 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
-    """Centre of the footprint above b's surface, vertical gap within a centimetre."""
+    """Let go of; centre of the footprint above b's surface, vertical gap within a centimetre."""
+    if a.held_by:
+        return _tell_held(a)
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
     gap_m = _find_gap(view, a, b, FOOTPRINT_SLACK_M)
     if doubt_m:
@@ -104,6 +108,11 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
     because = f"the lowest point of {a.name} is {gap_m:+.3f} m from the surface of {b}, allowed are {GAP_M} m"
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     return Reading(1.0 - abs(gap_m) / GAP_M, measured, because, doubt_m / GAP_M)
+
+
+def _tell_held(a: Entity) -> Reading:
+    """What a hand still holds goes where the hand goes next."""
+    return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
 
 
 def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:

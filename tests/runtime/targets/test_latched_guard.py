@@ -72,16 +72,16 @@ def test_a_posture_that_reaches_into_what_stands_fixed_is_refused_by_the_guard_o
     scene = {"scene": "s", "episode": "e", "revision": 1, "sensing": "perceived"}
     handle.believe(Environment(time_s=0.0, entities={"screen": wall}, **scene))
     with pytest.raises(CommandRefused) as refused:
-        for period in range(75):
-            handle.apply(swing(start, 0.02 * period))
+        swing(handle, start, periods=75)
     assert (refused.value.by, refused.value.violation.code) == ("guard", "COLLISION")
     assert refused.value.violation.where.endswith("|screen")
 
 
-def swing(start, begin_s):
-    """One control period of turning the first joint from rest at 1 rad/s^2."""
-    t = begin_s + 0.002 * np.arange(1, 11)
-    q, qd = np.tile(start, (10, 1)), np.zeros((10, 7))
-    q[:, 0] += 0.5 * t**2
-    qd[:, 0] = t
-    return SetPoints(q, qd, np.full(10, 0.08))
+def swing(handle, start, periods):
+    """Turn the first joint from rest at 1 rad/s^2."""
+    for period in range(periods):
+        t = 0.02 * period + 0.002 * np.arange(1, 11)
+        q, qd = np.tile(start, (10, 1)), np.zeros((10, 7))
+        q[:, 0] += 0.5 * t**2
+        qd[:, 0] = t
+        handle.apply(SetPoints(q, qd, np.full(10, 0.08)))
