@@ -22,6 +22,7 @@ from phyagentos.bench.report import Ask, format_outcome
 from phyagentos.protocol.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.protocol.faults import read_faults
 from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.safety import as_numbers
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.collision import PostureCollision
@@ -109,10 +110,11 @@ def judge_recordings(robot: Robot, recordings: Sequence[Recording]) -> tuple[int
 
 def judge_collisions(robot: Robot, recordings: Sequence[Recording]) -> tuple[int, list[float]]:
     """False refusals of the collision stage over the commanded postures, and its cost [us]."""
-    stage = PostureCollision(robot.profile, robot.folder)
+    limit = robot.limits.collision_depth_max
+    stage = PostureCollision(robot.profile, robot.folder, min(as_numbers(limit)) if limit is not None else 0.0)
     found, costs = Counter[str](), list[float]()
     for recording in recordings:
-        stage.update(recording.entities)
+        stage.update(recording.entities, np.asarray(recording.q_rad))
         for command, _ in recording.commands:
             began = time.perf_counter()
             contact = stage.find_contact(command.q_rad[-1])
