@@ -100,7 +100,7 @@ def test_it_sends_both_pictures_and_the_statement_and_believes_a_strict_answer(s
     assert (asked["path"], asked["model"], asked["temperature"]) == ("/v1/chat/completions", "looker-1", 0)
     text, *images = asked["messages"][1]["content"]
     assert "Statement: inside(red_cube, red_tray)" in text["text"]
-    assert "inside(a, b) means: Centre within the sides of the interior box" in text["text"]
+    assert "inside(a, b) means: Let go of; centre within the sides of the interior box" in text["text"]
     sent = [base64.b64decode(image["image_url"]["url"].removeprefix("data:image/png;base64,")) for image in images]
     assert sent == [b"\x89PNG before", b"\x89PNG after"]
     assert model.headers[0]["Authorization"] == "Bearer secret"
