@@ -133,7 +133,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         planner, connection = NoPlanner(), Loopback(ScriptedWorld(profile, library, log))
     else:
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
-    handle = open_handle(connection, settings.limits, workspace, profile, profile_path.parent)
+    handle = open_handle(connection, settings.limits, workspace, profile_path)
     perception = open_perception(workspace, target, profile, handle, settings)
     blanks = Blanks(workspace.cache / f"blanks-{target}", WRITTEN)
     runner = SessionRunner(
@@ -224,16 +224,20 @@ def open_detector(settings: "Settings") -> "Detector | None":
 
 
 def open_handle(
-    connection: Channel, limits: TargetLimits, workspace: Workspace, profile: TargetProfile, folder: Path
+    connection: Channel, limits: TargetLimits, workspace: Workspace, description: Path
 ) -> "TargetSessionHandle":
-    """The worker's door to its target; its guard asks before every command whether the emergency stop is latched."""
+    """The worker's door to its target; its guard asks before every command whether the emergency stop is latched.
+
+    Postures are tested on the robot as its own `description` gives it; whether TARGETS.md agrees, preflight tells.
+    """
     from phyagentos.runtime.actions.collision import PostureCollision
     from phyagentos.runtime.handle import TargetSessionHandle
+    from phyagentos.runtime.targets.robot import read_profile
 
     signals, limit = workspace.signals.parent, limits.collision_depth_max
     collision = None
-    if limit is not None and profile.kind != "debug":
-        collision = PostureCollision(profile, folder, min(as_numbers(limit)))
+    if limit is not None:
+        collision = PostureCollision(*read_profile(description), min(as_numbers(limit)))
     return TargetSessionHandle(connection, limits, is_stopped=lambda: is_latched(signals), collision=collision)
 
 

@@ -63,7 +63,7 @@ def test_where_the_scene_stands_as_it_was_shown_it_meets_the_goal_and_elsewhere_
     with serve(demonstration):
         code, session = run_imitation(tmp_path / "same", 7)
         assert (code, session["verdict"]) == (0, "success")
-        code, session = run_imitation(tmp_path / "other", 8)
+        code, session = run_imitation(tmp_path / "other", 11)
         assert (code, session["verdict"]) == (1, "failure")
-    execution = json.loads(next((tmp_path / "other/evidence").glob("imitate-8.red/execution.json")).read_text())
+    execution = json.loads(next((tmp_path / "other/evidence").glob("imitate-11.red/execution.json")).read_text())
     assert execution["ended"] == "completed", "the policy itself reported that it was done"

@@ -25,11 +25,9 @@ def workspace(tmp_path, library):
 
 
 @pytest.fixture
-def handle(make_rig, workspace, tmp_path, profile, library):
+def handle(make_rig, workspace, tmp_path, library):
     rig = make_rig(log=tmp_path / "receive.jsonl")  # a target that listens to nobody
-    handle = open_handle(
-        Loopback(rig.world), open_robot().limits, workspace, profile, library.get_target("panda").parent
-    )
+    handle = open_handle(Loopback(rig.world), open_robot().limits, workspace, library.get_target("panda"))
     handle.load(Scene(name="tabletop/cubes_and_trays", seed=1, episode="e"))
     return handle
 
