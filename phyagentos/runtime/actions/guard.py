@@ -239,7 +239,7 @@ class SafetyGuard:
                 if (depth_m := _measure_depth(point, box)) > 0.0:
                     return Violation(ViolationCode.KEEP_OUT, name, depth_m, 0.0, "m", row)
         if self._find_contact is not None and (touched := self._find_contact(q_rad)):
-            return Violation(ViolationCode.COLLISION, touched, 0.0, 0.0, "m", self._limits.shape[0] - 1)
+            return Violation(ViolationCode.COLLISION, touched, 1.0, 0.0, "contacts", self._limits.shape[0] - 1)
         return None
 
     def _clamp(self, command: Command, code: ViolationCode) -> tuple[Command, tuple[Intervention, ...]]:

@@ -6,11 +6,14 @@ import pytest
 
 from phyagentos.protocol.faults import FaultFile
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sensors import Sensors
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule
+from phyagentos.runtime.targets.physics import Physics
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.robot import read_profile
+from phyagentos.runtime.targets.simulated_camera import pose_state
 from phyagentos.runtime.targets.world import MujocoWorld
 
 SCENE = "tabletop/cubes_and_trays"
@@ -145,3 +148,16 @@ def rig(make_rig):
     rig.load()
     rig.begin()
     return rig
+
+
+@pytest.fixture(scope="module")
+def physics(library, panda):
+    spec = read_scene(library.get_scene("tabletop/cubes_and_trays"))
+    physics = Physics(*panda, spec, 7)
+    physics.start(spec.settle_s)
+    return physics
+
+
+@pytest.fixture(scope="module")
+def data(physics):
+    return pose_state(physics.model, physics.data.qpos)

@@ -5,29 +5,14 @@ import pytest
 
 from phyagentos.protocol.cameras import NoiseLevel
 from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sensors import read_sensors
 from phyagentos.runtime.targets.backdrop import MovingSolids
-from phyagentos.runtime.targets.physics import Physics
 from phyagentos.runtime.targets.ray_cast import RayCaster
 from phyagentos.runtime.targets.simulated_camera import open_cameras, pose_state
 
 pytestmark = pytest.mark.sim
 
 SHIPPED = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-
-
-@pytest.fixture(scope="module")
-def physics(library, panda):
-    spec = read_scene(library.get_scene("tabletop/cubes_and_trays"))
-    physics = Physics(*panda, spec, 7)
-    physics.start(spec.settle_s)
-    return physics
-
-
-@pytest.fixture(scope="module")
-def data(physics):
-    return pose_state(physics.model, physics.data.qpos)
 
 
 def capture(physics, data, noise, **options):

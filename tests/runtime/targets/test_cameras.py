@@ -10,12 +10,10 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.cameras import CameraSettings, NoiseLevel
 from phyagentos.protocol.faults import FaultFile
 from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sensors import Sensor, Sensors, read_sensors
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.backdrop import VISIBLE_GROUPS
 from phyagentos.runtime.targets.camera_model import Lens, look_at
-from phyagentos.runtime.targets.physics import Physics
 from phyagentos.runtime.targets.rendering import GraphicsCaster
 from phyagentos.runtime.targets.simulated_camera import SimulatedCamera, open_cameras, pose_state
 from phyagentos.runtime.targets.wire import _ENCODER, _REPLIES
@@ -37,19 +35,6 @@ def make_sensors(noise=CLEAN, rate_hz=25.0, synchronised=True, **cameras) -> Sen
         for name, camera in chosen.items()
     }
     return Sensors(sensors=sensors, noise_level="x", noise_levels={"x": noise}, synchronised=synchronised)
-
-
-@pytest.fixture(scope="module")
-def physics(library, panda):
-    spec = read_scene(library.get_scene("tabletop/cubes_and_trays"))
-    physics = Physics(*panda, spec, 7)
-    physics.start(spec.settle_s)
-    return physics
-
-
-@pytest.fixture(scope="module")
-def data(physics):
-    return pose_state(physics.model, physics.data.qpos)
 
 
 def capture(physics, data, sensors, name="above", **options):
