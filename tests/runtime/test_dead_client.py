@@ -1,7 +1,8 @@
 """What a client that has died left in the pipe is not carried out."""
 
 import threading
-from multiprocessing.connection import Client
+import time
+from multiprocessing.connection import Client, Connection
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.server import serve
 
-PATIENCE_S = 10.0
+PATIENCE_S, LOOK_S = 10.0, 0.002
 
 
 class BusyTarget:
@@ -37,12 +38,19 @@ def target(tmp_path):
     socket = str(tmp_path / "s")
     thread = threading.Thread(target=serve, args=(target, socket), daemon=True)
     thread.start()
-    while not (tmp_path / "s").exists():
-        assert thread.is_alive()
     yield target, socket
-    with Client(socket, "AF_UNIX") as last:
+    with connect(socket) as last:
         wire.send(last, wire.Shutdown())
         thread.join(PATIENCE_S)
+
+
+def connect(socket: str) -> Connection:
+    for _ in range(round(PATIENCE_S / LOOK_S)):
+        try:
+            return Client(socket, "AF_UNIX")
+        except (FileNotFoundError, ConnectionRefusedError):  # bound, but not listening yet
+            time.sleep(LOOK_S)
+    raise TimeoutError(socket)
 
 
 def make_command() -> wire.Command:
@@ -55,7 +63,7 @@ def make_command() -> wire.Command:
 @pytest.mark.parametrize("lives", [True, False])
 def test_a_command_in_the_pipe_is_carried_out_only_while_its_sender_lives(target, lives):
     world, socket = target
-    client = Client(socket, "AF_UNIX")
+    client = connect(socket)
     wire.send(client, wire.Begin(session="s", epoch=1))
     assert world.busy.wait(PATIENCE_S)
     wire.send(client, make_command())
