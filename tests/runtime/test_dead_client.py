@@ -1,12 +1,12 @@
 """What a client that has died left in the pipe is not carried out."""
 
 import threading
-import time
 from multiprocessing.connection import Client, Connection
 
 import numpy as np
 import pytest
 
+from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.server import serve
 
@@ -49,7 +49,7 @@ def connect(socket: str) -> Connection:
         try:
             return Client(socket, "AF_UNIX")
         except (FileNotFoundError, ConnectionRefusedError):  # bound, but not listening yet
-            time.sleep(LOOK_S)
+            SystemClock().sleep(LOOK_S)
     raise TimeoutError(socket)
 
 
