@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.explaining import Space, get_session
-from phyagentos.cli.outcome import print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import ExecutionError, format_names
 from phyagentos.protocol import estop as latches
+from phyagentos.protocol.lifecycle import FINAL_STATES
 from phyagentos.protocol.store.mailbox import EVERY_SESSION, Signal, drop_signal
 from phyagentos.protocol.workspace import Workspace
 
@@ -61,7 +62,16 @@ def estop(
 def _find(session: str, workspace: Path) -> str:
     from phyagentos.cli.past import read_ledger
 
-    return EVERY_SESSION if session == "all" else get_session(session, read_ledger(workspace).sessions)
+    if session == "all":
+        return EVERY_SESSION
+    ledger = read_ledger(workspace)
+    id = get_session(session, ledger.sessions)
+    state = ledger.sessions[id].state
+    if state in FINAL_STATES:
+        live = [status.contract.id for status in ledger.live_sessions()]
+        possible = f"live sessions are {format_names(live)}" if live else "no session is live"
+        raise Exit(ExitCode.INVALID_INPUT, f"{id}: its state {state!r} is final; {possible}")
+    return id
 
 
 def _drop(signal: Signal, workspace: Path) -> None:

@@ -1,5 +1,7 @@
 """`paos why` and `paos cancel`: from the records of a workspace, without writing a record."""
 
+import pytest
+
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.environment import Entity, Environment, Pose
 from phyagentos.protocol.evidence import AFTER, BEFORE, TRACE, TraceEvent, write_json, write_lines
@@ -60,11 +62,22 @@ def test_an_unknown_session_names_the_nearest(replanned, paos):
     assert "Did you mean 'red'?" in result.err
 
 
-def test_cancel_leaves_a_signal_for_one_session(replanned, paos):
-    result = paos("cancel", "red.r1", "--workspace", replanned.workspace.root)
+@pytest.mark.parametrize("kind", ["cancel", "pause", "resume"])
+def test_a_request_leaves_a_signal_for_one_session(run, paos, kind):
+    run.begin()
+    run.submit("red")
+    result = paos(kind, "red", "--workspace", run.workspace.root)
     assert result.code == ExitCode.GOAL_MET
-    (signal,) = take_signals(replanned.workspace.signals)
-    assert (signal.kind, signal.session, signal.by) == ("cancel", "tidy-7.red.r1", "paos cancel")
+    (signal,) = take_signals(run.workspace.signals)
+    assert (signal.kind, signal.session, signal.by) == (kind, "tidy-7.red", f"paos {kind}")
+
+
+@pytest.mark.parametrize("kind", ["cancel", "pause", "resume"])
+def test_nothing_is_asked_of_a_session_that_is_over(replanned, paos, kind):
+    result = paos(kind, "red.r1", "--workspace", replanned.workspace.root)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "tidy-7.red.r1: its state 'succeeded' is final; no session is live" in result.err
+    assert list(take_signals(replanned.workspace.signals)) == []
 
 
 def test_cancel_all_needs_no_session(run, paos):
