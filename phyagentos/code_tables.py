@@ -28,7 +28,7 @@ MODEL_MISSING        A target names a model file that is not there.
 MODEL_UNREADABLE     MuJoCo cannot read a model file.
 NAME_MISMATCH        A name differs from that of its file or folder.
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
-NOT_A_KEY            A port is wired to something that is no blackboard key.
+NOT_A_KEY            A port is wired to something that is no key of a tree.
 NOT_A_LEAF           A registered class is no leaf.
 NOT_A_NODE           A value of a tree is no node.
 NOT_A_NUMBER         A comparison needs a number.
@@ -63,7 +63,7 @@ UNKNOWN_TREE         No tree of this name.
 UNKNOWN_VERSION      An imported document says a version that nobody knows, or none.
 UNREADABLE_FILE      A file cannot be read, or is no text.
 UNSOURCED_LIMIT      A limit of safety.yaml does not say where its number comes from.
-UNWRITTEN_KEY        A tree reads a blackboard key that nothing has written by then.
+UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
 UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
 WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.
 WRONG_ARGUMENTS      A predicate has too many or too few arguments.

@@ -21,7 +21,7 @@ def test_a_leaf_declares_every_port_with_a_description(name):
     leaf = REGISTRY.get(name)
 
     assert leaf.__doc__
-    for port, information in {**leaf.input_ports(), **leaf.output_ports()}.items():
+    for port, information in {**leaf.INPUT_PORTS, **leaf.OUTPUT_PORTS}.items():
         assert information.description, f"{name}.{port} has no description"
         assert port != "name", "name is the node's own"
 

@@ -1,13 +1,18 @@
 """The base of every leaf: typed ports, a sealed `update`, and failures that carry a code.
 
 Authors declare `INPUT_PORTS` and `OUTPUT_PORTS` and write `on_start`, `on_running` and, where something must be undone,
-`on_halted`. A leaf never blocks: it answers RUNNING and is ticked again after the next control period.
+`on_halted`. A leaf never blocks: it answers RUNNING and is ticked again after the next control period. Ports are
+declared in the words of py_trees; what passes through them stays with the tree, not on the blackboard of the process.
 """
 
+import copy
+from collections.abc import Mapping
 from typing import Any, final
 
+from py_trees.behaviour import Behaviour
 from py_trees.common import Status
-from py_trees.ports import BehaviourWithPorts, NoDataAvailable, PortInformation
+from py_trees.ports import NoDataAvailable, PortInformation
+from py_trees.ports_utils import is_instance_of_type
 
 from phyagentos.errors import PhyAgentOSError
 from phyagentos.runtime.execution.context import SkillContext
@@ -29,7 +34,7 @@ class LeafError(PhyAgentOSError):
         super().__init__(f"leaf {path}: {type(cause).__name__}: {cause}")
 
 
-class Leaf(BehaviourWithPorts):
+class Leaf(Behaviour):
     """One action or question of a skill.
 
     Attributes:
@@ -41,15 +46,17 @@ class Leaf(BehaviourWithPorts):
         activations: How often it was started.
     """
 
-    INPUT_PORTS: dict[str, PortInformation] = {}
-    OUTPUT_PORTS: dict[str, PortInformation] = {}
+    INPUT_PORTS: Mapping[str, PortInformation] = {}
+    OUTPUT_PORTS: Mapping[str, PortInformation] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Keep leaves out of py_trees' process-wide registry; ours is explicit and refuses duplicates."""
-        super().__init_subclass__(register=False, **kwargs)
+        """Refuse a port that is an input and an output."""
+        super().__init_subclass__(**kwargs)
+        for port in cls.INPUT_PORTS.keys() & cls.OUTPUT_PORTS.keys():
+            raise ValueError(f"port {port!r} of {cls.__name__} is an input and an output")
 
     def __init__(self, name: str, context: SkillContext, path: str = "") -> None:
-        super().__init__(name=name)
+        super().__init__(name)
         self.context = context
         self.path = path or name
         self.code = ""
@@ -57,6 +64,20 @@ class Leaf(BehaviourWithPorts):
         self.numbers: dict[str, Any] = {}
         self.activations = 0
         self._active = False
+        self._values: dict[str, Any] = {}
+        self._keys: Mapping[str, str] = {}
+
+    def wire(self, values: dict[str, Any], keys: Mapping[str, str]) -> None:
+        """Let ports carry what the tree keeps; defaults of outputs can be read at once.
+
+        Args:
+            values: What the tree keeps, by key.
+            keys: Port -> key; other ports have nothing to read, and nobody reads what is written to them.
+        """
+        self._values, self._keys = values, keys
+        for port, declared in self.OUTPUT_PORTS.items():
+            if declared.has_default:
+                self.write(port, copy.deepcopy(declared.default_value))
 
     def on_start(self) -> Status:
         """First tick of an activation."""
@@ -113,17 +134,32 @@ class Leaf(BehaviourWithPorts):
 
     def read(self, port: str) -> Any:
         """The value of a required input, or its declared default."""
-        return self.get_input(port)
+        declared = self.INPUT_PORTS[port]
+        key = self._keys.get(port)
+        if key is None or key not in self._values:
+            if declared.has_default:
+                return copy.deepcopy(declared.default_value)
+            raise NoDataAvailable(f"nothing was written to input {port!r} of {self.path}")
+        return _check(port, self._values[key], declared)
 
     def find(self, port: str) -> Any:
         """The value of an optional input, or None when nothing was written to it."""
         try:
-            return self.get_input(port)
+            return self.read(port)
         except NoDataAvailable:
             return None
 
     def write(self, port: str, value: Any) -> None:
         """Write an output; whole numbers pass as numbers."""
-        if self.output_ports()[port].data_type is float and isinstance(value, int):
+        declared = self.OUTPUT_PORTS[port]
+        if declared.data_type is float and isinstance(value, int):
             value = float(value)
-        self._set_output(port, value)
+        _check(port, value, declared)
+        if port in self._keys:
+            self._values[self._keys[port]] = value
+
+
+def _check(port: str, value: Any, declared: PortInformation) -> Any:
+    if value is None or not is_instance_of_type(value, declared.data_type):
+        raise TypeError(f"port {port!r} carries {declared.data_type}, not {value!r}")
+    return value

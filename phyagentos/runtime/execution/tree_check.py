@@ -4,7 +4,7 @@ Upstream: the library and the leaf registry. Downstream: preflight, the linter a
 loader need not look for again.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from py_trees.ports import PortInformation
@@ -30,16 +30,33 @@ def check_tree(name: str, library: Library, registry: LeafRegistry) -> list[Prob
     Returns:
         Nothing when the tree can be built. What was sound is not checked again before a file changes.
     """
+    return _check(name, library, registry)[1]
+
+
+def read_sound_trees(name: str, library: Library, registry: LeafRegistry) -> Mapping[str, Tree]:
+    """A tree and all below it, by name, just as they were checked; arguments as of `check_tree`.
+
+    Raises:
+        DefinitionError: With every problem.
+    """
+    trees, problems = _check(name, library, registry)
+    if problems:
+        raise DefinitionError(problems)
+    return trees
+
+
+def _check(name: str, library: Library, registry: LeafRegistry) -> tuple[Mapping[str, Tree], list[Problem]]:
     trees = _find_trees(name, library)
-    if registry.is_sound(library, name, trees):
-        return []
+    found = tuple(trees.values())
+    if registry.is_sound(library, name, found):
+        return trees, []
     problems = list(_iter_tree_problems(name, library, registry, ()))
     if not problems:
-        registry.note_sound(library, name, trees)
-    return problems
+        registry.note_sound(library, name, found)
+    return trees, problems
 
 
-def _find_trees(name: str, library: Library) -> tuple[Tree, ...]:
+def _find_trees(name: str, library: Library) -> Mapping[str, Tree]:
     """A tree and all below it, each once; empty when one of them cannot be read."""
     trees: dict[str, Tree] = {}
     waiting = [name]
@@ -48,14 +65,11 @@ def _find_trees(name: str, library: Library) -> tuple[Tree, ...]:
         if name in trees:
             continue
         try:
-            tree, problems = load_tree(library.get_tree(name))
+            trees[name] = tree = read_tree(library.get_tree(name))
         except DefinitionError:
-            return ()
-        if tree is None or problems:
-            return ()
-        trees[name] = tree
+            return {}
         waiting += [node.type for node in iter_nodes(tree.root) if node.kind is Kind.SUBTREE]
-    return tuple(trees.values())
+    return trees
 
 
 def _iter_tree_problems(
@@ -110,14 +124,14 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
     return problems
 
 
-Ports = tuple[dict[str, PortInformation], dict[str, PortInformation]]  # inputs, outputs
+Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs
 
 
 def _find_ports(node: Node, library: Library, registry: LeafRegistry) -> Ports | None:
     """Declared ports of a leaf or a subtree; None when there is no such leaf or readable tree."""
     if node.kind is Kind.LEAF:
         leaf = registry.find(node.type)
-        return None if leaf is None else (leaf.input_ports(), leaf.output_ports())
+        return None if leaf is None else (leaf.INPUT_PORTS, leaf.OUTPUT_PORTS)
     if node.kind is Kind.SUBTREE:
         try:
             header = read_tree(library.get_tree(node.type)).header
@@ -157,7 +171,7 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
         if port not in known:
             yield tree.located.problem("UNKNOWN_PORT", place, repr(port), format_names(known), format_hint(port, known))
         elif isinstance(value, Reference):
-            yield from _iter_reference_problems(tree, place, value, (inputs | outputs)[port], written)
+            yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:
             yield tree.located.problem("NOT_A_KEY", place, repr(value), f"a key such as '${port}' to write to")
         else:

@@ -1,32 +1,27 @@
 """Builds a running py_trees tree from an authored one.
 
 Upstream: `tree_check`, which has found it sound. Downstream: the tree runtime. py_trees keeps one blackboard per
-process; each built tree uses a namespace of its own there and clears it when it is closed.
+process; a built tree keeps what its leaves tell one another to itself.
 """
 
 import itertools
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from py_trees.behaviour import Behaviour
-from py_trees.blackboard import Blackboard
 from py_trees.common import ParallelPolicy
 from py_trees.composites import Parallel, Selector, Sequence
 from py_trees.decorators import Inverter, Retry
 
-from phyagentos.errors import DefinitionError
 from phyagentos.protocol.library import Library
-from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references, read_tree
+from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.decorators import Condition, SimulatedTimeout
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES, convert_literal, export_value
 from phyagentos.runtime.execution.registry import LeafRegistry
-from phyagentos.runtime.execution.tree_check import check_tree
-
-_SERIAL = itertools.count()  # tells the namespaces of one process apart; never part of a result
+from phyagentos.runtime.execution.tree_check import read_sound_trees
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,29 +40,23 @@ class BuiltTree:
     Attributes:
         root: What to tick.
         nodes: All nodes, parents first.
-        output_keys: Output -> blackboard key, of the outputs that a contract can carry.
-        namespace: Prefix of everything it keeps on the blackboard.
+        output_keys: Output -> key, of the outputs that a contract can carry.
+        values: What its leaves have written, and what they were given, by key.
     """
 
     root: Behaviour
     nodes: tuple[BuiltNode, ...]
     output_keys: Mapping[str, str]
-    namespace: str
+    values: dict[str, Any]
 
     def read_outputs(self) -> dict[str, Any]:
         """The outputs that were written, as plain data."""
-        storage = Blackboard.storage
-        return {name: export_value(storage[key]) for name, key in self.output_keys.items() if key in storage}
+        values = self.values
+        return {name: export_value(values[key]) for name, key in self.output_keys.items() if key in values}
 
     def close(self) -> None:
-        """Forget everything it kept on the blackboard."""
-        for node in self.nodes:
-            for client in node.behaviour.blackboards:
-                client.unregister(clear=False)
-        for key in [key for key in Blackboard.storage if key.startswith(self.namespace)]:
-            del Blackboard.storage[key]
-        for key in [key for key in Blackboard.metadata if key.startswith(self.namespace)]:
-            del Blackboard.metadata[key]
+        """Forget what it keeps."""
+        self.values.clear()
 
 
 def build_tree(
@@ -85,24 +74,21 @@ def build_tree(
     Raises:
         DefinitionError: With every problem of the tree and of the trees below it.
     """
-    problems = check_tree(name, library, registry)
-    if problems:
-        raise DefinitionError(problems)
-    session = re.sub(r"[^A-Za-z0-9_]", "_", context.session.id)
-    builder = _Builder(context, library, registry, f"/{session}_{next(_SERIAL)}")
-    tree = read_tree(library.get_tree(name))
+    trees = read_sound_trees(name, library, registry)
+    builder = _Builder(context, trees, registry)
+    tree = trees[name]
     scope = builder.open_scope(tree, parameters, {}, "main")
     root = builder.build(tree.root, scope, tree.root.name)
     return BuiltTree(
         root=root,
         nodes=tuple(builder.nodes),
         output_keys={name: scope[name] for name, port in tree.header.outputs.items() if port.type in EXPORTED_TYPES},
-        namespace=builder.namespace + "/",
+        values=builder.values,
     )
 
 
 class _Scope(dict[str, str]):
-    """Keys of one tree instance -> blackboard keys; a key not wired from outside is the instance's own."""
+    """Keys of one tree instance -> keys of the built tree; a key not wired from outside is the instance's own."""
 
     def __init__(self, prefix: str) -> None:
         super().__init__()
@@ -114,17 +100,17 @@ class _Scope(dict[str, str]):
 
 
 class _Builder:
-    def __init__(self, context: SkillContext, library: Library, registry: LeafRegistry, namespace: str) -> None:
-        self.namespace = namespace
+    def __init__(self, context: SkillContext, trees: Mapping[str, Tree], registry: LeafRegistry) -> None:
         self.nodes: list[BuiltNode] = []
+        self.values: dict[str, Any] = {}
         self._context = context
-        self._library = library
+        self._trees = trees
         self._registry = registry
         self._literals = itertools.count()
 
     def open_scope(self, tree: Tree, wiring: Mapping[str, Any], outer: Mapping[str, str], instance: str) -> _Scope:
         """The keys of one instance of a tree: inputs and outputs wired, literals and defaults written."""
-        scope = _Scope(f"{self.namespace}/{instance}")
+        scope = _Scope(instance)
         for port, information in tree.header.inputs.items():
             value = wiring.get(port, information.default)
             if isinstance(value, Reference):
@@ -148,7 +134,7 @@ class _Builder:
         return behaviour
 
     def _build_subtree(self, node: Node, scope: _Scope, path: str) -> Behaviour:
-        tree = read_tree(self._library.get_tree(node.type))
+        tree = self._trees[node.type]
         inner = self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}")
         return self.build(tree.root, inner, path)
 
@@ -173,29 +159,26 @@ class _Builder:
             case Kind.INVERT:
                 return Inverter(node.name, children[0])
             case Kind.CONDITION:
-                leaf: Leaf = Condition(node.name, context, path, node.text, self._read_keys(node.text, scope))
-                leaf.setup_ports(subtree_namespace=self.namespace)
-                return leaf
+                return Condition(node.name, context, path, node.text, self._read_keys(node.text, scope))
         return self._build_leaf(node, scope, path)
 
     def _build_leaf(self, node: Node, scope: _Scope, path: str) -> Leaf:
         leaf = self._registry.get(node.type)(node.name, self._context, path)
-        ports = leaf.input_ports()
-        remappings = {
+        keys = {
             port: scope[value.key]
             if isinstance(value, Reference)
-            else self._write_literal(value, ports[port].data_type)
+            else self._write_literal(value, leaf.INPUT_PORTS[port].data_type)
             for port, value in node.wiring.items()
         }
-        leaf.setup_ports(port_remappings=remappings, subtree_namespace=self.namespace)
+        leaf.wire(self.values, keys)
         return leaf
 
     def _write_literal(self, value: Any, kind: type) -> str:
-        key = f"{self.namespace}/literal/{next(self._literals)}"
-        Blackboard.storage[key] = convert_literal(value, kind)
+        key = f"literal/{next(self._literals)}"
+        self.values[key] = convert_literal(value, kind)
         return key
 
     def _read_keys(self, text: str, scope: _Scope) -> Callable[[], Mapping[str, object]]:
         keys = {name: scope[name] for name in find_references(text)}
-        storage = Blackboard.storage
-        return lambda: {name: storage[key] for name, key in keys.items() if key in storage}
+        values = self.values
+        return lambda: {name: values[key] for name, key in keys.items() if key in values}

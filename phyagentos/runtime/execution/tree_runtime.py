@@ -95,7 +95,7 @@ class TreeSkillRuntime:
         return tuple(self._events)
 
     def close(self) -> None:
-        """Clear the tree's part of the blackboard."""
+        """Forget what the tree keeps."""
         self._tree.close()
 
     def _find_active(self) -> str:

@@ -1,7 +1,7 @@
 """The contract of a leaf: sealed tick, coded failures, wrapped exceptions, interruptions that are told."""
 
 import pytest
-from py_trees.ports import get_ports_registry
+from py_trees.ports import NoDataAvailable
 
 from phyagentos.errors import DefinitionError
 from phyagentos.runtime.execution.leaf import Leaf, LeafError, PortInformation, Status
@@ -42,11 +42,7 @@ class Returns(Leaf):
 
 @pytest.fixture
 def leaf():
-    leaf = Twice("twice", context=None, path="root/twice")
-    leaf.setup_ports(subtree_namespace="/test")
-    yield leaf
-    for client in leaf.blackboards:
-        client.unregister(clear=True)
+    return Twice("twice", context=None, path="root/twice")
 
 
 def test_the_first_tick_starts_and_later_ones_run(leaf):
@@ -58,15 +54,56 @@ def test_the_first_tick_starts_and_later_ones_run(leaf):
 
 
 def test_a_whole_number_is_written_as_a_number(leaf):
+    values = {}
+    leaf.wire(values, {"level": "main/height"})
     leaf.tick_once()
     leaf.tick_once()
 
-    assert leaf.get_last_output("level") == 3.0
-    assert isinstance(leaf.get_last_output("level"), float)
+    assert values == {"main/height": 3.0}
+    assert isinstance(values["main/height"], float)
+
+
+def test_what_nobody_reads_is_not_kept(leaf):
+    values = {}
+    leaf.wire(values, {})
+    leaf.write("level", 3.0)
+
+    assert values == {}
 
 
 def test_an_optional_port_without_data_reads_as_none(leaf):
     assert leaf.find("gain") is None
+    with pytest.raises(NoDataAvailable, match=r"nothing was written to input 'gain' of root/twice"):
+        leaf.read("gain")
+
+
+def test_defaults_of_ports_are_there_before_anybody_writes():
+    class Preset(Returns):
+        INPUT_PORTS = {"gain": PortInformation(data_type=list, default_value=[1])}
+        OUTPUT_PORTS = {"level": PortInformation(data_type=float, default_value=0.5)}
+
+    leaf, values = Preset("preset", None), {}
+    leaf.wire(values, {"gain": "main/gain", "level": "main/level"})
+    leaf.read("gain").append(2)
+
+    assert (leaf.read("gain"), values) == ([1], {"main/level": 0.5})
+
+
+@pytest.mark.parametrize("value", ["3", None])
+def test_a_value_of_another_type_is_neither_written_nor_read(leaf, value):
+    leaf.wire({"main/gain": value}, {"gain": "main/gain", "level": "main/level"})
+
+    with pytest.raises(TypeError, match=r"port 'level' carries <class 'float'>, not"):
+        leaf.write("level", value)
+    with pytest.raises(TypeError, match=r"port 'gain' carries <class 'float'>, not"):
+        leaf.find("gain")
+
+
+def test_a_port_is_an_input_or_an_output():
+    with pytest.raises(ValueError, match=r"port 'level' of Both is an input and an output"):
+
+        class Both(Twice):
+            INPUT_PORTS = Twice.OUTPUT_PORTS
 
 
 def test_an_interruption_is_told_once_and_only_while_active(leaf):
@@ -95,10 +132,6 @@ def test_an_exception_carries_the_leafs_path_and_its_cause():
     with pytest.raises(LeafError, match=r"leaf root/returns: ZeroDivisionError: by zero") as caught:
         leaf.tick_once()
     assert isinstance(caught.value.cause, ZeroDivisionError)
-
-
-def test_leaves_stay_out_of_the_process_wide_registry():
-    assert "Twice" not in get_ports_registry()
 
 
 def test_a_name_is_given_once():
