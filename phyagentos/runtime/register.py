@@ -35,9 +35,9 @@ class Register:
         self._on_pending, self._on_record = on_pending, on_record
         self.ledger = ledger
 
-    def follow(self) -> None:
-        """Take in what is new."""
-        for record in self._journal.read_new():
+    def follow(self, *, looks: bool = True) -> None:
+        """Take in what is new; without a look at the disk, what a commit here has found and added."""
+        for record in self._journal.read_new(looks=looks):
             self.ledger.apply(record)
             self._on_record(record)
             if record.to == SessionState.PENDING:
@@ -52,7 +52,7 @@ class Register:
             IllegalTransition, Fenced: Another writer was faster; nothing was recorded.
         """
         self._journal.commit(entries, durable=durable)
-        self.follow()
+        self.follow(looks=False)
 
     def sync(self) -> None:
         """Wait until all that was recorded is on the disk."""

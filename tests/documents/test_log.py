@@ -121,6 +121,22 @@ def tell_all(pen):
     return [line.text for line in lines if line is not None]
 
 
+def test_a_judgement_is_told_as_it_was_whatever_comes_before_the_next_rendering(pens):
+    pens[Side.AGENT].commit([make_submit("s")])
+    run_session(pens, "s", FAILURE)
+    review = Attempt(verdict=Verdict.SUCCESS, criteria=(), reason="it is inside.", is_review=True)
+    pens[Side.AGENT].commit([Entry("s", "review", {"attempt": review})])
+    ledger, tail = Ledger(), LogTail()
+    for record in pens[Side.AGENT].read_new():
+        ledger.apply(record)
+        tail.take(record, ledger)
+
+    assert [line.text for line in read_log(tail.render(6)).lines][-2:] == [
+        "verdict failure (GRASP_LOST): no budget is left.",
+        "review",
+    ]
+
+
 @pytest.mark.parametrize(
     ("reason", "told"),
     [(FAILURE.reason, "cannot be done: tidy-7.red failed"), ("red comes first", "cannot be done: red comes first")],

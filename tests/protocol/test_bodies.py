@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.store.bodies import parse_body, render_body, render_yaml
+from phyagentos.protocol.store.bodies import parse_body, prepare_body, render_body, render_yaml
 
 TEXTS = (
     st.text(st.characters(exclude_categories=["Cs"]), max_size=40)
@@ -26,6 +26,23 @@ BODIES = st.dictionaries(TEXTS, VALUES, min_size=1, max_size=5)
 @given(BODIES)
 def test_a_body_comes_back_as_it_was(body):
     assert parse_body(render_body(body)) == body
+
+
+@given(BODIES)
+def test_a_body_is_recorded_as_it_is_rendered_however_often_it_comes(body):
+    (plain, markdown), (again, same) = prepare_body(body), prepare_body(body)
+
+    assert plain == again == body
+    assert plain is not again
+    assert markdown == same == render_body(body)
+
+
+def test_numbers_that_are_equal_are_not_taken_for_each_other():
+    numbers = [0.0, -0.0, 0, 1.0, 1, True, 2.5, 2.5]
+
+    assert [render_yaml({"a": {"b": number}}) for number in numbers] == [
+        f"a:\n  b: {text}\n" for text in ("0.0", "-0.0", "0", "1.0", "1", "true", "2.5", "2.5")
+    ]
 
 
 @given(BODIES)

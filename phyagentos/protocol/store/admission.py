@@ -55,17 +55,13 @@ class GoalEvent(StrEnum):
     """Somebody asked for an end."""
 
 
-_OF_GOALS = frozenset(
-    {
-        GoalEvent.GOAL_SUBMITTED,
-        GoalEvent.GOAL_COMPILED,
-        GoalEvent.BUDGET_SPENT,
-        GoalEvent.GOAL_VERDICT,
-        GoalEvent.GOAL_CANCELLED,
-    }
-)
-_OF_NODES = frozenset(GoalEvent) - _OF_GOALS | {GoalEvent.BUDGET_SPENT}
-_BY_OPERATOR = frozenset({GoalEvent.GOAL_SUBMITTED, GoalEvent.GOAL_CANCELLED})
+_AGENT, _RUNTIME = Side.AGENT, Side.RUNTIME  # an enumeration takes its time to find a member
+_PENDING = SessionState.PENDING.value
+_SUBMITTED, _VERDICT = GoalEvent.GOAL_SUBMITTED.value, GoalEvent.GOAL_VERDICT.value
+_OF_BOTH = frozenset({GoalEvent.BUDGET_SPENT.value})
+_BY_OPERATOR = frozenset({_SUBMITTED, GoalEvent.GOAL_CANCELLED.value})
+_OF_GOALS = _BY_OPERATOR | _OF_BOTH | {GoalEvent.GOAL_COMPILED.value, _VERDICT}
+_OF_NODES = frozenset(event.value for event in GoalEvent) - _OF_GOALS | _OF_BOTH
 _FORGETTABLE = frozenset({*FINAL_STATES, GoalEvent.GOAL_VERDICT})
 
 
@@ -201,7 +197,7 @@ class Admission:
                 self._check_goal(entry, side)
             elif entry.ev == "submit":
                 contract = self._check_submit(entry, side)
-                to, epoch = SessionState.PENDING.value, 0
+                to, epoch = _PENDING, 0
             else:
                 source, to, epoch = self._check(entry, side)
             record = Record(
@@ -236,7 +232,7 @@ class Admission:
         known = self._find(entry.id)
         if known is not None:
             compute_next_state(entry.id, known.state, entry.ev, side)  # refuses, and says what would be possible
-        if side is Side.RUNTIME or entry.id == JOURNAL_ID:
+        if side is _RUNTIME or entry.id == JOURNAL_ID:
             state = known.state if known else _UNKNOWN
             raise IllegalTransition(entry.id, state, entry.ev, side, ("submit, by the agent or an operator",))
         return self._check_contract(entry, side)
@@ -246,7 +242,7 @@ class Admission:
         known = self._find(entry.id)
         if known is None:
             raise IllegalTransition(entry.id, _UNKNOWN, entry.ev, side, ("submit",))
-        if side is Side.RUNTIME and entry.epoch is not None and entry.epoch != known.epoch:
+        if side is _RUNTIME and entry.epoch is not None and entry.epoch != known.epoch:
             raise Fenced(entry.id, entry.ev, entry.epoch, known.epoch)
         to = compute_next_state(entry.id, known.state, entry.ev, side)
         if entry.ev == "amend":
@@ -267,19 +263,18 @@ class Admission:
 
     def _check_goal(self, entry: Entry, side: Side) -> None:
         is_goal = entry.id.startswith(GOAL_PREFIX)
-        possible = [event.value for event in (_OF_GOALS if is_goal else _OF_NODES)]
+        possible = _OF_GOALS if is_goal else _OF_NODES
         if entry.ev not in possible:
             reason = f"no such event. Possible: {format_names(possible)}. {format_hint(entry.ev, possible)}"
             raise IllegalEvent(entry.id, entry.ev, reason.rstrip())
-        if side is Side.RUNTIME or (side is Side.OPERATOR and entry.ev not in _BY_OPERATOR):
+        if side is not _AGENT and (side is _RUNTIME or entry.ev not in _BY_OPERATOR):
             raise IllegalEvent(entry.id, entry.ev, f"the {side} may not say this; goals and nodes belong to the agent")
-        goal = entry.id.partition(":")[2] if is_goal else split_node_id(entry.id)[0]
-        known = self._find(GOAL_PREFIX + goal)
-        latest = known.state if known else None
-        if (latest is None) != (entry.ev == GoalEvent.GOAL_SUBMITTED):
-            said = "it was submitted before" if latest else "nobody has submitted this goal"
+        goal = entry.id if is_goal else GOAL_PREFIX + split_node_id(entry.id)[0]
+        known = self._find(goal)
+        if (known is None) != (entry.ev == _SUBMITTED):
+            said = "it was submitted before" if known else "nobody has submitted this goal"
             raise IllegalEvent(entry.id, entry.ev, said)
-        if latest == GoalEvent.GOAL_VERDICT:
+        if known is not None and known.state == _VERDICT:
             raise IllegalEvent(entry.id, entry.ev, "the goal has its verdict, which is final")
 
 

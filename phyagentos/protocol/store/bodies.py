@@ -28,14 +28,18 @@ _ENCODE, _DECODE = msgspec.json.Encoder().encode, msgspec.json.Decoder().decode
 _INDENT = 2
 _REMEMBERED = 8192  # texts and lines that are kept; all are let go when one more comes
 _SHAPES_REMEMBERED = 1024  # mappings of the same keys; likewise
+_BODIES_REMEMBERED = 64  # likewise
 _LONGEST_REMEMBERED = 200  # characters; longer ones do not come back
+_LONGEST_BODY_REMEMBERED = 1000  # bytes; plans and reasons come back, longer bodies do not
 
-_words: dict[str, str] = {}  # text -> as a plain or quoted scalar
-_spaced: dict[str, str] = {}  # the same behind a space
+_words: dict[str, str] = {}  # text -> as a plain or quoted scalar, behind a space
 _quoted: dict[str, str] = {}  # text -> as JSON
 _shapes: dict[tuple[str, ...], str] = {}  # margin and keys of a mapping -> its lines without the values
 _flows: dict[tuple[str, ...], str] = {}  # lists of texts -> on one line, behind a space
+_bodies: dict[bytes, str] = {}  # body as JSON -> its Markdown
+_floats: dict[float, str] = {}  # number -> behind a space
 _lines: dict[str, "_Line"] = {}
+_heads: dict[str, tuple[int, bool, str | None]] = {}  # what stands before ": " -> indent, is_item and key
 
 
 def render_yaml(value: Any) -> str:
@@ -48,26 +52,36 @@ def render_flow(value: Any) -> str:
     return _render_flow(msgspec.to_builtins(value, str_keys=True))
 
 
-def to_plain(body: Any) -> Any:
-    """The body as any reader will get it: mappings with text as keys, lists, scalars."""
-    if body is None:
-        return None
+def prepare_body(body: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str]:
+    """The body as any reader will get it (mappings with text as keys, lists, scalars), and as `render_body` writes it.
+
+    Args:
+        body: What the record says.
+    """
+    if not body:
+        return None, ""
     data = _ENCODE(body)
     if b"null" in data:  # JSON has no infinity
-        return _to_lists(msgspec.to_builtins(body, str_keys=True))
-    return _DECODE(data)
+        plain = _to_lists(msgspec.to_builtins(body, str_keys=True))
+        return plain, _fence(_render_plain(plain))
+    plain = _DECODE(data)
+    markdown = _bodies.get(data)
+    if markdown is None:
+        markdown = _fence(_render_plain(plain))
+        if len(data) <= _LONGEST_BODY_REMEMBERED:
+            if len(_bodies) >= _BODIES_REMEMBERED:
+                _bodies.clear()
+            _bodies[data] = markdown
+    return plain, markdown
 
 
-def render_body(body: Mapping[str, Any] | None, *, is_plain: bool = False) -> str:
+def render_body(body: Mapping[str, Any] | None) -> str:
     """The Markdown that follows the first line of a record; empty without a body.
 
     Args:
         body: What the record says.
-        is_plain: It comes from `to_plain`.
     """
-    if not body:
-        return ""
-    return f"{_OPENING}{_render_plain(body) if is_plain else render_yaml(dict(body))}{_CLOSING}"
+    return _fence(render_yaml(dict(body))) if body else ""
 
 
 def parse_body(markdown: str) -> dict[str, Any] | None:
@@ -86,6 +100,10 @@ def parse_body(markdown: str) -> dict[str, Any] | None:
     except (_OtherYaml, msgspec.DecodeError):
         value = _load_yaml(text)
     return value if isinstance(value, dict) else None
+
+
+def _fence(yaml: str) -> str:
+    return f"{_OPENING}{yaml}{_CLOSING}"
 
 
 def _to_lists(value: Any) -> Any:
@@ -120,11 +138,11 @@ def _render_map(value: dict[str, Any], margin: str) -> str:
     for each in value.values():
         kind = type(each)
         if kind is str:
-            parts.append(_spaced.get(each) or _render_spaced(each))
+            parts.append(_words.get(each) or _render_word(each))
         elif kind is int:
             parts.append(f" {each}")
         elif kind is float:
-            parts.append(f" {_render_float(each)}")
+            parts.append((_floats.get(each) if each else None) or _render_number(each))
         elif kind is dict and each:
             parts.append(_render_map(each, margin + "  "))
         elif kind is list or kind is tuple:
@@ -148,7 +166,7 @@ def _render_list(value: list[Any] | tuple[Any, ...], margin: str) -> str:
         [
             f"\n{margin}- {_render_map(each, margin + '  ')[len(margin) + 3 :]}"
             if isinstance(each, dict) and each
-            else f"\n{margin}- {_render_scalar(each)}"
+            else f"\n{margin}-{_render_scalar(each)}"
             for each in value
         ]
     )
@@ -157,7 +175,7 @@ def _render_list(value: list[Any] | tuple[Any, ...], margin: str) -> str:
 def _render_shape(keys: tuple[str, ...]) -> str:
     """The lines of a mapping with these keys (the margin comes first), with a gap for each value."""
     margin, *names = keys
-    lines = [f"\n{margin}{_render_word(name)}:".replace("%", "%%") + "%s" for name in names]
+    lines = [f"\n{margin}{_render_word(name)[1:]}:".replace("%", "%%") + "%s" for name in names]
     shape = "".join(lines)
     if len(_shapes) >= _SHAPES_REMEMBERED:
         _shapes.clear()
@@ -165,9 +183,13 @@ def _render_shape(keys: tuple[str, ...]) -> str:
     return shape
 
 
-def _render_spaced(text: str) -> str:
-    rendered = f" {_render_word(text)}"
-    _remember(_spaced, text, rendered)
+def _render_number(value: float) -> str:
+    """A number behind a space; zero is not remembered, for it has two signs."""
+    rendered = f" {_render_float(value)}"
+    if value:
+        if len(_floats) >= _SHAPES_REMEMBERED:
+            _floats.clear()
+        _floats[value] = rendered
     return rendered
 
 
@@ -186,23 +208,31 @@ def _is_flow(value: list[Any] | tuple[Any, ...]) -> bool:
 
 
 def _render_scalar(value: Any) -> str:
-    return (_words.get(value) or _render_word(value)) if isinstance(value, str) else _render_flow(value)
+    """A scalar or a list on one line, behind a space."""
+    return (_words.get(value) or _render_word(value)) if isinstance(value, str) else f" {_render_flow(value)}"
 
 
 def _render_word(text: str) -> str:
+    """A text behind a space."""
     is_plain = _PLAIN.fullmatch(text) is not None and text.lower() not in _RESERVED
-    rendered = text if is_plain else _render_text(text)
+    rendered = f" {text if is_plain else _quote(text)}"
     _remember(_words, text, rendered)
     return rendered
 
 
 def _render_text(text: str) -> str:
+    """A text as JSON."""
     rendered = _quoted.get(text)
     if rendered is None:
-        rendered = msgspec.json.encode(text).decode()
-        if not text.isascii() or "\x7f" in text:
-            rendered = _BREAKS_YAML.sub(lambda match: f"\\u{ord(match[0]):04x}", rendered)
+        rendered = _quote(text)
         _remember(_quoted, text, rendered)
+    return rendered
+
+
+def _quote(text: str) -> str:
+    rendered = _ENCODE(text).decode()
+    if not text.isascii() or "\x7f" in text:
+        rendered = _BREAKS_YAML.sub(lambda match: f"\\u{ord(match[0]):04x}", rendered)
     return rendered
 
 
@@ -269,7 +299,7 @@ class _Line(NamedTuple):
 
 def _parse_block(text: str) -> Any:
     known = _lines.get
-    lines = [known(line) or _read_line(line) for line in text.split("\n") if line.strip(" ")]
+    lines = [known(line) or _read_line(line) for line in text.split("\n") if line]
     if not lines or lines[0].indent:
         raise _OtherYaml
     value, at = _parse_lines(lines, 0, 0)
@@ -279,6 +309,20 @@ def _parse_block(text: str) -> Any:
 
 
 def _read_line(line: str) -> _Line:
+    head, colon, value = line.partition(": ")
+    place = _heads.get(head) if colon else None
+    if place is not None:
+        read = _Line(*place, *_read_value(value))
+    else:
+        read = _read_new_line(line)
+        if colon and read.key is not None:
+            _remember(_heads, head, read[:3])
+    _remember(_lines, line, read)
+    return read
+
+
+def _read_new_line(line: str) -> _Line:
+    """One with a key that was not met before, or without one."""
     match = _LINE.fullmatch(line)
     if match is None:
         raise _OtherYaml
@@ -286,13 +330,10 @@ def _read_line(line: str) -> _Line:
     if key is not None:
         if other or key.lower() in _RESERVED:
             raise _OtherYaml
-        read = _Line(len(margin), bool(dash), key, *_read_value(value))
-    elif dash:
-        read = _Line(len(margin), True, None, *_read_value(other))
-    else:
-        raise _OtherYaml
-    _remember(_lines, line, read)
-    return read
+        return _Line(len(margin), bool(dash), key, *_read_value(value))
+    if dash:
+        return _Line(len(margin), True, None, *_read_value(other))
+    raise _OtherYaml
 
 
 def _read_value(text: str | None) -> tuple[str | None, Any, bool]:

@@ -47,6 +47,7 @@ __all__ = ["LOCK_NAME", "Follower", "Position", "find_holder", "hold_lock"]
 
 _DISTRUST_EVERY = 16  # looks: so often the folder is listed although the lock file says that there is nothing new
 _CHUNK_BYTES = 1 << 20
+_CLEAN, _DAMAGED = Tail.CLEAN, Tail.DAMAGED  # an enumeration takes its time to find a member
 
 
 class Position(msgspec.Struct, frozen=True, gc=False):
@@ -129,7 +130,7 @@ class Follower:
         """
         self._looks += 1
         records = self.advance(trusts_lock=self._looks % _DISTRUST_EVERY != 0)
-        if self.tail is Tail.DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again while nobody writes
+        if self.tail is _DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again while nobody writes
             with hold_lock(self._folder, fcntl.LOCK_SH):
                 records += self.advance()
             if self.tail is Tail.DAMAGED:
@@ -164,7 +165,7 @@ class Follower:
 
     def _look(self) -> list[Record] | None:
         """What is new in this segment, as it mostly is: whole batches and no later segment; None for all else."""
-        if self.segment is None or self.tail is not Tail.CLEAN or self._held or self._lock_fd < 0:
+        if self.segment is None or self.tail is not _CLEAN or self._held or self._lock_fd < 0:
             return None
         new_bytes = self._stat().st_size - self.offset
         if os.pread(self._lock_fd, len(self._announcement) + 1, 0) != self._announcement or new_bytes < 0:
@@ -173,7 +174,7 @@ class Follower:
             return []
         data = os.pread(self._fd, new_bytes, self.offset)
         scan = scan_records(data, self.seq)
-        if scan.tail is not Tail.CLEAN:
+        if scan.tail is not _CLEAN:
             return None
         self.accept(data, scan.records)
         return list(scan.records)

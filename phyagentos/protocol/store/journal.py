@@ -25,7 +25,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.store.admission import Entry, Fenced, IllegalEvent
-from phyagentos.protocol.store.bodies import render_body, to_plain
+from phyagentos.protocol.store.bodies import prepare_body, render_body
 from phyagentos.protocol.store.checkpoint import (
     find_checkpoint,
     find_seen_seq,
@@ -46,6 +46,7 @@ from phyagentos.protocol.store.writer import SegmentWriter
 __all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_lane"]
 
 SEGMENT_BYTES = 16 << 20
+_CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member, and this one is asked for at every commit
 
 
 class Journal:
@@ -146,11 +147,11 @@ class Journal:
         """
         if not entries:
             return []
-        plain = [
-            entry if entry.body is None else Entry(entry.id, entry.ev, to_plain(entry.body), entry.epoch)
-            for entry in entries
-        ]
-        markdown = [render_body(entry.body, is_plain=True) if entry.body else "" for entry in plain]
+        plain, markdown = [], []
+        for entry in entries:
+            body, text = prepare_body(entry.body)
+            plain.append(Entry(entry.id, entry.ev, body, entry.epoch) if entry.body else entry)
+            markdown.append(text)
         with self._mutex:
             self._writer.refuse_if_failed()
             try:
@@ -192,17 +193,23 @@ class Journal:
         with self._mutex:
             return self._memory.histories.find(id)
 
-    def read_new(self) -> list[Record]:
+    def read_new(self, *, looks: bool = True) -> list[Record]:
         """Every record since the last call, those of this object's own commits among them, each once and in order.
 
         Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own.
 
+        Args:
+            looks: Whether to look at the lane, and to keep it short. If not, what the last commit found there and what
+                it added is all there is: enough for whoever has just recorded something and has to act on it.
+
         Raises:
             ExecutionError: `JOURNAL_DAMAGED`.
         """
-        self._tidy_if_due()
+        if looks:
+            self._tidy_if_due()
         with self._mutex:
-            self._note(self._follower.read_new())
+            if looks:
+                self._note(self._follower.read_new())
             before = self._follower.seq
             records, self._follower = self._reading.take(self._follower)
             if self._follower.seq > before:
@@ -264,7 +271,7 @@ class Journal:
         is_first_look, self._has_looked = not self._has_looked, True
         records = self._follower.advance(trusts_lock=not is_first_look)
         self._note(records)
-        if self._writer.segment == self._follower.segment and self._follower.tail is Tail.CLEAN and not is_first_look:
+        if self._writer.segment == self._follower.segment and self._follower.tail is _CLEAN and not is_first_look:
             return
         refuse_missing_end(self._follower, self._seen_seq)
         if self._follower.segment is None:

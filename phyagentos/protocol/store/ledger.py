@@ -81,6 +81,7 @@ class Image(msgspec.Struct, frozen=True):
 
 FINISHED_KEPT = 50  # sessions, those of goals that are not over not counted
 GOALS_KEPT = 50  # goals that are over
+_SPENT, _CHILD_OF, _ACTIVE = GoalEvent.BUDGET_SPENT.value, GoalEvent.CHILD_OF.value, NodeState.ACTIVE
 _NODE_STATES = {
     GoalEvent.NODE_READY.value: NodeState.READY,
     GoalEvent.NODE_DONE.value: NodeState.DONE,
@@ -240,7 +241,7 @@ class Ledger:
             sessions = (*node.sessions, contract.id)
             objective = node.objective or contract.objective
             goal.nodes[contract.node] = msgspec.structs.replace(
-                node, state=NodeState.ACTIVE, sessions=sessions, objective=objective
+                node, state=_ACTIVE, sessions=sessions, objective=objective
             )
         if contract.goal in self._open:
             self._open[contract.goal][contract.id] = None
@@ -320,10 +321,10 @@ class Ledger:
             return
         goal.updated_at = record.at
         body = record.body or {}
-        if record.ev == GoalEvent.BUDGET_SPENT:
+        if record.ev == _SPENT:
             goal.replans += int(body.get("replans", 1))
         node = goal.nodes.get(name, NodeStatus())
-        if record.ev == GoalEvent.CHILD_OF:
+        if record.ev == _CHILD_OF:
             replan = Replan(
                 session=SessionId(str(body.get("parent", ""))),
                 child=SessionId(str(body.get("child", ""))),

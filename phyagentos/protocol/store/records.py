@@ -129,24 +129,22 @@ def encode_record(record: Record) -> bytes:
 
 def _encode_line(record: Record) -> str:
     """The fields of `_Line` as JSON, those that are absent left out, as `msgspec.json.encode` writes them."""
-    source = f',"from":{_quote(record.source)}' if record.source is not None else ""
-    to = f',"to":{_quote(record.to)}' if record.to is not None else ""
-    epoch = f',"ep":{record.epoch}' if record.epoch is not None else ""
+    said = _encode_middle(record.ev, record.source, record.to, record.by, record.side, record.epoch)
     more = f',"more":{record.more}' if record.more else ""
-    return (
-        f'{{"id":{_encode_text(record.id)},"ev":{_quote(record.ev)}{source}{to},"by":{_quote(record.by)}'
-        f',"side":{_quote(record.side)}{epoch},"at":{_encode_text(record.at)}{more}}}'
-    )
-
-
-def _encode_text(text: str) -> str:
-    return msgspec.json.encode(text).decode()
+    return f'{{"id":{_encode_text(record.id)},{said},"at":{_encode_text(record.at)}{more}}}'
 
 
 @lru_cache(maxsize=512)
-def _quote(text: str) -> str:
-    """Words that come again: events, states, writers."""
-    return _encode_text(text)
+def _encode_middle(ev: str, source: str | None, to: str | None, by: str, side: str, epoch: int | None) -> str:
+    """What comes again: the same event by the same writer."""
+    line = _Line(id="", ev=ev, source=source, to=to, by=by, side=side, epoch=epoch, at="")
+    return msgspec.json.encode(line)[len('{"id":"",') : -len(',"at":""}')].decode()
+
+
+@lru_cache(maxsize=512)
+def _encode_text(text: str) -> str:
+    """Ids and times come again as well."""
+    return msgspec.json.encode(text).decode()
 
 
 def frame_payload(seq: int, payload: bytes) -> bytes:
@@ -226,6 +224,9 @@ class Tail(StrEnum):
     """Bytes that no writer leaves: something acknowledged has changed."""
 
 
+_CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member
+
+
 class Scan(NamedTuple):
     """What a stretch of a segment holds.
 
@@ -264,7 +265,7 @@ def scan_records(data: bytes, last_seq: int) -> Scan:
         position, seq = stop, seq + 1
         if record.more == 0:
             end, whole = position, len(records)
-    tail = Tail.CLEAN if end == len(data) else _judge(data[position:], seq + 1)
+    tail = _CLEAN if end == len(data) else _judge(data[position:], seq + 1)
     return Scan(records[:whole], end, tail)
 
 

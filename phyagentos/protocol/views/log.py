@@ -1,14 +1,13 @@
 """LOG.md: what happened, one line a record that matters, in words.
 
-Upstream: records of a follower. Downstream: people.
+Upstream: records of a follower. Downstream: people. A record is put into words when it is shown: what a busy runtime
+records between two renderings, and no rendering shows, costs next to nothing.
 """
 
 from collections import deque
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any
-
-import msgspec
+from typing import Any, NamedTuple
 
 from phyagentos.protocol.log import LOG, LogFront, LogLine
 from phyagentos.protocol.markdown import flatten, format_time, render_front
@@ -17,7 +16,6 @@ from phyagentos.protocol.store.admission import GoalEvent
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.records import JOURNAL_ID, Record
 from phyagentos.protocol.tasks import Replan
-from phyagentos.protocol.verdicts import Attempt
 from phyagentos.protocol.views.sessions import describe_attempt, describe_execution
 from phyagentos.protocol.views.tasks import split_reason
 
@@ -51,6 +49,22 @@ _PLAIN = {
     GoalEvent.GOAL_CANCELLED.value: "cancelled",
 }
 _SILENT = frozenset({"check", "verify"})
+_NODE_ENDS = frozenset({GoalEvent.NODE_DONE.value, GoalEvent.NODE_BLOCKED.value})
+_CHILD_OF = GoalEvent.CHILD_OF.value
+
+
+class _Note(NamedTuple):
+    """A record that is to be told, and what the fold said when it was applied.
+
+    Attributes:
+        record: Which.
+        status: Of its session; None when it is about something else.
+        hint: What the fold adds to the words about a node.
+    """
+
+    record: Record
+    status: SessionStatus | None
+    hint: str
 
 
 class LogTail:
@@ -58,15 +72,17 @@ class LogTail:
 
     def __init__(self) -> None:
         self._lines: deque[tuple[int, LogLine]] = deque(maxlen=LINES_SHOWN)  # with the number of its record
+        self._notes: deque[_Note] = deque(maxlen=LINES_SHOWN)  # what came since the last rendering
 
     def take(self, record: Record, ledger: Ledger) -> None:
         """Note one record; see `describe_record`."""
-        line = describe_record(record, ledger)
-        if line is not None:
-            self._lines.append((record.seq, line))
+        if record.ev not in _SILENT:
+            self._notes.append(_take_note(record, ledger))
 
     def render(self, seq: int) -> str:
         """LOG.md as of a record."""
+        self._lines.extend((note.record.seq, _tell(note)) for note in self._notes)
+        self._notes.clear()
         older = self._lines[0][0] - 1 if self._lines else seq
         return render_log([line for _, line in self._lines], seq, older=older)
 
@@ -93,12 +109,21 @@ def describe_record(record: Record, ledger: Ledger) -> LogLine | None:
         record: The one applied last.
         ledger: The fold, this record included.
     """
-    if record.ev in _SILENT:
-        return None
-    body = record.body or {}
-    status = ledger.sessions.get(SessionId(record.id))
+    return None if record.ev in _SILENT else _tell(_take_note(record, ledger))
+
+
+def _take_note(record: Record, ledger: Ledger) -> _Note:
+    if record.to is not None:
+        return _Note(record, ledger.sessions.get(SessionId(record.id)), "")
+    if record.ev in _NODE_ENDS:
+        return _Note(record, None, _find_judged(record, ledger))
+    return _Note(record, None, split_reason(_read_replan(record), ledger)[1] if record.ev == _CHILD_OF else "")
+
+
+def _tell(note: _Note) -> LogLine:
+    record, status, hint = note
     about = record.id.removeprefix("goal:").removeprefix("node:")
-    text = _tell_session(record, body, status) if status is not None else _tell_goal(record, body, ledger)
+    text = _tell_session(record, status) if status is not None else _tell_goal(record, hint)
     return LogLine(at=f"{record.at[:19]}Z", about=about, by=record.by, text=flatten(text))
 
 
@@ -106,7 +131,8 @@ def _render_line(line: LogLine) -> str:
     return f"- {format_time(line.at)} **{line.about}** ({line.by}) {line.text}\n"
 
 
-def _tell_session(record: Record, body: dict[str, Any], status: SessionStatus) -> str:
+def _tell_session(record: Record, status: SessionStatus) -> str:
+    body = record.body or {}
     match record.ev:
         case "submit":
             contract = status.contract
@@ -119,7 +145,7 @@ def _tell_session(record: Record, body: dict[str, Any], status: SessionStatus) -
         case "finish" | "reconcile":
             return f"execution {describe_execution(status)}"
         case "accept" | "refuse" | "replan" if "attempt" in body:
-            return f"verdict {describe_attempt(msgspec.convert(body['attempt'], Attempt))}"
+            return f"verdict {describe_attempt(status.attempts[-1])}"
     return _with_reason(_PLAIN.get(record.ev, record.ev), body)
 
 
@@ -132,7 +158,8 @@ def _tell_journal(record: Record, body: dict[str, Any]) -> str:
     return f"the journal was repaired: {body.get('lost', 0)} records are lost"
 
 
-def _tell_goal(record: Record, body: dict[str, Any], ledger: Ledger) -> str:
+def _tell_goal(record: Record, hint: str) -> str:
+    body = record.body or {}
     if record.id == JOURNAL_ID:
         return _tell_journal(record, body)
     match record.ev:
@@ -143,26 +170,28 @@ def _tell_goal(record: Record, body: dict[str, Any], ledger: Ledger) -> str:
             shown = ", ".join(list(nodes)[:NODES_NAMED]) + (", …" if len(nodes) > NODES_NAMED else "")
             return f"compiled into {len(nodes)} nodes: {shown}"
         case GoalEvent.CHILD_OF:
-            replan = Replan(
-                session=body.get("parent", ""), child=body.get("child", ""), reason=str(body.get("reason", ""))
-            )
-            _, differently = split_reason(replan, ledger)
-            return f"{replan.session} continues as {replan.child}: {differently or replan.reason or 'as before'}"
+            replan = _read_replan(record)
+            return f"{replan.session} continues as {replan.child}: {hint or replan.reason or 'as before'}"
         case GoalEvent.NODE_DONE | GoalEvent.NODE_BLOCKED:
-            return _with_reason(_PLAIN[record.ev], {"reason": _find_judged(record, body, ledger) or body.get("reason")})
+            return _with_reason(_PLAIN[record.ev], {"reason": hint or body.get("reason")})
         case GoalEvent.GOAL_VERDICT:
             return _with_reason(f"goal verdict {body.get('verdict')}", body)
     return _with_reason(_PLAIN.get(record.ev, record.ev), body)
 
 
-def _find_judged(record: Record, body: dict[str, Any], ledger: Ledger) -> str:
+def _read_replan(record: Record) -> Replan:
+    body = record.body or {}
+    return Replan(session=body.get("parent", ""), child=body.get("child", ""), reason=str(body.get("reason", "")))
+
+
+def _find_judged(record: Record, ledger: Ledger) -> str:
     """The session whose verdict is the reason, and its state, so that it is not told twice; empty without one."""
     goal, _, node = record.id.removeprefix("node:").partition("/")
     status = ledger.goals.get(GoalId(goal))
     sessions = status.nodes[node].sessions if status is not None and node in status.nodes else ()
     latest = ledger.sessions.get(sessions[-1]) if sessions else None
     decision = latest.decision if latest is not None else None
-    is_told = decision is not None and decision.reason == body.get("reason")
+    is_told = decision is not None and decision.reason == (record.body or {}).get("reason")
     return f"{sessions[-1]} {latest.state}" if is_told and latest is not None else ""
 
 

@@ -19,7 +19,7 @@ from phyagentos.protocol.views.log import LogTail
 from phyagentos.protocol.workspace import Workspace
 
 PERIOD_S = 0.2  # a person reads no faster
-SHARE = 0.02  # of the time at most
+SHARE = 0.01  # of the time at most
 CLOSING_TURNS = 3  # an edit comes out with the first rendering, is shown by the second
 
 
@@ -63,7 +63,7 @@ class Views:
         self._desk = desk
         self._period_s = period_s
         self._log = LogTail()
-        self._history = History(lane, on_record=self._note)
+        self._history = History(lane, on_record=self._log.take)
         self._published_seq = -1
         self._due_at_s = -float("inf")
 
@@ -110,9 +110,6 @@ class Views:
             if not self.refresh(at_once=True):
                 break
         self._history.close()
-
-    def _note(self, record: Record, ledger: Ledger) -> None:
-        self._log.take(record, ledger)
 
     def _put_sessions(self) -> bool:
         notes = self._desk.notes if self._desk is not None else ()
