@@ -17,6 +17,7 @@ from phyagentos.protocol.store.records import Record
 from phyagentos.protocol.tasks import NodeState
 
 _UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
+_UNDER_WAY = frozenset(SessionState) - FINAL_STATES - {SessionState.PENDING}  # nothing follows for the node yet
 
 
 class Agenda:
@@ -41,7 +42,7 @@ class Agenda:
                 self._successors[before].append(name)
         self._missing = {name: len(graph.nodes[name].after) for name in graph.order}
         self._done: set[str] = set()
-        self._changed = set(graph.order)
+        self._changed = dict.fromkeys(graph.order)  # unlike a set it shrinks, so that few names are few to walk
         self._live: dict[SessionId, None] = {}
         self._unjudged: dict[SessionId, None] = {}
         self._queues: dict[str, set[SessionId]] = {}  # target -> live sessions that wait for it
@@ -65,6 +66,8 @@ class Agenda:
             if status is None or status.contract.goal != self._goal or status.contract.node not in self._rank:
                 return
             self._follow_session(status)
+            if status.state in _UNDER_WAY:
+                return
             name = status.contract.node
         elif record.id.startswith(self._prefix):
             name = record.id.removeprefix(self._prefix)
@@ -104,7 +107,7 @@ class Agenda:
 
     def settle(self, name: str) -> None:
         """Nothing is to be done about this node until it, or one before it, changes."""
-        self._changed.discard(name)
+        self._changed.pop(name, None)
 
     def _follow_session(self, status: SessionStatus) -> None:
         id = status.contract.id
@@ -128,15 +131,15 @@ class Agenda:
     def _follow_node(self, name: str, state: NodeState) -> None:
         if name not in self._rank:
             return
-        self._changed.add(name)
+        self._changed[name] = None
         is_done = state is NodeState.DONE
         if is_done != (name in self._done):
             (self._done.add if is_done else self._done.discard)(name)
             for successor in self._successors[name]:
                 self._missing[successor] += -1 if is_done else 1
-                self._changed.add(successor)
+                self._changed[successor] = None
         elif state is NodeState.BLOCKED:
-            self._changed.update(self._successors[name])
+            self._changed.update(dict.fromkeys(self._successors[name]))
 
 
 class Changed:

@@ -92,8 +92,8 @@ class SessionCompiler:
         given = substitute_value(choice.parameters, values)
         if outputs is not None:
             _check_resolved(given, self.goal, name)
-        defaults = {key: p.default for key, p in skill.parameters.items() if p.default is not None}
-        parameters = {key: (defaults | given)[key] for key in skill.parameters if key in given or key in defaults}
+        meant = {key: p.default for key, p in skill.parameters.items() if p.default is not None} | given
+        parameters = {key: meant[key] for key in skill.parameters if key in meant}
         authored = {} if purpose else {**node.spec.arguments, **substitute_value(own.parameters, values)}
         known = {**authored, **parameters, **values, "target": choice.target}
         omitted = tuple(key for key in (*skill.parameters, *promiser.parameters) if key not in known)

@@ -5,6 +5,7 @@ is JSON or YAML. Paper section 4.2.
 """
 
 import hashlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ FINGERPRINT = "fingerprint.json"  # versions, CPU; the seeds stand in the contra
 EXECUTION = "execution.json"  # Execution
 PICTURE_BEFORE = "before.png"
 PICTURE_AFTER = "after.png"
+_READ_BYTES = 1 << 16  # most files are read at once
 
 
 class TraceEvent(msgspec.Struct, frozen=True, kw_only=True):
@@ -101,7 +103,7 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
     """
     names = (BEFORE, AFTER, HOLDS, *((TRACE, EVENTS) if with_course else ()))
     try:
-        data = {name: found for name in names if (found := _find_bytes(folder / name))}  # an empty one is none
+        data = {name: found for name in names if (found := _find_bytes(f"{folder}/{name}"))}  # an empty one is none
         return Bundle(
             folder=folder,
             session=session,
@@ -150,9 +152,15 @@ def _decode_lines(data: bytes | None, kind: Any) -> Any:
     return tuple(msgspec.json.decode(line, type=kind) for line in (data or b"").splitlines())
 
 
-def _find_bytes(path: Path) -> bytes | None:
+def _find_bytes(path: str) -> bytes | None:
     try:
-        with path.open("rb", buffering=0) as file:
-            return file.read()
+        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
         return None
+    try:
+        data = os.read(fd, _READ_BYTES)
+        while part := os.read(fd, _READ_BYTES):
+            data += part
+        return data
+    finally:
+        os.close(fd)

@@ -12,7 +12,7 @@ from phyagentos.agent.judges.metrics import MetricJudge
 from phyagentos.agent.judges.predicates import FRESH_S, PredicateJudge
 from phyagentos.agent.verifier import SessionVerifier
 from phyagentos.protocol.evidence import TRAJECTORY, Event, TraceEvent, read_bundle, write_json
-from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadResult
+from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.verdicts import Criterion, Truth, Verdict
 
@@ -20,6 +20,7 @@ from .conftest import make_world, put
 from .test_verifier import BUDGET, IN_TRAY, make_bundle, make_session
 
 DONE = put(make_world(), "red_cube", IN_TRAY)
+ASKING = make_session(lookahead=LookaheadRequest())
 ROWS = 6
 
 
@@ -177,12 +178,17 @@ def write_lookahead(folder, **facts):
 
 
 def test_no_rollouts_leave_no_criterion(tmp_path):
+    assert LookaheadJudge().judge(make_bundle(DONE, session=ASKING, folder=tmp_path)) == []
+
+
+def test_a_prediction_that_nobody_asked_for_leaves_no_criterion(tmp_path):
+    write_lookahead(tmp_path)
     assert LookaheadJudge().judge(make_bundle(DONE, folder=tmp_path)) == []
 
 
 def test_the_share_of_rollouts_is_compared_with_the_threshold_that_was_asked(tmp_path):
     write_lookahead(tmp_path)
-    (criterion,) = LookaheadJudge().judge(make_bundle(DONE, folder=tmp_path))
+    (criterion,) = LookaheadJudge().judge(make_bundle(DONE, session=ASKING, folder=tmp_path))
     assert (criterion.text, criterion.truth, criterion.kind) == ("lookahead >= 0.7", Truth.FALSE, "lookahead")
     assert criterion.because == "4 of 16 rollouts met the acceptance; the others failed with GRASP_LOST (12)"
 
@@ -190,14 +196,14 @@ def test_the_share_of_rollouts_is_compared_with_the_threshold_that_was_asked(tmp
 @pytest.mark.parametrize("data", [b"{", b'{"samples": 0, "succeeded": 0, "threshold": 0.7}'])
 def test_rollouts_that_cannot_be_read_or_never_ended_are_unknown(tmp_path, data):
     (tmp_path / LOOKAHEAD).write_bytes(data)
-    (criterion,) = LookaheadJudge().judge(make_bundle(DONE, folder=tmp_path))
+    (criterion,) = LookaheadJudge().judge(make_bundle(DONE, session=ASKING, folder=tmp_path))
     assert criterion.truth is Truth.UNKNOWN
 
 
 @pytest.mark.parametrize(("after", "succeeded", "verdict"), [(DONE, 0, "success"), (make_world(), 16, "replan")])
 def test_a_prediction_never_outvotes_what_was_observed(tmp_path, after, succeeded, verdict):
     write_lookahead(tmp_path, succeeded=succeeded)
-    attempt = SessionVerifier().judge(make_bundle(after, folder=tmp_path), BUDGET)
+    attempt = SessionVerifier().judge(make_bundle(after, session=ASKING, folder=tmp_path), BUDGET)
     assert attempt.verdict == verdict
     assert attempt.criteria[-1].kind == "lookahead"
 
@@ -205,7 +211,7 @@ def test_a_prediction_never_outvotes_what_was_observed(tmp_path, after, succeede
 def test_a_prediction_decides_where_nothing_was_observed(tmp_path):
     write_lookahead(tmp_path)
     verifier = SessionVerifier(judges=(LookaheadJudge(),))
-    assert verifier.judge(make_bundle(DONE, folder=tmp_path), BUDGET).verdict is not Verdict.SUCCESS
+    assert verifier.judge(make_bundle(DONE, session=ASKING, folder=tmp_path), BUDGET).verdict is not Verdict.SUCCESS
 
 
 # -- references --------------------------------------------------------------------------------------------------------
@@ -224,3 +230,11 @@ def test_a_judgement_names_every_file_it_read_by_its_hash(tmp_path):
     assert {reference.file: reference.sha256 for reference in attempt.evidence} == {
         name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in read
     }
+
+
+def test_a_file_longer_than_one_read_is_read_whole(tmp_path):
+    line = msgspec.json.encode(Event(time_s=0.0, kind="timing", details={"told": "x" * 100})) + b"\n"
+    (tmp_path / "events.jsonl").write_bytes(line * 1500)
+    bundle = read_bundle(tmp_path, make_session(), Execution(ended=Ended.COMPLETED, evidence="e"))
+    assert len(bundle.events) == 1500
+    assert bundle.references[0].sha256 == hashlib.sha256(line * 1500).hexdigest()

@@ -23,7 +23,9 @@ class LookaheadJudge:
     name: str = "lookahead/1"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """One criterion when rollouts were made, none otherwise."""
+        """One criterion when rollouts were asked for and made, none otherwise."""
+        if bundle.session.lookahead is None:
+            return []
         try:
             result = read_lookahead(bundle.folder)
         except ExecutionError as error:

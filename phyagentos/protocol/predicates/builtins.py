@@ -60,9 +60,9 @@ def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
 
 def _combine(view: View, entities: Sequence[Entity | None], stated: str, perceived: float) -> float:
     unstated = 0.0 if view.now.sensing == "truth" else perceived
-    variances = (
+    variances = [
         (getattr(entity, stated) or unstated) ** 2 for entity in entities if entity is not None and entity.movable
-    )
+    ]
     return DOUBT_STDS * math.sqrt(sum(variances))
 
 
@@ -223,14 +223,9 @@ def measure_moved(view: View, a: Entity) -> Reading:
     turned_rad = compute_turn(a.pose, was.pose)
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
-    least = max(
-        (moved_m - _find_position_doubt(view, a, was)) / MOVED_M,
-        (turned_rad - _find_turn_doubt(view, a, was)) / MOVED_RAD,
-    )
-    most = max(
-        (moved_m + _find_position_doubt(view, a, was)) / MOVED_M,
-        (turned_rad + _find_turn_doubt(view, a, was)) / MOVED_RAD,
-    )
+    doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
+    least = max((moved_m - doubt_m) / MOVED_M, (turned_rad - doubt_rad) / MOVED_RAD)
+    most = max((moved_m + doubt_m) / MOVED_M, (turned_rad + doubt_rad) / MOVED_RAD)
     doubt = margin + 1.0 - least if margin >= 0 else most - 1.0 - margin
     return Reading(margin, {"moved_m": round(moved_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
 

@@ -86,7 +86,7 @@ def worse(a: Evaluation, b: Evaluation) -> Evaluation:
 
 def evaluate(formula: Formula, view: View) -> Evaluation:
     """The value of a formula, any free `*` read as "for every movable thing that it does not name"."""
-    if not any(True for _ in iter_free_stars(formula)):
+    if next(iter_free_stars(formula), None) is None:
         return _evaluate(formula, view)
     names = _iter_range(formula, view)
     if not names:
@@ -177,7 +177,7 @@ def _measure(call: Call, view: View) -> Reading:
     ) as error:  # a malformed entity, or a plug-in that did not expect it
         raise FactUnknown(f"{render(call)} could not be measured: {type(error).__name__}: {error}") from error
     numbers = [value for value in reading.measured.values() if isinstance(value, float)]
-    if not all(math.isfinite(value) for value in (reading.value, *numbers)):
+    if not all(map(math.isfinite, (reading.value, *numbers))):
         raise FactUnknown(f"{render(call)} measured a number that is not finite")
     return reading
 

@@ -64,8 +64,9 @@ def compute_tilt(pose: Pose) -> float:
 
 def compute_turn(a: Pose, b: Pose) -> float:
     """Smallest angle [rad] that turns a into b."""
-    cosine = abs(sum(p * q for p, q in zip(a.quaternion_wxyz, b.quaternion_wxyz, strict=True)))
-    return 2 * math.acos(min(1.0, cosine))
+    w, x, y, z = a.quaternion_wxyz
+    p, q, r, s = b.quaternion_wxyz
+    return 2 * math.acos(min(1.0, abs(w * p + x * q + y * r + z * s)))
 
 
 def compute_extent(entity: Entity, direction: Vector) -> tuple[float, float]:

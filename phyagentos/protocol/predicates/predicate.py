@@ -11,7 +11,7 @@ other `*` means "for every one", over the whole predicate: `not moved(*)` is "no
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import zip_longest
 from typing import Any
@@ -76,14 +76,18 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Predicate:
-    """One checked predicate; its text is canonical, so equal meanings as written compare equal."""
+    """One checked predicate.
+
+    Attributes:
+        formula: Its syntax tree.
+        text: The canonical text, so that equal meanings as written compare equal.
+    """
 
     formula: Formula
+    text: str = field(init=False, compare=False)
 
-    @property
-    def text(self) -> str:
-        """The canonical text."""
-        return render(self.formula)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", render(self.formula))
 
     def __str__(self) -> str:
         return self.text
@@ -111,6 +115,8 @@ class Predicate:
 
     def rename_targets(self, targets: Mapping[str, str]) -> "Predicate":
         """The same predicate with target roles replaced by the targets they stand for."""
+        if not any(role in self.text for role in targets):
+            return self
 
         def change(call: Call) -> Call:
             definition = get_predicate_library().find(call.name)
@@ -178,6 +184,7 @@ def iter_metrics(text: str) -> Iterator[str]:
                 yield term.text
 
 
+@lru_cache(maxsize=4096)
 def has_metric(text: str) -> bool:
     """Whether a predicate compares a metric."""
     return any(True for _ in iter_metrics(text))
