@@ -95,7 +95,7 @@ class Sealer:
 
     def __init__(self, evidence: Path) -> None:
         self._objects = evidence / OBJECTS
-        self._known: dict[_Inode, FileRecord] = {}  # the model of an episode is hashed once
+        self._known: dict[_Inode, FileRecord] = {}  # what many bundles share is hashed once
 
     def seal(self, folder: Path, *, late: bool = False) -> Manifest:
         """Hash every file of a bundle, share the large ones, and write the manifest; one that is there already stays.
@@ -124,11 +124,12 @@ class Sealer:
         inode = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
         record = self._known.pop(inode, None)
         if record is None:
-            data = Path(entry.path).read_bytes()
+            data = _read_bytes(entry.path)
             record = FileRecord(sha256=hashlib.sha256(data).hexdigest(), bytes=len(data))
-            if len(data) < SHARED_BYTES:
+            if len(data) >= SHARED_BYTES:
+                _share(Path(entry.path), data, self._objects / get_object_name(entry.name, record.sha256))
+            elif status.st_nlink == 1:
                 return record
-            _share(Path(entry.path), data, self._objects / get_object_name(entry.name, record.sha256))
         self._known[inode] = record  # the last one used stands last
         if len(self._known) > _KNOWN_FILES:
             del self._known[next(iter(self._known))]
@@ -235,6 +236,12 @@ def _iter_files(folder: Path) -> Iterator["os.DirEntry[str]"]:
         for entry in entries:
             if not entry.name.startswith(".") and entry.name != MANIFEST and entry.is_file(follow_symlinks=False):
                 yield entry
+
+
+def _read_bytes(path: str) -> bytes:
+    """A whole file, without a buffer: every bundle has ten of them."""
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+        return file.read()
 
 
 def _share(path: Path, data: bytes, shared: Path) -> None:

@@ -81,6 +81,7 @@ class TargetSessionHandle:
         self._is_stopped, self._collision = is_stopped, collision
         self._interventions: list[Intervention] = []
         self._connection = connection
+        self._here = connection if isinstance(connection, wire.Here) else None
         self._limits = limits
         self._description: wire.Description | None = None
         self._loaded: tuple[Scene, wire.Loaded] | None = None  # this connection's world; nobody else loads scenes
@@ -252,8 +253,7 @@ class TargetSessionHandle:
             raise CommandRefused(
                 "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
             )
-        here = self._connection
-        reply = here.ask(request) if isinstance(here, wire.Here) else self._exchange(request, timeout_s)
+        reply = self._here.ask(request) if self._here is not None else self._exchange(request, timeout_s)
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")

@@ -10,12 +10,11 @@ import platform
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from phyagentos.protocol import evidence
@@ -24,7 +23,6 @@ from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import Event, TraceEvent, encode_json, encode_lines
 from phyagentos.protocol.evidence_manifest import unseal_bundle
 from phyagentos.protocol.sessions import Execution, Session
-from phyagentos.protocol.settings import compute_file_hash
 from phyagentos.protocol.store.bodies import render_yaml
 from phyagentos.protocol.verdicts import Criterion
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -52,13 +50,13 @@ class Contract:
 
     Attributes:
         plan: The adapter plan that preflight granted.
-        settings: Settings files whose hashes go into the bundle.
+        settings_sha256: Of the settings files in force, by name.
     """
 
     session: Session
     epoch: int
     plan: Mapping[str, Any]
-    settings: Sequence[Path]
+    settings_sha256: Mapping[str, str]
 
 
 class Stationery:
@@ -107,10 +105,10 @@ class Recorder:
     def write_contract(self, contract: Contract) -> None:
         """The resolved contract, the granted plan, the hashes of the settings, and the environment's fingerprint."""
         document = {
-            "session": msgspec.to_builtins(contract.session),
+            "session": contract.session,
             "epoch": contract.epoch,
-            "adapter_plan": dict(contract.plan),
-            "settings_sha256": {path.name: _read_hash(path) for path in contract.settings},
+            "adapter_plan": contract.plan,
+            "settings_sha256": contract.settings_sha256,
         }
         self._write(evidence.CONTRACT, render_yaml(document).encode())
         self._stationery.write(self._path, evidence.FINGERPRINT, _encode_fingerprint())
@@ -206,9 +204,9 @@ class Recorder:
         flags = _FILL if name in self._blank else _REPLACE
         fd = os.open(f"{self._path}/{name}", flags, 0o644)
         try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[os.write(fd, rest) :]
+            written = os.write(fd, data)
+            while written < len(data):
+                written += os.write(fd, data[written:])
         finally:
             os.close(fd)
         self._blank.discard(name)
@@ -222,17 +220,6 @@ class Recorder:
             "act": observation.act,
         }
         self._write(name, encode_arrays(arrays))
-
-
-def _read_hash(path: Path) -> str:
-    """SHA-256 of a settings file; one that has not changed is read once."""
-    changed = os.stat(path)  # noqa: PTH116 - in every session
-    return _compute_hash(path, changed.st_ino, changed.st_mtime_ns, changed.st_size)
-
-
-@lru_cache(maxsize=64)
-def _compute_hash(path: Path, _inode: int, _changed_ns: int, _size: int) -> str:
-    return compute_file_hash(path)
 
 
 @cache

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.protocol import evidence
+from phyagentos.protocol import evidence, evidence_manifest
 from phyagentos.protocol.evidence_manifest import (
     MANIFEST,
     OBJECTS,
@@ -109,14 +109,14 @@ def test_a_worker_that_seals_late_does_not_undo_what_a_clean_up_has_written(stor
     folder = store.run("g.a", seal=False)
     pruned = []
 
-    def read_slowly(path, real=Path.read_bytes):
+    def read_slowly(path, real=evidence_manifest._read_bytes):
         data = real(path)
-        if path.name == evidence.TRAJECTORY and not pruned:  # the last one
+        if Path(path).name == evidence.TRAJECTORY and not pruned:  # the last one
             pruned.append(True)
             store.prune()
         return data
 
-    monkeypatch.setattr(Path, "read_bytes", read_slowly)
+    monkeypatch.setattr(evidence_manifest, "_read_bytes", read_slowly)
     manifest = store.sealer.seal(folder)
     monkeypatch.undo()
 
@@ -141,10 +141,11 @@ def test_a_file_system_without_links_keeps_whole_bundles(store, monkeypatch):
     assert [path.name for path in store.workspace.evidence.rglob(".*.tmp")] == []
 
 
-def test_a_model_is_read_once_however_many_sessions_share_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize("model", [MODEL, b"small"])
+def test_a_model_is_read_once_however_many_sessions_share_it(tmp_path, monkeypatch, model):
     read = []
-    real = Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda path: (read.append(path.name), real(path))[1])
+    real = evidence_manifest._read_bytes
+    monkeypatch.setattr(evidence_manifest, "_read_bytes", lambda path: (read.append(Path(path).name), real(path))[1])
     sealer = Sealer(tmp_path)
     for number in range(40):
         folder = tmp_path / f"g.{number}"
@@ -154,7 +155,8 @@ def test_a_model_is_read_once_however_many_sessions_share_it(tmp_path, monkeypat
         if number:
             (folder / evidence.SCENE_MODEL).hardlink_to(tmp_path / "g.0" / evidence.SCENE_MODEL)
         else:
-            (folder / evidence.SCENE_MODEL).write_bytes(MODEL)
+            (folder / evidence.SCENE_MODEL).write_bytes(model)
+            (tmp_path / evidence.SCENE_MODEL).hardlink_to(folder / evidence.SCENE_MODEL)
         sealer.seal(folder)
 
     assert read.count(evidence.SCENE_MODEL) == 1

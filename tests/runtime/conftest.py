@@ -283,7 +283,9 @@ def build_session():
 class Bench:
     """A runner on doubles."""
 
-    def __init__(self, tmp_path, target, planner, library, registry, profile, limits, clock, policies=None):
+    def __init__(
+        self, tmp_path, target, planner, library, registry, profile, limits, clock, policies=None, settings=()
+    ):
         self.target, self.planner, self.clock, self.workspace = target, planner, clock, tmp_path
         self.handle = TargetSessionHandle(LocalConnection(target), limits)
         self.beats = []
@@ -298,6 +300,7 @@ class Bench:
             workspace=tmp_path,
             clock=clock,
             policies=policies,
+            settings=settings,
         )
 
     def run(self, session, tree=None, cancel=lambda: None, policy=""):
@@ -315,13 +318,20 @@ class Bench:
 @pytest.fixture
 def build_bench(tmp_path, library, registry, profile, limits):
     def build(
-        target=None, planner=None, library=library, registry=registry, workspace=tmp_path, clock=None, policies=None
+        target=None,
+        planner=None,
+        library=library,
+        registry=registry,
+        workspace=tmp_path,
+        clock=None,
+        policies=None,
+        settings=(),
     ):
         target = target or PerfectTarget(
             profile, [build_cube(), build_cube("red_tray", (0.5, 0.3, 0.0))], graspable=None
         )
         planner, clock = planner or ScriptedPlanner(), clock or ManualClock()
-        return Bench(workspace, target, planner, library, registry, profile, limits, clock, policies)
+        return Bench(workspace, target, planner, library, registry, profile, limits, clock, policies, settings)
 
     return build
 

@@ -1,7 +1,10 @@
 """What stands in a bundle is what was measured, at the time that its name says."""
 
+import hashlib
+
 import numpy as np
 import pytest
+import yaml
 
 from phyagentos.protocol import evidence
 from phyagentos.protocol.evidence import read_bundle
@@ -64,3 +67,18 @@ def test_the_end_of_a_bundle_is_the_world_as_it_was_left(recorded, profile):
             assert snapshot.targets["panda"].q_rad == tuple(state["qpos"].tolist())
     for name, snapshot in ((evidence.PICTURE_BEFORE, before), (evidence.PICTURE_AFTER, after)):
         assert (recorded.folder / name).read_bytes() == b"PNG %.3f s" % snapshot.time_s
+
+
+def test_a_bundle_names_the_settings_that_were_in_force_not_those_that_lie_there_later(
+    tmp_path, build_bench, build_session
+):
+    path = tmp_path / "safety.yaml"
+    path.write_text("in force")
+    in_force = hashlib.sha256(path.read_bytes()).hexdigest()
+    bench = build_bench(settings=(path,))
+    path.write_text("edited since")
+
+    execution = bench.run(build_session(skill="home", parameters={}))
+
+    contract = yaml.safe_load((bench.workspace / execution.evidence / evidence.CONTRACT).read_text())
+    assert contract["settings_sha256"] == {"safety.yaml": in_force}

@@ -21,7 +21,8 @@ from phyagentos.runtime.targets.wire import Command, Description, Step
 
 Array = NDArray[np.float64]
 
-POSITION, VELOCITY, STEP, CHANGE, BEND, DISAGREEMENT = range(6)  # what is measured of every row
+POSITION, VELOCITY, DISAGREEMENT, STEP, CHANGE, BEND, JERK = range(7)  # what is measured of every row
+_FLOAT64 = np.dtype(np.float64)
 CLAMPED = {ViolationCode.JOINT_POSITION: "CLAMPED_JOINT", ViolationCode.GRIPPER_WIDTH: "CLAMPED_GRIPPER"}
 
 
@@ -70,19 +71,17 @@ class SafetyGuard:
         self._force_n = description.gripper_force_n
         rows, n = bounds.shape
         self._middle, half = (bounds.q_min + bounds.q_max) / 2.0, (bounds.q_max - bounds.q_min) / 2.0
-        self._bounds = np.array(
-            (half, bounds.qd_max, bounds.step_max, bounds.change_max, bounds.bend_max, bounds.disagreement_max)
-        )
-        self._measures = np.empty((rows, 6, n))
-        self._q, self._qd = np.zeros((rows + 1, n)), np.zeros((rows + 1, n))  # with the row before the first
-        self._steps, self._changes = np.zeros((rows + 1, n)), np.zeros((rows + 1, n))
-        self._last = (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+        bounded = (half, bounds.qd_max, bounds.disagreement_max, bounds.step_max, bounds.change_max, bounds.bend_max)
+        self._bounds = np.array(bounded)[:, None]
+        self._measures = np.empty((7, rows, n))
+        self._points = np.zeros((2, rows + 1, n))  # positions and velocities, behind the row before the first
+        self._slopes = np.zeros((2, rows + 1, n))  # their differences, likewise
         self._last_time_s, self._first_time_s = -np.inf, np.inf
 
     def begin(self, q_rad: Array) -> None:
         """Forget the previous session: the target rests at `q_rad` (n_joints,)."""
-        zero = np.zeros(len(q_rad))
-        self._last = (np.clip(q_rad, self._limits.q_min, self._limits.q_max), zero, zero, zero)
+        self._points[:, 0], self._slopes[:, 0] = 0.0, 0.0
+        self._points[0, 0] = np.minimum(np.maximum(q_rad, self._limits.q_min), self._limits.q_max)
         self._last_time_s, self._first_time_s = -np.inf, np.inf
 
     def judge(self, command: Command, now: Step) -> Ruling:
@@ -117,7 +116,7 @@ class SafetyGuard:
             or self._check_place(command.q_rad[-1], now)
         )
         if violation is None:
-            self._last = (self._q[-1].copy(), self._qd[-1].copy(), self._steps[-1].copy(), self._changes[-1].copy())
+            self._points[:, 0], self._slopes[:, 0] = self._points[:, -1], self._slopes[:, -1]
             self._last_time_s = now.time_s
             self._first_time_s = min(self._first_time_s, now.time_s)
         return violation
@@ -151,28 +150,26 @@ class SafetyGuard:
                 return Violation(
                     ViolationCode.WRONG_SHAPE, name, float(array.size), float(np.prod(expected)), "numbers"
                 )
-            if array.dtype != np.float64:
+            if array.dtype != _FLOAT64:
                 return Violation(ViolationCode.WRONG_SHAPE, name, float(array.dtype.itemsize), 8.0, "bytes a number")
         return None
 
     def _check_rows(self, command: Command) -> Violation | None:
         """One comparison for all bounds of all rows; only when it fails is it asked which, in order."""
-        q, qd, steps, changes, found = self._q, self._qd, self._steps, self._changes, self._measures
-        q[0], qd[0], steps[0], changes[0] = self._last
-        q[1:], qd[1:] = command.q_rad, command.qd_rad_s
+        points, slopes, found = self._points, self._slopes, self._measures
+        points[0, 1:], points[1, 1:] = command.q_rad, command.qd_rad_s
         with np.errstate(invalid="ignore", over="ignore"):
-            np.subtract(q[1:], q[:-1], out=steps[1:])
-            np.subtract(qd[1:], qd[:-1], out=changes[1:])
-            np.subtract(q[1:], self._middle, out=found[:, POSITION])
-            found[:, VELOCITY] = command.qd_rad_s
-            found[:, STEP] = steps[1:]
-            found[:, CHANGE] = changes[1:]
-            np.subtract(steps[1:], steps[:-1], out=found[:, BEND])
-            np.subtract(steps[1:], (0.5 * self._limits.dt) * (qd[1:] + qd[:-1]), out=found[:, DISAGREEMENT])
+            np.subtract(points[:, 1:], points[:, :-1], out=slopes[:, 1:])
+            np.subtract(points[0, 1:], self._middle, out=found[POSITION])
+            found[VELOCITY] = command.qd_rad_s
+            mean_step = (0.5 * self._limits.dt) * (points[1, 1:] + points[1, :-1])
+            np.subtract(slopes[0, 1:], mean_step, out=found[DISAGREEMENT])
+            found[STEP:BEND] = slopes[:, 1:]
+            np.subtract(slopes[:, 1:], slopes[:, :-1], out=found[BEND:])
             np.abs(found, out=found)
-            if not (found <= self._bounds).all():
+            if not (found[:JERK] <= self._bounds).all():
                 return self._find_broken_bound(command)
-            jerk = np.abs(changes[1:] - changes[:-1]).sum(axis=0)
+            jerk = found[JERK].sum(axis=0)
         if not (jerk <= self._limits.jerk_sum_max).all():
             return self._describe_jerk(jerk)
         return None
@@ -192,11 +189,11 @@ class SafetyGuard:
             (DISAGREEMENT, ViolationCode.SET_POINTS_DISAGREE, 1.0 / dt, "rad/s"),
         )
         for kind, code, scale, unit in kinds:
-            excess = self._measures[:, kind] - self._bounds[kind]
+            excess = self._measures[kind] - self._bounds[kind]
             if excess.max() <= 0.0:
                 continue
             row, joint = (int(index) for index in np.unravel_index(int(excess.argmax()), excess.shape))
-            found, limit = self._measures[row, kind, joint] * scale, self._bounds[kind, joint] * scale
+            found, limit = self._measures[kind, row, joint] * scale, self._bounds[kind, 0, joint] * scale
             if kind == POSITION:
                 found = command.q_rad[row, joint]
                 limit = bounds.q_min[joint] if found < self._middle[joint] else bounds.q_max[joint]
@@ -213,14 +210,14 @@ class SafetyGuard:
         bounds = self._limits
         if not self._force_n <= bounds.force_max_n:  # also when it is NaN
             return Violation(ViolationCode.GRIPPER_FORCE, "gripper", self._force_n, bounds.force_max_n, "N")
-        low, high = float(width_m.min()), float(width_m.max())  # NaN wins both
-        if low >= -ROUNDING and high <= bounds.width_max_m:
+        if all(-ROUNDING <= value <= bounds.width_max_m for value in width_m.tolist()):  # never true of NaN
             return None
         if not np.isfinite(width_m).all():
             row = int(np.argmin(np.isfinite(width_m)))
             return Violation(ViolationCode.NOT_FINITE, "gripper_width_m", float(width_m[row]), np.inf, "", row)
-        row = int(width_m.argmin() if low < -ROUNDING else width_m.argmax())
-        limit_m = 0.0 if low < -ROUNDING else bounds.width_max_m
+        is_below = bool(width_m.min() < -ROUNDING)
+        row = int(width_m.argmin() if is_below else width_m.argmax())
+        limit_m = 0.0 if is_below else bounds.width_max_m
         return Violation(ViolationCode.GRIPPER_WIDTH, "gripper", float(width_m[row]), limit_m, "m", row)
 
     def _check_place(self, q_rad: Array, now: Step) -> Violation | None:

@@ -66,7 +66,7 @@ def iter_name_problems(
     session: Session, skill: SkillRuntime | None, now: Environment, *, is_fresh: bool
 ) -> Iterator[Problem]:
     """Arguments that name what is not in the world; in a fresh world conditions too, since nothing is gone from it."""
-    known = {"entity": set(now.entities), "place": {*now.entities, *now.regions}}
+    known = {"entity": now.entities.keys(), "place": now.entities.keys() | now.regions.keys()}
     told: set[str] = set()
     for name, parameter in skill.parameters.items() if skill is not None else ():
         value = session.parameters.get(name)

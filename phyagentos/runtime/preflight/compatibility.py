@@ -72,6 +72,7 @@ class Preflight:
     )
     _known: dict[str, tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
     _met: list[tuple[Description, tuple[Problem, ...]]] = field(default_factory=list, init=False, repr=False)
+    _seen: dict[str, tuple[Description, tuple[Problem, ...]]] = field(default_factory=dict, init=False, repr=False)
 
     def find_contract_problems(self, session: Session) -> list[Problem]:
         """What is wrong on paper, without asking the target."""
@@ -103,15 +104,18 @@ class Preflight:
         return locate(session, self._met[0][1])
 
     def find_scene_problems(self, session: Session, live: Description) -> list[Problem]:
-        """What a skill needs of the scene that is loaded: frames and cameras."""
+        """What a skill needs of the scene that is loaded: frames and cameras; looked for again as the target's are."""
         skill = self.skills.get(session.skill)
         if skill is None:
             return []
-        problems = [
-            *iter_frame_problems(skill, self.settings.sensors, self.settings.perception, live.cameras),
-            *iter_live_ability_problems(skill, self.profile, live),
-        ]
-        return locate(session, problems)
+        known = self._seen.get(skill.skill)
+        if known is None or known[0] is not live:
+            problems = (
+                *iter_frame_problems(skill, self.settings.sensors, self.settings.perception, live.cameras),
+                *iter_live_ability_problems(skill, self.profile, live),
+            )
+            self._seen[skill.skill] = known = live, problems
+        return locate(session, known[1])
 
     def find_world_problems(self, session: Session, now: Environment, *, is_fresh: bool = True) -> list[Problem]:
         """Names that are not in the world, preconditions that do not hold in it, a tool that stands outside.

@@ -5,7 +5,7 @@ the target says of itself; a limit that is wider than the target's own is refuse
 believed in a motion that the target cannot make.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,9 +77,9 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
     state = now.targets.get(profile.target)
     if state is None:
         return
-    point = np.asarray(state.tcp.position_m)
-    low, high = np.asarray(limits.workspace_box.value)
-    if not np.all((low <= point) & (point <= high)):  # also when it is NaN
+    point = state.tcp.position_m
+    low, high = _get_corners(limits.workspace_box)
+    if not all(a <= value <= b for a, value, b in zip(low, point, high, strict=True)):  # also when it is NaN
         yield make_problem(
             "START_OUTSIDE",
             _place(profile, "workspace_box"),
@@ -89,8 +89,8 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
             fix="Move the robot by hand, or correct the box.",
         )
     for name, limit in limits.keep_out.items():
-        low, high = np.asarray(limit.value)
-        if np.all(point > low) and np.all(point < high):
+        low, high = _get_corners(limit)
+        if all(a < value < b for a, value, b in zip(low, point, high, strict=True)):
             yield make_problem(
                 "START_OUTSIDE",
                 f"safety.yaml: targets.{profile.target}.keep_out.{name}",
@@ -224,5 +224,11 @@ def _spread(limit: Limit, n: int) -> Array:
     return np.broadcast_to(np.asarray(limit.value, dtype=np.float64), (n,))
 
 
-def _show(point: Array) -> str:
+def _get_corners(box: Limit) -> tuple[Sequence[float], Sequence[float]]:
+    """The least and the greatest corner, as safety.yaml gives them."""
+    low, high = box.value  # type: ignore[misc]
+    return low, high  # type: ignore[return-value]
+
+
+def _show(point: Sequence[float] | Array) -> str:
     return f"({', '.join(f'{value:g}' for value in np.round(point, 3))})"

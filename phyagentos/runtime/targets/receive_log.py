@@ -73,7 +73,8 @@ class ReceiveLog:
     @property
     def is_behind(self) -> bool:
         """Whether lines could not be written; see `UNTOLD`."""
-        self._write()
+        if self._unwritten:
+            self._write()
         return bool(self._unwritten)
 
     def close(self) -> None:

@@ -4,6 +4,8 @@ Upstream: `server`, or a test. It is what `kind: debug` in a target.yaml gives: 
 log as any other target, so that everything around a robot can be tried, tested and measured without one.
 """
 
+import math
+
 import numpy as np
 
 from phyagentos.errors import DefinitionError
@@ -17,7 +19,8 @@ from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveL
 
 SETTLE_MAX_S = 60.0  # as long as a simulated target allows
 END_STOP = 1e9  # it has no end stops; safety.yaml sets the limits
-_SILENT = wire.Observe | wire.Describe | wire.Render | wire.Capture | wire.SaveModel | wire.Shutdown
+_SILENT = (wire.Observe, wire.Describe, wire.Render, wire.Capture, wire.SaveModel, wire.Shutdown)
+_NEW = (wire.Begin, wire.Command)  # what is refused while it cannot be told
 
 
 class ScriptedWorld:
@@ -57,18 +60,20 @@ class ScriptedWorld:
 
     def handle(self, request: wire.Request) -> wire.Reply:
         """Carry out one request, or refuse it."""
-        self._log.stamp()
+        is_told = not isinstance(request, _SILENT)
+        if is_told:
+            self._log.stamp()
         try:
             reply = self._refuse_untold(request) or self._carry_out(request)
         except DefinitionError as error:
             reply = wire.Refused(error.problems[0].code, str(error))
-        if not isinstance(request, _SILENT):
+        if is_told:
             self._note(request, reply)
         return reply
 
     def _refuse_untold(self, request: wire.Request) -> wire.Refused | None:
-        is_new = isinstance(request, wire.Begin | wire.Command)
-        return wire.Refused("LOG_UNWRITABLE", UNTOLD) if is_new and self._log.is_behind else None
+        is_untold = isinstance(request, _NEW) and self._log.is_behind
+        return wire.Refused("LOG_UNWRITABLE", UNTOLD) if is_untold else None
 
     def _carry_out(self, request: wire.Request) -> wire.Reply:
         match request:
@@ -160,7 +165,7 @@ class ScriptedWorld:
             return wire.Refused(
                 "MALFORMED", f"q_rad of shape {command.q_rad.shape}; expected {shape}, and others like it"
             )
-        if not all(np.isfinite(array).all() for array in arrays):
+        if not all(math.isfinite(value) for array in arrays for value in array.ravel().tolist()):
             return wire.Refused("MALFORMED", "a set-point is not finite")
         refused = self._authority.admit(command, self._now_s())
         if refused is not None:
@@ -188,9 +193,9 @@ class ScriptedWorld:
         return wire.Observation(
             time_s=now_s,
             target=target,
-            state=np.concatenate(([float(self._tick)], self._q)),
+            state=np.array((self._tick, *target.q_rad), dtype=np.float64),
             qpos=self._q,
-            qvel=np.zeros_like(self._q),
+            qvel=np.zeros(self._q.size),
             act=np.empty(0),
             entities=tuple(
                 Entity(

@@ -23,14 +23,14 @@ SABOTAGES = (
     Sabotage(
         name="velocity_not_checked",
         lie="The guard measures every joint as standing still.",
-        edits=(Edit(GUARD, "found[:, VELOCITY] = command.qd_rad_s", "found[:, VELOCITY] = 0.0"),),
+        edits=(Edit(GUARD, "found[VELOCITY] = command.qd_rad_s", "found[VELOCITY] = 0.0"),),
         tests=("tests/runtime/actions/test_guard.py::test_any_velocity_above_its_limit_is_refused",),
     ),
     Sabotage(
         name="nan_passes",
         lie="The guard asks whether a bound is exceeded, which a number that is none never does.",
         edits=(
-            Edit(GUARD, "if not (found <= self._bounds).all():", "if (found > self._bounds).any():"),
+            Edit(GUARD, "if not (found[:JERK] <= self._bounds).all():", "if (found[:JERK] > self._bounds).any():"),
             Edit(
                 GUARD,
                 "if not (jerk <= self._limits.jerk_sum_max).all():",
