@@ -27,8 +27,9 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
 from phyagentos.protocol.lifecycle import IllegalTransition, SessionState
 from phyagentos.protocol.markdown import publish
+from phyagentos.protocol.outlook import Outlook
 from phyagentos.protocol.schema import read_yaml
-from phyagentos.protocol.sessions import GoalId
+from phyagentos.protocol.sessions import GoalId, SessionId
 from phyagentos.protocol.store.admission import Entry, Fenced, GoalEvent, IllegalEvent
 from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.store.ledger import Ledger
@@ -39,7 +40,7 @@ from phyagentos.protocol.workspace import Workspace
 
 WAIT_S = 0.2  # longest time before a request to cancel is noticed
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
-PUBLISH_SHARE = 0.02  # of the time at most: with many goals TASK.md is long
+PUBLISH_SHARE = 0.01  # of the time at most: with many goals TASK.md is long
 SYNC_AFTER_S = 0.02  # without news; until then the runtime's next start, which waits for the disk, covers a verdict
 GATHER_S = 0.02  # so long may a verdict wait for others, while every target has more to do than that
 GATHER_FROM = 32  # sessions that wait for each target: at a millisecond a session there is no end within that time
@@ -95,6 +96,7 @@ class Mission:
         self._publishes_task = publishes_task
         self._is_runtime_alive = is_runtime_alive
         self._cancelled = threading.Event()
+        self._outlook, self._foreseen = Outlook(workspace.cache), SessionId("")
         self._next_publish_s = 0.0
         self._published_seq = -1
         self._is_durable = True  # what was recorded last, as far as this process knows
@@ -184,12 +186,12 @@ class Mission:
     def _pursue(self, run: GoalRun) -> MissionReport:
         begin_s = self._clock.now_s()
         with Watch([self._journal.folder], clock=self._clock) as watch:
-            while not self._is_over(run):
-                watch.drain()  # first: what comes after the look wakes the wait
-                self._read(run)
+            while self._look(run):
                 if self._commit(run, lambda: self._decide(run)):
+                    watch.drain()  # before the look: what comes after it wakes the wait
                     continue
                 self._publish()
+                self._expect(run)
                 if not self._wait(watch) and not self._is_runtime_alive():
                     self._give_up(run)
                 if run.agenda.count_waiting() >= GATHER_FROM:
@@ -197,6 +199,19 @@ class Mission:
         self._journal.sync()
         self._publish(at_once=True)
         return build_report(run.status, self.ledger, self._clock.now_s() - begin_s)
+
+    def _look(self, run: GoalRun) -> bool:
+        """Take in what is new; whether the goal is still to be pursued."""
+        self._read(run)
+        return not self._is_over(run)
+
+    def _expect(self, run: GoalRun) -> None:
+        """While only one session lives, let the runtime know what will probably come after it."""
+        live = tuple(run.agenda.iter_live())
+        if len(live) == 1 and live[0] != self._foreseen:
+            self._foreseen = live[0]
+            if (session := run.expect(live[0])) is not None:
+                self._outlook.expect(session)
 
     def _wait(self, watch: Watch) -> bool:
         """Until something changes; whether anything did. Who has time for that waits for the disk, too."""
@@ -263,7 +278,6 @@ class Mission:
                     raise
                 continue
             self._is_durable = False
-            self._read(run)
             return len(entries)
         raise refused
 

@@ -18,7 +18,6 @@ from phyagentos.agent.diagnosis import diagnose_after_looking
 from phyagentos.agent.goal_facts import GoalFacts, is_foreseen
 from phyagentos.agent.goal_graph import GoalGraph
 from phyagentos.agent.goal_judgement import Evidence, judge_goal
-from phyagentos.agent.goal_spec import Budget
 from phyagentos.agent.recovery import Recovery, is_look, join, join_evidence
 from phyagentos.agent.repair.looking import LOOKS_MAX
 from phyagentos.agent.repair.policies import GraphRepair, RepairPolicy
@@ -27,7 +26,7 @@ from phyagentos.agent.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.evidence import Bundle
 from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, GoalId, Session, SessionStatus
+from phyagentos.protocol.sessions import Ended, GoalId, Session, SessionId, SessionStatus
 from phyagentos.protocol.store.admission import Entry, GoalEvent
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.records import Record
@@ -54,6 +53,7 @@ class GoalRun:
         advisor: Asked before a session is submitted.
         foresight: Asked when look-ahead has refused one.
         policy: Chooses what follows when a session did not meet its objective.
+        facts: What the records tell.
     """
 
     compiler: SessionCompiler
@@ -64,6 +64,10 @@ class GoalRun:
     advisor: Advisor = field(default_factory=NoAdvice)
     foresight: Foresight = field(default_factory=NoForesight)
     policy: RepairPolicy = field(default_factory=GraphRepair)
+    facts: GoalFacts = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "facts", GoalFacts(graph=self.graph, goal=self.goal, ledger=self.ledger))
 
     @property
     def graph(self) -> GoalGraph:
@@ -74,11 +78,6 @@ class GoalRun:
     def goal(self) -> GoalId:
         """Its id."""
         return self.compiler.goal
-
-    @property
-    def facts(self) -> GoalFacts:
-        """What the records tell."""
-        return GoalFacts(graph=self.graph, goal=self.goal, ledger=self.ledger)
 
     @property
     def recovery(self) -> Recovery:
@@ -133,6 +132,19 @@ class GoalRun:
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""
         return (self.ledger.sessions[id] for id in self.agenda.iter_live())
+
+    def expect(self, id: SessionId) -> Session | None:
+        """What will probably be submitted once this session has succeeded; None when that cannot be told yet.
+
+        Memory is asked only when it is submitted: what it then changes was not expected.
+        """
+        contract = self.ledger.sessions[id].contract
+        for name in self._find_freed_by(contract.node, {contract.node: {}}) if not contract.purpose else ():
+            needs = {edge.node for edge in self.graph.nodes[name].data}
+            if contract.node not in needs and not self.facts.get_ids(name):
+                session = self._compile_plain(name, {}, None)
+                return session if isinstance(session, Session) else None
+        return None
 
     # -- sessions ------------------------------------------------------------------------------------------------------
 
@@ -266,8 +278,7 @@ class GoalRun:
 
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
         """The same records, without the sessions that the goal's budget does not pay for: these block their nodes."""
-        budget = self.graph.spec.budget
-        if budget == Budget() or not any(entry.ev == "submit" for entry in entries):
+        if self.graph.spec.budget.is_endless or not any(entry.ev == "submit" for entry in entries):
             return entries
         left = self.facts.compute_left()
         kept: list[Entry] = []
@@ -317,6 +328,13 @@ class GoalRun:
 
     def _compile(self, name: str, fresh: Mapping[str, Mapping[str, Any]], revision: Revision | None) -> Session | str:
         """The next session of a node, or why it cannot be compiled."""
+        session = self._compile_plain(name, fresh, revision)
+        if isinstance(session, Session):
+            session = apply_advice(session, self.advisor.advise(session, self.evidence.now))
+        return session
+
+    def _compile_plain(self, name: str, fresh: Mapping[str, Any], revision: Revision | None) -> Session | str:
+        """As `_compile`, without what memory advises."""
         sources = {edge.node for edge in self.graph.nodes[name].data}
         outputs = {
             source: fresh[source] if source in fresh else self.facts.find_outputs(source)
@@ -325,10 +343,9 @@ class GoalRun:
         }
         attempt = len(self.facts.get_ids(name))
         try:
-            session = self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
+            return self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
         except DefinitionError as error:
             return str(error)
-        return apply_advice(session, self.advisor.advise(session, self.evidence.now))
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""

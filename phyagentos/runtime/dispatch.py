@@ -17,6 +17,7 @@ class Check(msgspec.Struct, frozen=True, tag=True):
         restore: File with the state vector to start from (a rerun), empty for an ordinary session.
         thorough: Try out the motions of every session, paths too (`paos preflight`).
         may_reset: Whether the episode that stands there may end for it (`ResetPolicy`).
+        is_expected: It is not submitted yet: the end of the session that runs is told first.
     """
 
     session: Session
@@ -24,6 +25,7 @@ class Check(msgspec.Struct, frozen=True, tag=True):
     restore: str = ""
     thorough: bool = False
     may_reset: bool = True
+    is_expected: bool = False
 
 
 class Run(msgspec.Struct, frozen=True, tag=True):

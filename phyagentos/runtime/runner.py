@@ -10,32 +10,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
-import numpy as np
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol import evidence as files
-from phyagentos.protocol.environment import TargetState
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.sessions import Ended, Execution, Session
+from phyagentos.protocol.settings import compute_file_hash
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.blanks import Blanks
-from phyagentos.runtime.execution.commands import CommandBuffer
-from phyagentos.runtime.execution.context import Situation, SkillContext
+from phyagentos.runtime.drafts import Drafts
+from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.registry import LeafRegistry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
-from phyagentos.runtime.execution.thinking import Thinker
-from phyagentos.runtime.execution.tree_loader import build_tree
-from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.execution.undecided import find_undecided
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.perception.port import Perception
-from phyagentos.runtime.perception.senses import SessionSenses
 from phyagentos.runtime.policies.policies import Policies
 from phyagentos.runtime.recorder import Contract, Recorder, Stationery
 from phyagentos.runtime.targets.wire import FaultStruck, Step
@@ -107,7 +102,7 @@ class SessionRunner:
         limits: Of the target, from safety.yaml.
         workspace: Root of the run; evidence folders are relative to it.
         clock: Bounds thinking.
-        settings: Settings files to hash into each bundle.
+        settings: Settings files in force; their hashes, as they are now, go into each bundle.
         pictures: Whether to take pictures before and after.
         blanks: Evidence folders that were made ahead.
         policies: Opens skills that a policy server carries out.
@@ -134,19 +129,29 @@ class SessionRunner:
     ) -> None:
         self._handle = handle
         self._sample_every = max(1, round(1.0 / (sampling_hz * profile.control_period_s)))
-        self._planner = planner
         self._perception = perception
-        self._registry = registry
-        self._library = library
         self._profile = profile
-        self._limits = limits
         self._workspace = workspace
         self._clock = clock
-        self._settings = settings
+        self._settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
         self._pictures = pictures
-        self._stationery, self._blanks, self._policies = Stationery(), blanks, policies
+        self._stationery, self._blanks = Stationery(), blanks
+        self._drafts = Drafts(
+            handle=handle,
+            planner=planner,
+            perception=perception,
+            registry=registry,
+            library=library,
+            profile=profile,
+            limits=limits,
+            policies=policies,
+        )
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
         self._opened: _Opened | None = None
+
+    def draft(self, session: Session, plan: Mapping[str, Any]) -> None:
+        """Make ready what needs neither authority nor the world, for a session that may start soon."""
+        self._drafts.keep(session, plan)
 
     def prepare(
         self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
@@ -154,7 +159,9 @@ class SessionRunner:
         """All of `run` that comes before the first command, which goes on from there; arguments as there."""
         began_s = self._clock.now_s()
         recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
-        recorder.write_contract(Contract(session=session, epoch=epoch, plan=plan, settings=self._settings))
+        recorder.write_contract(
+            Contract(session=session, epoch=epoch, plan=plan, settings_sha256=self._settings_sha256)
+        )
         run: _Run | DefinitionError | ExecutionError
         try:
             run = self._open(session, epoch, plan, recorder, cancel, beat)
@@ -233,24 +240,7 @@ class SessionRunner:
         self._provide_model(session, recorder)
         recorder.write_initial(observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
-        description = handle.describe()
-        context = SkillContext(
-            session=session,
-            profile=self._profile,
-            planner=Thinker(self._planner),
-            commands=CommandBuffer(
-                q_rad=np.clip(observation.target.q_rad, description.q_min_rad, description.q_max_rad),
-                gripper_width_m=_find_width(
-                    initial.targets.get(session.target, observation.target), self._profile.gripper.max_width_m
-                ),
-                acceleration_rad_s2=np.asarray(self._profile.arm.acceleration_rad_s2, dtype=np.float64),
-                n_steps=description.steps_per_command,
-                step_s=description.physics_step_s,
-            ),
-            situation=Situation(handle.step, initial, SessionSenses(handle, self._perception, session.scene)),
-            tracking_error_max_rad=float(np.asarray(self._limits.tracking_error_max.value)),
-        )
-        skill = self._make_skill(session, plan, context)
+        context, skill = self._drafts.open(session, plan, initial)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
         pulse = _Pulse(session=session, epoch=epoch, beat=beat)
         loop = SessionLoop(
@@ -263,13 +253,6 @@ class SessionRunner:
             observers=(recorder, pulse),
         )
         return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, pulse=pulse)
-
-    def _make_skill(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
-        """Who decides: a policy server where the plan names one, otherwise a behaviour tree."""
-        if plan.get("policy_adapter") and self._policies is not None:
-            return self._policies.open(session, context)
-        tree = build_tree(str(plan["tree"]), session.parameters, context, self._library, self._registry)
-        return TreeSkillRuntime(tree, context)
 
     def _halt(self, run: _Run) -> Outcome | None:
         """Bring skill and target to rest; an outcome only when the target is lost."""
@@ -348,11 +331,6 @@ class SessionRunner:
         cameras = self._handle.describe().cameras
         if self._pictures and cameras and self._handle.permits("render"):
             recorder.write_picture(name, self._handle.render(cameras[0]).png)
-
-
-def _find_width(state: TargetState, max_width_m: float) -> float:
-    """The gripper's set-point at the start: what it stands at, or closed while it holds something and must squeeze."""
-    return 0.0 if state.holding else min(max(state.gripper_width_m, 0.0), max_width_m)
 
 
 def _report(

@@ -18,6 +18,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.lifecycle import FINAL_STATES, IllegalTransition, SessionState
+from phyagentos.protocol.outlook import Outlook
 from phyagentos.protocol.sessions import Ended, Session, SessionId
 from phyagentos.protocol.store.journal import Entry, Fenced, Journal, Record
 from phyagentos.protocol.store.watch import Watch
@@ -81,9 +82,8 @@ class Watchdog:
         self._register = Register(journal, ledger, self._queues.put, on_record)
         self.ledger, self.follow = ledger, self._register.follow
         self._requests = Requests(workspace, self._register, clock)
-        self._hire = hire
-        self._clock = clock
-        self._publish = publish
+        self._hire, self._clock, self._publish = hire, clock, publish
+        self._outlook = Outlook(workspace.cache)
         self._leases, self._rest_s = Leases(clock, lease_s), rest_s
         self._posts: dict[str, Post] = {}
         self._is_stopping = False
@@ -172,7 +172,7 @@ class Watchdog:
         post.session, post.epoch = session, self._register.ledger.sessions[session.id].epoch + 1
         self._begin(post, Phase.CHECKING)
         ahead, post.ahead = post.ahead, None
-        if ahead is None or not ahead.fits(session, post.epoch):
+        if ahead is None or not ahead.fits(session, post.epoch, self._clock.now_s()):
             post.unwanted += ahead is not None and ahead.answer is None
             may_reset = compute_may_reset(session, self._register.ledger)
             post.worker.send(Check(session=session, epoch=post.epoch, may_reset=may_reset))
@@ -232,7 +232,7 @@ class Watchdog:
             return
         if session is None or post.phase is not Phase.CHECKING or answer.session != session.id:
             if post.ahead is not None:
-                post.ahead.take_in(answer)
+                post.ahead.take_in(answer, self._clock.now_s())
             return
         status, id, epoch = self._register.ledger.sessions.get(session.id), session.id, post.epoch
         state = self._register.get_state(id)
@@ -268,14 +268,14 @@ class Watchdog:
         self._register.sync()  # nothing moves on what a power cut could take back
         until_s = self._leases.grant(post)
         post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
-        check_ahead(post, self._queues, self._register.ledger)
+        check_ahead(post, self._queues, self._register.ledger, self._outlook)
 
     def _on_finished(self, post: Post, answer: Finished) -> None:
         session = post.session
         if session is None:
             return
         if post.ahead is not None and answer.ahead is not None:
-            post.ahead.take_in(answer.ahead)
+            post.ahead.take_in(answer.ahead, self._clock.now_s())
         if answer.is_target_lost:
             post.worker.kill(with_world=True)  # before it is recorded: what it was asked last must not happen later
             post.lost_targets += 1
@@ -283,7 +283,8 @@ class Watchdog:
                 self._lose(post, answer.execution.message, Ended.TARGET_LOST)
                 return
         post.lost_targets = 0
-        post.note_end(session, answer.execution, self._clock.now_s())
+        now_s = self._clock.now_s()
+        post.note_end(session, answer.execution, now_s)
         execution = msgspec.to_builtins(answer.execution)
         state = self._register.get_state(session.id)
         if state is SessionState.CANCELLING:
@@ -293,7 +294,7 @@ class Watchdog:
         elif state not in FINAL_STATES:
             finish = Entry(session.id, "finish", {"execution": execution}, post.epoch)
             may_go_on = not (answer.is_target_lost or self._is_stopping or self._requests.is_stopped())
-            following = find_following(post, self._queues, self._register) if may_go_on else None
+            following = find_following(post, self._queues, self._register, now_s) if may_go_on else None
             if following is not None:
                 self._launch(post, *following, finish)
                 self._queues.release(post.target)

@@ -7,6 +7,7 @@ that is slow to start (planner, target, leaves) is started once and kept warm.
 import contextlib
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,9 @@ from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import BEFORE
 from phyagentos.protocol.evidence_manifest import Sealer
 from phyagentos.protocol.markdown import publish
-from phyagentos.protocol.sessions import Ended, Execution, Scene
+from phyagentos.protocol.sessions import Ended, Execution, Scene, Session
 from phyagentos.protocol.views.environment import render_environment
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.adapter_plan import AdapterPlan
 from phyagentos.runtime.blanks import Blanks
 from phyagentos.runtime.dispatch import (
     Check,
@@ -49,9 +49,23 @@ from phyagentos.runtime.perception.port import Perception
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.runner import SessionRunner
 
+PAUSE_S = 0.0006  # so long an order is waited for before anything else: others may need the processor to give it
 REST_S = 0.05  # nobody asked for so long: time for what nobody waits for
 OBSERVERS = 20  # so many may be lost while they look at what one session left
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
+
+
+@dataclass(frozen=True, slots=True)
+class _Checked:
+    """A session that passed its check, and the plan that it was granted, as plain data."""
+
+    session: Session
+    epoch: int
+    plan: dict[str, Any]
+
+    def is_of(self, order: Prepare | Run) -> bool:
+        """Whether the order is about this session, under the epoch that was checked."""
+        return (self.session.id, self.epoch) == (order.session.id, order.epoch)
 
 
 class WorkerLoop:
@@ -98,8 +112,7 @@ class WorkerLoop:
         self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
         self._published_at_s = -PUBLISH_PERIOD_S
         self._episode = ""
-        self._plan: AdapterPlan | None = None
-        self._checked: tuple[str, int] = ("", 0)  # session and epoch that the plan is for
+        self._checked: _Checked | None = None  # what passed its check last, until it runs
         self._stop_reason: str | None = None
         self._is_paused = False
         self._lease_until_s = float("inf")
@@ -117,10 +130,12 @@ class WorkerLoop:
                 return
             if isinstance(order, Check):
                 send(self._control, self._check(order))
+                self._draft()
             elif isinstance(order, Prepare):
                 self._prepare(order)
             elif isinstance(order, Run):
                 send(self._control, self._finish(order))
+                self._draft()
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._publish_environment(PUBLISH_PERIOD_S)
@@ -132,7 +147,7 @@ class WorkerLoop:
         """The next order; raises EOFError when the watchdog is gone."""
         if self._waiting:
             return self._waiting.popleft()
-        if not self._control.poll():
+        if not self._control.poll(PAUSE_S):
             if self._blanks is not None:
                 self._blanks.fill(self._is_asked)
             if not self._control.poll(REST_S):
@@ -155,7 +170,7 @@ class WorkerLoop:
 
     def _check(self, order: Check) -> Checked:
         session = order.session
-        self._plan, self._stop_reason, self._is_paused = None, None, False
+        self._checked, self._stop_reason, self._is_paused = None, None, False
         is_new = session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
@@ -167,7 +182,8 @@ class WorkerLoop:
         if found.plan is not None and (against := self._look_ahead(order, found.plan.tree)):
             found = msgspec.structs.replace(found, plan=None, tools=None, problems=tuple(against))
             self._unsealed.append(f"evidence/{session.id}")
-        self._plan, self._checked = found.plan, (session.id, order.epoch)
+        if found.plan is not None:
+            self._checked = _Checked(session, order.epoch, msgspec.to_builtins(found.plan))
         if found.tools is not None:
             self._handle.permit(found.tools.expose)
         return Checked(
@@ -192,12 +208,17 @@ class WorkerLoop:
             self._obey(receive_order(self._control))
         return self._stop_reason is not None
 
+    def _draft(self) -> None:
+        """Make ready what will probably run next, while the watchdog records that it may."""
+        if self._checked is not None:
+            self._runner.draft(self._checked.session, self._checked.plan)
+
     def _prepare(self, order: Prepare) -> None:
-        if self._plan is not None and self._checked == (order.session.id, order.epoch):
+        if self._checked is not None and self._checked.is_of(order):
             self._runner.prepare(
                 order.session,
                 order.epoch,
-                msgspec.to_builtins(self._plan),
+                self._checked.plan,
                 evidence=order.evidence,
                 cancel=self._find_stop_reason,
                 beat=self._heartbeat.beat,
@@ -215,6 +236,8 @@ class WorkerLoop:
         following = self._waiting[0] if self._waiting else None
         if finished.is_target_lost or not isinstance(following, Check) or following.restore or following.thorough:
             return finished
+        if following.is_expected:  # whose turn is it depends on the verdict, which nobody shall wait for
+            return finished
         if following.session.scene != order.session.scene:  # it has to be loaded and tried out, which may take long
             return finished
         if following.session.lookahead is not None:  # that takes seconds
@@ -223,12 +246,13 @@ class WorkerLoop:
         return msgspec.structs.replace(finished, ahead=self._check(following))
 
     def _execute(self, order: Run) -> Execution:
-        if self._plan is None or self._checked != (order.session.id, order.epoch):
+        checked, self._checked = self._checked, None
+        if checked is None or not checked.is_of(order):
             return Execution(ended=Ended.SKILL_FAILED, evidence="", code="NOT_CHECKED", message="run without preflight")
         return self._runner.run(
             order.session,
             order.epoch,
-            msgspec.to_builtins(self._plan),
+            checked.plan,
             evidence=order.evidence,
             cancel=self._find_stop_reason,
             beat=self._heartbeat.beat,

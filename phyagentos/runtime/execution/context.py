@@ -6,16 +6,22 @@ wall; what they want done they say through `commands`, what they want planned th
 
 from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
 
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import Event
+from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.seeds import compute_seed
 from phyagentos.protocol.sessions import Session
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.execution.commands import CommandBuffer
 from phyagentos.runtime.execution.thinking import Thinker
-from phyagentos.runtime.targets.wire import Step
+from phyagentos.runtime.targets.wire import Description, Step
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.motion.process import Planner
 
 
 class Senses(Protocol):
@@ -42,17 +48,25 @@ class Situation:
     """The present: the latest step, and the world as believed or looked at on demand, at most once per step.
 
     Args:
-        step: The world when the session began.
-        initial: The snapshot taken then.
         senses: Where questions about the world go; time does not move.
+
+    Attributes:
+        step: The world after the latest command; there is none before `begin`.
+        initial: The snapshot taken when the session began; likewise.
     """
 
-    def __init__(self, step: Step, initial: Environment, senses: Senses) -> None:
-        self.step = step
-        self.initial = initial
+    step: Step
+    initial: Environment
+
+    def __init__(self, senses: Senses) -> None:
         self._senses = senses
-        self._environment: Environment | None = initial
-        self._is_looked_at = True
+        self._environment: Environment | None = None
+        self._is_looked_at = False
+
+    def begin(self, step: Step, initial: Environment) -> None:
+        """The session has authority, and was shown the world."""
+        self.step, self.initial = step, initial
+        self._environment, self._is_looked_at = initial, True
 
     def advance(self, step: Step) -> None:
         """A command was carried out: what was perceived before is past."""
@@ -86,7 +100,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SkillContext:
-    """Services of one session.
+    """Services of one session; before `begin` they can be handed out, and tell nothing.
 
     Attributes:
         session: The contract.
@@ -106,6 +120,16 @@ class SkillContext:
     tracking_error_max_rad: float
     events: list[Event] = field(default_factory=list)
     _uses: dict[str, int] = field(default_factory=dict)
+
+    def begin(self, step: Step, initial: Environment, description: Description) -> None:
+        """The session has authority, and was shown the world: its set-points begin where the target rests.
+
+        A gripper that holds something begins closed, since it has to squeeze on.
+        """
+        state = initial.targets.get(self.session.target, step.target)
+        width_m = 0.0 if state.holding else min(max(state.gripper_width_m, 0.0), self.profile.gripper.max_width_m)
+        self.commands.rest_at(np.clip(step.target.q_rad, description.q_min_rad, description.q_max_rad), width_m)
+        self.situation.begin(step, initial)
 
     @property
     def step(self) -> Step:
@@ -138,3 +162,36 @@ class SkillContext:
     def note(self, kind: str, code: str, **details: Any) -> None:
         """Leave an event in the evidence."""
         self.events.append(Event(time_s=self.time_s, kind=kind, code=code, details=details))
+
+
+def make_context(
+    session: Session,
+    *,
+    profile: TargetProfile,
+    limits: TargetLimits,
+    description: Description,
+    planner: "Planner",
+    senses: Senses,
+) -> SkillContext:
+    """The services of a session that has not begun.
+
+    Args:
+        session: The contract.
+        profile: The target, as its authors describe it.
+        limits: Of the target.
+        description: The target, as it describes itself.
+        planner: Of this session alone while it runs.
+        senses: Where questions about the world go.
+    """
+    return SkillContext(
+        session=session,
+        profile=profile,
+        planner=Thinker(planner),
+        commands=CommandBuffer(
+            acceleration_rad_s2=np.asarray(profile.arm.acceleration_rad_s2, dtype=np.float64),
+            n_steps=description.steps_per_command,
+            step_s=description.physics_step_s,
+        ),
+        situation=Situation(senses),
+        tracking_error_max_rad=float(np.asarray(limits.tracking_error_max.value)),
+    )

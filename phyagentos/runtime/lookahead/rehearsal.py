@@ -19,13 +19,11 @@ from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sessions import Scene, Session
 from phyagentos.protocol.targets import TargetProfile
-from phyagentos.runtime.execution.commands import CommandBuffer
-from phyagentos.runtime.execution.context import Situation, SkillContext
+from phyagentos.runtime.execution.context import make_context
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Outcome, SessionLoop
 from phyagentos.runtime.execution.registry import LeafRegistry
-from phyagentos.runtime.execution.thinking import Thinker
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.handle import TargetSessionHandle
@@ -191,7 +189,15 @@ class Rehearser:
         handle = stage.handle
         observation = handle.begin(session.id, stage.open_epoch())
         initial = stage.perceive(observation)
-        context = self._make_context(stage, session, observation, initial)
+        context = make_context(
+            session,
+            profile=self.profile,
+            limits=self.limits,
+            description=handle.describe(),
+            planner=self.planner,
+            senses=stage.senses,
+        )
+        context.begin(handle.step, initial, handle.describe())
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
         tape = self._get_tape()
         tape.rewind()
@@ -221,27 +227,6 @@ class Rehearser:
             controls=np.array(tape.rows),
             states=np.array(tape.states),
             stage=stage,
-        )
-
-    def _make_context(
-        self, stage: Stage, session: Session, observation: Observation, initial: Environment
-    ) -> SkillContext:
-        description = stage.handle.describe()
-        state, gripper = observation.target, self.profile.gripper
-        width_m = 0.0 if state.holding else float(np.clip(state.gripper_width_m, 0.0, gripper.max_width_m))
-        return SkillContext(
-            session=session,
-            profile=self.profile,
-            planner=Thinker(self.planner),
-            commands=CommandBuffer(
-                q_rad=np.clip(state.q_rad, description.q_min_rad, description.q_max_rad),
-                gripper_width_m=width_m,
-                acceleration_rad_s2=np.asarray(self.profile.arm.acceleration_rad_s2, dtype=np.float64),
-                n_steps=description.steps_per_command,
-                step_s=description.physics_step_s,
-            ),
-            situation=Situation(stage.handle.step, initial, stage.senses),
-            tracking_error_max_rad=float(np.asarray(self.limits.tracking_error_max.value)),
         )
 
     def _make_tape(self, _episode: str, _seed: int) -> Tape:
