@@ -164,12 +164,13 @@ def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[
         The model without the offending values, None when it cannot be built without them; and every problem.
     """
     problems: list[Problem] = []
-    data = copy.deepcopy(located.data)
+    data = located.data
     for _ in range(SALVAGE_ROUNDS):
         try:
             return validate(model, Located(data, located.source, located.marks), path), problems
         except DefinitionError as error:
             cause = error.__cause__
+            data = data if problems else copy.deepcopy(data)
             problems = problems or list(error.problems)
         if not isinstance(cause, pydantic.ValidationError):
             break
