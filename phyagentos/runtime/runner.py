@@ -21,16 +21,18 @@ from phyagentos.protocol.settings import compute_file_hash
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.blanks import Blanks
-from phyagentos.runtime.drafts import Drafts
-from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.context import SkillContext, open_context
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.registry import LeafRegistry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
+from phyagentos.runtime.execution.tree_loader import build_tree
+from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.execution.undecided import find_undecided
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.perception.senses import SessionSenses
 from phyagentos.runtime.policies.policies import Policies
 from phyagentos.runtime.recorder import Contract, Recorder, Stationery
 from phyagentos.runtime.targets.wire import FaultStruck, Step
@@ -129,29 +131,19 @@ class SessionRunner:
     ) -> None:
         self._handle = handle
         self._sample_every = max(1, round(1.0 / (sampling_hz * profile.control_period_s)))
+        self._planner = planner
         self._perception = perception
+        self._registry = registry
+        self._library = library
         self._profile = profile
+        self._limits = limits
         self._workspace = workspace
         self._clock = clock
         self._settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
         self._pictures = pictures
-        self._stationery, self._blanks = Stationery(), blanks
-        self._drafts = Drafts(
-            handle=handle,
-            planner=planner,
-            perception=perception,
-            registry=registry,
-            library=library,
-            profile=profile,
-            limits=limits,
-            policies=policies,
-        )
+        self._stationery, self._blanks, self._policies = Stationery(), blanks, policies
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
         self._opened: _Opened | None = None
-
-    def draft(self, session: Session, plan: Mapping[str, Any]) -> None:
-        """Make ready what needs neither authority nor the world, for a session that may start soon."""
-        self._drafts.keep(session, plan)
 
     def prepare(
         self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
@@ -240,7 +232,17 @@ class SessionRunner:
         self._provide_model(session, recorder)
         recorder.write_initial(observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
-        context, skill = self._drafts.open(session, plan, initial)
+        context = open_context(
+            session,
+            profile=self._profile,
+            limits=self._limits,
+            description=handle.describe(),
+            planner=self._planner,
+            step=handle.step,
+            initial=initial,
+            senses=SessionSenses(handle, self._perception, session.scene),
+        )
+        skill = self._make_skill(session, plan, context)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
         pulse = _Pulse(session=session, epoch=epoch, beat=beat)
         loop = SessionLoop(
@@ -253,6 +255,13 @@ class SessionRunner:
             observers=(recorder, pulse),
         )
         return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, pulse=pulse)
+
+    def _make_skill(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
+        """Who decides: a policy server where the plan names one, otherwise a behaviour tree."""
+        if plan.get("policy_adapter") and self._policies is not None:
+            return self._policies.open(session, context)
+        tree = build_tree(str(plan["tree"]), session.parameters, context, self._library, self._registry)
+        return TreeSkillRuntime(tree, context)
 
     def _halt(self, run: _Run) -> Outcome | None:
         """Bring skill and target to rest; an outcome only when the target is lost."""

@@ -49,7 +49,6 @@ from phyagentos.runtime.perception.port import Perception
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.runner import SessionRunner
 
-PAUSE_S = 0.0006  # so long an order is waited for before anything else: others may need the processor to give it
 REST_S = 0.05  # nobody asked for so long: time for what nobody waits for
 OBSERVERS = 20  # so many may be lost while they look at what one session left
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
@@ -130,12 +129,10 @@ class WorkerLoop:
                 return
             if isinstance(order, Check):
                 send(self._control, self._check(order))
-                self._draft()
             elif isinstance(order, Prepare):
                 self._prepare(order)
             elif isinstance(order, Run):
                 send(self._control, self._finish(order))
-                self._draft()
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._publish_environment(PUBLISH_PERIOD_S)
@@ -147,7 +144,7 @@ class WorkerLoop:
         """The next order; raises EOFError when the watchdog is gone."""
         if self._waiting:
             return self._waiting.popleft()
-        if not self._control.poll(PAUSE_S):
+        if not self._control.poll():
             if self._blanks is not None:
                 self._blanks.fill(self._is_asked)
             if not self._control.poll(REST_S):
@@ -207,11 +204,6 @@ class WorkerLoop:
         while self._is_asked():
             self._obey(receive_order(self._control))
         return self._stop_reason is not None
-
-    def _draft(self) -> None:
-        """Make ready what will probably run next, while the watchdog records that it may."""
-        if self._checked is not None:
-            self._runner.draft(self._checked.session, self._checked.plan)
 
     def _prepare(self, order: Prepare) -> None:
         if self._checked is not None and self._checked.is_of(order):

@@ -30,16 +30,12 @@ class Steps:
 
     def __init__(self) -> None:
         self.told: list[str] = []
-        self.drafted: list[tuple[str, int]] = []  # session, and how much had been told before
         self.time_s = None
         self.may_end = threading.Event()
 
     def examine(self, session, **_) -> Finding:
         self.told.append(f"check {session.id}")
         return Finding(plan=PLAN, tools=TOOLS)
-
-    def draft(self, session, plan) -> None:
-        self.drafted.append((session.id, len(self.told)))
 
     def prepare(self, session, epoch, plan, **_) -> None:
         self.told.append(f"prepare {session.id}")
@@ -176,22 +172,6 @@ def test_the_end_of_a_session_is_told_before_what_is_only_expected_is_checked(pl
     assert isinstance(second, Checked)
     place.ask(run("g.b"))
     assert place.hear().execution.ended is Ended.COMPLETED
-
-
-def test_what_passed_its_check_is_drafted_once_and_what_has_run_is_not_drafted_again(place):
-    place.steps.may_end.set()
-    place.ask(check("g.a"))
-    place.hear()
-    place.ask(run("g.a"), check("g.b"))
-    if place.hear().ahead is None:
-        place.hear()
-    place.ask(run("g.b"))
-    place.hear()
-    place.ask(check("g.c"))
-    place.hear()
-    place.close()
-
-    assert place.steps.drafted == [("g.a", 1), ("g.b", 4), ("g.c", 7)]
 
 
 def test_a_run_of_what_was_not_checked_last_moves_nothing(place):

@@ -16,32 +16,27 @@ BRAKE_FRACTION = 0.5  # of the acceleration limit; leaves room for the guard's f
 
 
 class CommandBuffer:
-    """Collects the channels of one tick; `rest_at` comes first.
+    """Collects the channels of one tick.
 
     Args:
+        q_rad: (n_joints,) where the arm rests.
+        gripper_width_m: Opening that the gripper rests at.
         acceleration_rad_s2: (n_joints,) limits, for braking.
         n_steps: Rows of one control period.
         step_s: Time between rows [s].
     """
 
-    def __init__(self, *, acceleration_rad_s2: Array, n_steps: int, step_s: float) -> None:
+    def __init__(
+        self, *, q_rad: Array, gripper_width_m: float, acceleration_rad_s2: Array, n_steps: int, step_s: float
+    ) -> None:
         self.n_steps = n_steps
         self.step_s = step_s
+        self._q = np.array(q_rad, dtype=np.float64)
+        self._qd = np.zeros_like(self._q)
+        self._width_m = float(gripper_width_m)
         self._acceleration = acceleration_rad_s2
-        self._q = self._qd = np.zeros_like(acceleration_rad_s2)
-        self._width_m = 0.0
         self._arm: tuple[Array, Array] | None = None
         self._gripper: Array | None = None
-
-    def rest_at(self, q_rad: Array, gripper_width_m: float) -> None:
-        """Begin where the target rests.
-
-        Args:
-            q_rad: (n_joints,) of the arm.
-            gripper_width_m: Opening of the gripper.
-        """
-        self._q, self._qd = np.array(q_rad, dtype=np.float64), np.zeros(len(q_rad))
-        self._width_m = float(gripper_width_m)
 
     @property
     def q_rad(self) -> Array:

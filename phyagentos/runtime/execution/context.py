@@ -48,25 +48,17 @@ class Situation:
     """The present: the latest step, and the world as believed or looked at on demand, at most once per step.
 
     Args:
+        step: The world when the session began.
+        initial: The snapshot taken then.
         senses: Where questions about the world go; time does not move.
-
-    Attributes:
-        step: The world after the latest command; there is none before `begin`.
-        initial: The snapshot taken when the session began; likewise.
     """
 
-    step: Step
-    initial: Environment
-
-    def __init__(self, senses: Senses) -> None:
+    def __init__(self, step: Step, initial: Environment, senses: Senses) -> None:
+        self.step = step
+        self.initial = initial
         self._senses = senses
-        self._environment: Environment | None = None
-        self._is_looked_at = False
-
-    def begin(self, step: Step, initial: Environment) -> None:
-        """The session has authority, and was shown the world."""
-        self.step, self.initial = step, initial
-        self._environment, self._is_looked_at = initial, True
+        self._environment: Environment | None = initial
+        self._is_looked_at = True
 
     def advance(self, step: Step) -> None:
         """A command was carried out: what was perceived before is past."""
@@ -100,7 +92,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SkillContext:
-    """Services of one session; before `begin` they can be handed out, and tell nothing.
+    """Services of one session.
 
     Attributes:
         session: The contract.
@@ -120,16 +112,6 @@ class SkillContext:
     tracking_error_max_rad: float
     events: list[Event] = field(default_factory=list)
     _uses: dict[str, int] = field(default_factory=dict)
-
-    def begin(self, step: Step, initial: Environment, description: Description) -> None:
-        """The session has authority, and was shown the world: its set-points begin where the target rests.
-
-        A gripper that holds something begins closed, since it has to squeeze on.
-        """
-        state = initial.targets.get(self.session.target, step.target)
-        width_m = 0.0 if state.holding else min(max(state.gripper_width_m, 0.0), self.profile.gripper.max_width_m)
-        self.commands.rest_at(np.clip(step.target.q_rad, description.q_min_rad, description.q_max_rad), width_m)
-        self.situation.begin(step, initial)
 
     @property
     def step(self) -> Step:
@@ -164,16 +146,20 @@ class SkillContext:
         self.events.append(Event(time_s=self.time_s, kind=kind, code=code, details=details))
 
 
-def make_context(
+def open_context(
     session: Session,
     *,
     profile: TargetProfile,
     limits: TargetLimits,
     description: Description,
     planner: "Planner",
+    step: Step,
+    initial: Environment,
     senses: Senses,
 ) -> SkillContext:
-    """The services of a session that has not begun.
+    """The services of a session that has authority; its set-points begin where the target rests.
+
+    A gripper that holds something begins closed, since it has to squeeze on.
 
     Args:
         session: The contract.
@@ -181,17 +167,23 @@ def make_context(
         limits: Of the target.
         description: The target, as it describes itself.
         planner: Of this session alone while it runs.
+        step: The world when the session began.
+        initial: The snapshot taken then.
         senses: Where questions about the world go.
     """
+    state = initial.targets.get(session.target, step.target)
+    width_m = 0.0 if state.holding else min(max(state.gripper_width_m, 0.0), profile.gripper.max_width_m)
     return SkillContext(
         session=session,
         profile=profile,
         planner=Thinker(planner),
         commands=CommandBuffer(
+            q_rad=np.clip(step.target.q_rad, description.q_min_rad, description.q_max_rad),
+            gripper_width_m=width_m,
             acceleration_rad_s2=np.asarray(profile.arm.acceleration_rad_s2, dtype=np.float64),
             n_steps=description.steps_per_command,
             step_s=description.physics_step_s,
         ),
-        situation=Situation(senses),
+        situation=Situation(step, initial, senses),
         tracking_error_max_rad=float(np.asarray(limits.tracking_error_max.value)),
     )

@@ -19,7 +19,7 @@ from phyagentos.protocol.safety import TargetLimits
 from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sessions import Scene, Session
 from phyagentos.protocol.targets import TargetProfile
-from phyagentos.runtime.execution.context import make_context
+from phyagentos.runtime.execution.context import open_context
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Outcome, SessionLoop
@@ -189,15 +189,16 @@ class Rehearser:
         handle = stage.handle
         observation = handle.begin(session.id, stage.open_epoch())
         initial = stage.perceive(observation)
-        context = make_context(
+        context = open_context(
             session,
             profile=self.profile,
             limits=self.limits,
             description=handle.describe(),
             planner=self.planner,
+            step=handle.step,
+            initial=initial,
             senses=stage.senses,
         )
-        context.begin(handle.step, initial, handle.describe())
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
         tape = self._get_tape()
         tape.rewind()

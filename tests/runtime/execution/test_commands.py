@@ -10,9 +10,9 @@ N = 10
 
 @pytest.fixture
 def buffer():
-    buffer = CommandBuffer(acceleration_rad_s2=np.array([10.0, 5.0]), n_steps=N, step_s=0.002)
-    buffer.rest_at(np.zeros(2), 0.08)
-    return buffer
+    return CommandBuffer(
+        q_rad=np.zeros(2), gripper_width_m=0.08, acceleration_rad_s2=np.array([10.0, 5.0]), n_steps=N, step_s=0.002
+    )
 
 
 def test_no_channel_means_no_command(buffer):
