@@ -15,14 +15,18 @@ from phyagentos.runtime.register import Register
 from phyagentos.runtime.resets import compute_may_reset
 
 
+def order_check(post: Post, session: Session, epoch: int, ledger: Ledger) -> None:
+    """Have a session that was submitted checked, under the epoch that its claim will have."""
+    post.worker.send(Check(session=session, epoch=epoch, may_reset=compute_may_reset(session, ledger)))
+
+
 def check_ahead(post: Post, queues: Queues, ledger: Ledger, outlook: Outlook) -> None:
     """Have the session checked whose turn probably comes next, as soon as the running one has ended."""
     session = queues.guess_next(post.target)
     expected = _find_expected(post, ledger, outlook) if session is None else None
     if session is not None and session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
         post.ahead = Ahead(session, ledger.sessions[session.id].epoch + 1)
-        may_reset = compute_may_reset(session, ledger)
-        post.worker.send(Check(session=session, epoch=post.ahead.epoch, may_reset=may_reset))
+        order_check(post, session, post.ahead.epoch, ledger)
     elif expected is not None:
         post.ahead = Ahead(expected, 1)
         post.worker.send(Check(session=expected, epoch=1, may_reset=False, is_expected=True))

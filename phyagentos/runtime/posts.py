@@ -78,7 +78,7 @@ class Post:
         renew_at_s: When the lease of its session is due to be renewed, by the watchdog's clock [s].
         lost_targets: Orders in a row during which the target was lost.
         stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
-        ahead: The check that was asked for beside the running session.
+        ahead: The check that was asked for beside the running session, as long as its answer was not acted on.
         unwanted: Answers to such checks that are still to come, and that nobody wants any more.
         unsure: The session whose verdict the target waits for (its last look left something undecided, or it was
             interrupted), and when it ended, by the watchdog's clock.

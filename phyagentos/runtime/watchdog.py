@@ -23,8 +23,8 @@ from phyagentos.protocol.sessions import Ended, Session, SessionId
 from phyagentos.protocol.store.journal import Entry, Fenced, Journal, Record
 from phyagentos.protocol.store.watch import Watch
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.dispatch import Check, Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
-from phyagentos.runtime.following import check_ahead, find_following
+from phyagentos.runtime.dispatch import Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
+from phyagentos.runtime.following import check_ahead, find_following, order_check
 from phyagentos.runtime.leases import LEASE_S, Leases
 from phyagentos.runtime.limits import Due, Measure, find_due
 from phyagentos.runtime.liveness import HeartbeatMonitor
@@ -32,7 +32,6 @@ from phyagentos.runtime.posts import FAILURES, REST_S, Lost, Phase, Post
 from phyagentos.runtime.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
 from phyagentos.runtime.register import Register, make_entry
 from phyagentos.runtime.requests import Requests
-from phyagentos.runtime.resets import compute_may_reset
 from phyagentos.runtime.wakeups import Wakeups
 from phyagentos.runtime.workers import Worker, explain_failure
 
@@ -75,8 +74,7 @@ class Watchdog:
         lease_s: float = LEASE_S,
         rest_s: float = REST_S,
     ) -> None:
-        self._workspace = workspace
-        self._folder = journal.folder
+        self._workspace, self._folder = workspace, journal.folder
         ledger = journal.open_ledger()
         self._queues = Queues(ledger, clock, ageing_per_s)
         self._register = Register(journal, ledger, self._queues.put, on_record)
@@ -86,8 +84,7 @@ class Watchdog:
         self._outlook = Outlook(workspace.cache)
         self._leases, self._rest_s = Leases(clock, lease_s), rest_s
         self._posts: dict[str, Post] = {}
-        self._is_stopping = False
-        self._is_stale = True
+        self._is_stopping, self._is_stale = False, True
         self._publish_at_s = self._signals_at_s = -float("inf")
 
     def run(self) -> None:
@@ -174,10 +171,11 @@ class Watchdog:
         ahead, post.ahead = post.ahead, None
         if ahead is None or not ahead.fits(session, post.epoch, self._clock.now_s()):
             post.unwanted += ahead is not None and ahead.answer is None
-            may_reset = compute_may_reset(session, self._register.ledger)
-            post.worker.send(Check(session=session, epoch=post.epoch, may_reset=may_reset))
+            order_check(post, session, post.epoch, self._register.ledger)
         elif ahead.answer is not None:
             self._hear(post, ahead.answer)
+        else:
+            post.ahead = ahead
 
     def _get_post(self, target: str) -> Post | None:
         if target not in self._posts:
@@ -236,7 +234,7 @@ class Watchdog:
             return
         status, id, epoch = self._register.ledger.sessions.get(session.id), session.id, post.epoch
         state = self._register.get_state(id)
-        is_target_lost = any(problem.code == TARGET_LOST for problem in answer.problems)
+        was_ahead, post.ahead = post.ahead is not None, None
         if status is None:
             self._free(post)
         elif state is SessionState.PENDING and status.epoch != epoch - 1:
@@ -246,8 +244,10 @@ class Watchdog:
             self._free(post)
         elif state not in _CHECKABLE or status.epoch > epoch:
             self._free(post)  # it was cancelled, or somebody else has it
-        elif is_target_lost and post.lost_targets < STARTS:
+        elif any(problem.code == TARGET_LOST for problem in answer.problems) and post.lost_targets < STARTS:
             self._put_back(post, session)
+        elif answer.plan is None and was_ahead:
+            order_check(post, session, epoch, self._register.ledger)  # it was asked too early to be refused for that
         elif answer.plan is None:
             reason = "; ".join(str(problem) for problem in answer.problems)
             refused = make_entry(id, "reject", epoch, reason=reason, problems=msgspec.to_builtins(answer.problems))
@@ -388,11 +388,9 @@ class Watchdog:
         self._replace(post)
 
     def _take_signals(self) -> None:
-        now_s = self._clock.now_s()
-        if now_s < self._signals_at_s:
-            return
-        self._signals_at_s = now_s + POLL_S
-        self._requests.take(self._posts.values())
+        if self._clock.now_s() >= self._signals_at_s:
+            self._signals_at_s = self._clock.now_s() + POLL_S
+            self._requests.take(self._posts.values())
 
     def _dismiss(self) -> None:
         for post in self._posts.values():

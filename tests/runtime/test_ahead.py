@@ -372,6 +372,34 @@ def test_an_expected_session_that_fails_its_check_is_not_refused_for_that(stand)
     stand.wait_for("g.b", "awaiting_verification")
 
 
+class LateWorker(ScriptedWorker):
+    """Answers a check that came too early only when it is told to, and then with a problem."""
+
+    def send(self, order) -> None:
+        if isinstance(order, Check) and order.is_expected:
+            self.orders.append(order)
+        else:
+            super().send(order)
+
+    def answer(self) -> None:
+        problem = Problem(code="X", address="g.b", found="too early")
+        send(self._theirs, Checked(session="g.b", plan=None, tools=None, problems=(problem,)))
+
+
+def test_nor_is_one_that_was_submitted_before_its_early_check_was_answered(stand):  # noqa: F811
+    expect(stand, make_session("g.b"))
+    stand.submit(make_session("g.a"))
+    stand.watch(worker := LateWorker())
+    stand.wait_for("g.a", "awaiting_verification")
+    stand.submit(make_session("g.b"))
+    stand.clock.sleep(0.2)  # until its turn has come
+
+    worker.answer()
+
+    stand.wait_for("g.b", "awaiting_verification")
+    assert tell(worker) == [("Check", "g.a"), ("Run", "g.a"), ("Check", "g.b"), ("Check", "g.b"), ("Run", "g.b")]
+
+
 @pytest.mark.parametrize(
     "changes",
     [
