@@ -98,14 +98,27 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
         declare_world_mode(workspace.runtime_contract, order.world_mode)
     if order.sense is not None:
         declare_sensing(workspace.perception, order.sense)
-    print_note(f"workspace {root}")
     started_s = clock.now_s()
+    with Interrupts().counted() as interrupts:
+        print_note(f"workspace {root}")  # from now on there is something to interrupt
+        fold = run_planes(order, graph, faults, workspace, interrupts, clock)
+    code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
+    report = build_report(fold, workspace=root, wall_s=clock.now_s() - started_s, exit_code=code)
+    if order.as_json:
+        print_result(render_json(report))
+    print_report(report, fold, Console(stderr=order.as_json, highlight=False))
+    return int(code)
+
+
+def run_planes(
+    order: Order, graph: Path, faults: Path | None, workspace: Workspace, interrupts: Interrupts, clock: Clock
+) -> RunFold:
+    """Both planes, from their start to their end; what stands in the journal then."""
     fold = RunFold(workspace.heartbeats)
-    journal = Journal(root, side=Side.OPERATOR, by="paos run", clock=clock)
+    journal = Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)
     fold.apply(journal.read_new())
     fold.forget_finished_goals()
-    title = f"{graph.stem}, seed {order.seed}"
-    with Interrupts().counted() as interrupts, RunConsole(title, quiet=order.quiet) as console:
+    with RunConsole(f"{graph.stem}, seed {order.seed}", quiet=order.quiet) as console:
         planes = start_planes(order, graph, faults, workspace)
         try:
             follow_run(fold, journal, workspace, planes, interrupts, console, clock)
@@ -117,12 +130,7 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
                     plane.stop(clock)
             fold.apply(journal.read_new())
             journal.close()
-    code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
-    report = build_report(fold, workspace=root, wall_s=clock.now_s() - started_s, exit_code=code)
-    if order.as_json:
-        print_result(render_json(report))
-    print_report(report, fold, Console(stderr=order.as_json, highlight=False))
-    return int(code)
+    return fold
 
 
 def lint_order(graph: Path, faults: Path | None, overrides: Mapping[str, str]) -> list[Problem]:

@@ -2,11 +2,14 @@
 
 import io
 import json
+import signal
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from phyagentos.cli import console as console_module
+from phyagentos.cli import mission_run
 from phyagentos.cli.console import RunConsole, build_progress_table
 from phyagentos.cli.mission_run import Interrupts, ask_for_end, choose_workspace
 from phyagentos.cli.outcome import ExitCode
@@ -155,8 +158,6 @@ def test_an_interrupt_after_the_verdict_changes_nothing(run):
 
 
 def test_interrupts_are_counted_and_the_handlers_given_back():
-    import signal
-
     before = signal.getsignal(signal.SIGINT)
     with Interrupts().counted() as interrupts:
         signal.raise_signal(signal.SIGINT)
@@ -171,3 +172,24 @@ def test_a_new_workspace_is_chosen_every_time(tmp_path, monkeypatch):
     assert first.as_posix() == "workspaces/tidy-7-1"
     first.mkdir(parents=True)
     assert choose_workspace("tidy", 7).as_posix() == "workspaces/tidy-7-2"
+
+
+def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monkeypatch):
+    counted = []
+
+    class Enough(Exception): ...
+
+    def insist(_text):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    def run_planes(_order, _graph, _faults, _workspace, interrupts, _clock):
+        counted.append(interrupts.count)
+        raise Enough
+
+    monkeypatch.setattr(mission_run, "print_note", insist)
+    monkeypatch.setattr(mission_run, "run_planes", run_planes)
+    with pytest.raises(Enough):
+        mission_run.run_mission(mission_run.Order(graph=Path("tidy_table"), workspace=tmp_path / "w"))
+
+    assert counted == [2]
