@@ -142,6 +142,7 @@ JOINT_MISSING            The target has a joint for which the source gives no va
 JOINT_UNKNOWN            The source names a joint that the target does not have.
 LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
+LIMIT_UNENFORCEABLE      The live target does not tell what a limit of safety.yaml would be held against.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
 NOT_CHECKED              A session was to run without a preflight.
 OBSERVATION_DTYPE        A policy takes another element type than the sensor gives.
@@ -174,6 +175,7 @@ START_OUTSIDE            The tool stands outside the workspace, or in a keep-out
 TARGET_MISMATCH          The live target is not what TARGETS.md says.
 TARGET_UNAVAILABLE       The target's worker cannot be started.
 TARGET_UNKNOWN           No worker serves a target of this name.
+TOO_HEAVY                What the session takes hold of may weigh more than the arm carries.
 TREE_INVALID             The skill's tree cannot be built.
 VERSION_MISMATCH         Skill, policy, target and this software are not of versions that go together.
 UNKNOWN_DETECTOR         perception.yaml names a detector that nobody has registered.

@@ -77,6 +77,7 @@ _REFUSALS = {
     "POLICY_": "policy",
     "OUT_OF_REACH": "planning",
     "TOO_WIDE": "planning",
+    "TOO_HEAVY": "planning",
     "NO_SPACE": "planning",
     "NO_FREE_SITE": "planning",
     "START_OUTSIDE": "safety",

@@ -29,7 +29,7 @@ class Arm(Authored):
         torque_nm: Largest torque of the servo [N m].
         stiffness_nm_rad: Position gain of the servo [N m/rad].
         damping_nms_rad: Velocity gain of the servo [N m s/rad].
-        payload_kg: Heaviest load [kg].
+        payload_kg: Heaviest load [kg]; an arm of which it is not told carries nothing.
     """
 
     joints: tuple[str, ...]
@@ -40,7 +40,7 @@ class Arm(Authored):
     torque_nm: tuple[float, ...]
     stiffness_nm_rad: tuple[float, ...]
     damping_nms_rad: tuple[float, ...]
-    payload_kg: float = 3.0
+    payload_kg: float = pydantic.Field(default=0.0, ge=0.0)
 
 
 class Gripper(Authored):

@@ -31,6 +31,7 @@ from phyagentos.runtime.targets import wire
 
 STEP_S = 0.002
 N_STEPS = 10
+TCP_M = (0.4, 0.0, 0.4)  # it stays there, whatever the joints do
 ROOT = find_shipped_root()
 
 
@@ -116,6 +117,12 @@ class PerfectTarget:
             actions=self.profile.actions,
             cameras=(),
             mode="lockstep",
+            kinematics=wire.Kinematics(
+                axes=((0.0, 0.0, 1.0),) * len(arm.joints), anchors_m=(TCP_M,) * len(arm.joints), tcp_m=TCP_M
+            ),
+            gripper_force_n=self.profile.gripper.force_n,
+            joints=arm.joints,
+            version=wire.WIRE_VERSION,
         )
 
     def _carry_out(self, command):
@@ -134,7 +141,7 @@ class PerfectTarget:
             q_rad=tuple(self.q.tolist()),
             qd_rad_s=tuple(self.qd.tolist()),
             gripper_width_m=self.width_m,
-            tcp=Pose((0.4, 0.0, 0.4)),
+            tcp=Pose(TCP_M),
             holding=held,
         )
 
@@ -299,7 +306,7 @@ class Bench:
             limits=limits,
             workspace=tmp_path,
             clock=clock,
-            policies=policies,
+            policies=policies(self.handle) if policies is not None else None,
             settings=settings,
         )
 

@@ -1,5 +1,8 @@
 """Preflight finds everything that is wrong before anything moves."""
 
+import math
+
+import msgspec
 import pytest
 
 from phyagentos.protocol.action_spaces import ActionSpace, GripperRange
@@ -15,7 +18,7 @@ from phyagentos.protocol.skill_runtimes import Needs, Parameter, SkillRuntime
 from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.findings import describe_problem
 from phyagentos.runtime.preflight.settings import Settings
-from phyagentos.runtime.targets.wire import Description
+from phyagentos.runtime.targets.wire import WIRE_VERSION, Description, Kinematics
 
 SKILL = SkillRuntime(
     skill="pick",
@@ -38,6 +41,8 @@ SETTINGS = Settings(
     contract=read_runtime_contract(ROOT / "protocol/runtime_contract.yaml"),
 )
 
+KINEMATICS = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4))
+
 
 def make_session(**changes) -> Session:
     facts = {
@@ -58,6 +63,7 @@ def describe(**changes) -> Description:
         "target": "panda", "n_joints": len(PROFILE.arm.joints), "steps_per_command": 10, "physics_step_s": 0.002,
         "q_min_rad": limits.joint_position_min.value, "q_max_rad": limits.joint_position_max.value,
         "observations": PROFILE.observations, "actions": PROFILE.actions, "cameras": (), "mode": "lockstep",
+        "kinematics": KINEMATICS, "gripper_force_n": 70.0, "joints": PROFILE.arm.joints, "version": WIRE_VERSION,
     }  # fmt: skip
     return Description(**{**facts, **changes})
 
@@ -133,6 +139,32 @@ def test_a_live_target_that_is_not_what_it_was_said_to_be_is_refused(changes):
 
     assert codes(problems) == ["TARGET_MISMATCH"]
     assert next(iter(changes)) in problems[0].address
+
+
+@pytest.mark.parametrize(
+    ("untold", "code", "text"),
+    [
+        ({"gripper_force_n": math.nan}, "GRIPPER_FORCE", "whose force the target does not tell"),
+        ({"kinematics": None}, "LIMIT_UNENFORCEABLE", "found nothing told; expected where each of 7 joints brings"),
+        ({"joints": ()}, "TARGET_MISMATCH", "target.joints: TARGET_MISMATCH: found (none)"),
+        ({"version": 0}, "VERSION_MISMATCH", "found version 0"),
+        ({"q_max_rad": (math.nan,) * 7}, "LIMIT_WIDER", "joint_position_max[0]"),
+    ],
+)
+def test_a_live_target_that_is_silent_about_itself_passes_no_check(untold, code, text):
+    problems = make_preflight().find_target_problems(make_session(), describe(**untold))
+
+    assert set(codes(problems)) == {code}
+    assert text in str(problems[0])
+
+
+@pytest.mark.parametrize("axes", [KINEMATICS.axes[:6], ()])
+def test_kinematics_of_another_number_of_joints_are_no_kinematics(axes):
+    told = msgspec.structs.replace(KINEMATICS, axes=axes)
+    problems = make_preflight().find_target_problems(make_session(), describe(kinematics=told))
+
+    assert codes(problems) == ["LIMIT_UNENFORCEABLE"]
+    assert f"found {len(axes)} axes, 7 anchors" in str(problems[0])
 
 
 def test_names_and_preconditions_are_judged_on_the_live_world():

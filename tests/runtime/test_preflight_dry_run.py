@@ -88,6 +88,13 @@ def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
     assert list(find_motions("nowhere", {}, Library.open())) == []
 
 
+@pytest.mark.parametrize("near", [[0.4, 0.1], ["left", 0.1, 0.0], 0.4])
+def test_a_place_near_what_is_no_point_is_not_tried(near):
+    arguments = {"object": "cube", "destination": "tray", "near": near}
+
+    assert list(find_motions("pick_and_place", arguments, Library.open())) == [Grasp("cube")]
+
+
 def test_what_a_fallback_may_never_reach_is_not_tried(tmp_path):
     tree = """
 tree: cautious
@@ -202,6 +209,13 @@ def test_no_posture_reaches_beyond_the_bound():
         reach, tool = compute_reach(kinematics), ToolPoint(kinematics)
         excess = [reach.compute_excess(tool.compute(q)) for q in rng.uniform(-np.pi, np.pi, (200, n))]
         assert max(excess) < 1e-9
+
+
+def test_an_arm_with_a_slide_has_no_such_bound():
+    anchors = ((0.0, 0.0, 0.0),)
+    slide = Kinematics(axes=((0.0, 0.0, 1.0),), anchors_m=anchors, tcp_m=(0.0, 0.0, 1.0), slides=(True,))
+
+    assert compute_reach(slide) is None
 
 
 def test_joints_that_only_turn_in_place_do_not_lengthen_the_reach():

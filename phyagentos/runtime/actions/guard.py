@@ -209,7 +209,8 @@ class SafetyGuard:
     def _check_gripper(self, width_m: Array) -> Violation | None:
         bounds = self._limits
         if not self._force_n <= bounds.force_max_n:  # also when it is NaN
-            return Violation(ViolationCode.GRIPPER_FORCE, "gripper", self._force_n, bounds.force_max_n, "N")
+            where = "gripper, whose force the target does not tell" if np.isnan(self._force_n) else "gripper"
+            return Violation(ViolationCode.GRIPPER_FORCE, where, self._force_n, bounds.force_max_n, "N")
         if all(-ROUNDING <= value <= bounds.width_max_m for value in width_m.tolist()):  # never true of NaN
             return None
         if not np.isfinite(width_m).all():
@@ -222,11 +223,12 @@ class SafetyGuard:
 
     def _check_place(self, q_rad: Array, now: Step) -> Violation | None:
         """The measured tool centre point, the commanded one, and what the commanded posture touches."""
-        points = [now.target.tcp.position_m]
-        if self._tool is not None:
-            x, y, z = self._tool.compute(q_rad)
-            points.append((x, y, z))
-        for row, point in zip((-1, self._limits.shape[0] - 1), points, strict=False):
+        if self._tool is None:
+            return Violation(
+                ViolationCode.WORKSPACE, "tool, whose kinematics the target does not tell", np.nan, np.nan, "m"
+            )
+        x, y, z = self._tool.compute(q_rad)
+        for row, point in ((-1, now.target.tcp.position_m), (self._limits.shape[0] - 1, (x, y, z))):
             for axis, value in enumerate(point):
                 low, high = self._limits.box[0][axis], self._limits.box[1][axis]
                 if not low <= value <= high:

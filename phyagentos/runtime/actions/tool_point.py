@@ -15,17 +15,23 @@ Array = NDArray[np.float64]
 class ToolPoint:
     """Forward kinematics of one point.
 
-    Rodrigues' formula about an axis w through a point a is C + cos(q) U + sin(q) W with constant matrices, so that one
-    posture costs three array operations and one matrix product a joint.
+    Rodrigues' formula about an axis w through a point a is C + cos(q) U + sin(q) W with constant matrices, and a slide
+    is C + q S, so that one posture costs a few array operations and one matrix product a joint.
+
+    Raises:
+        ValueError: When axes, anchors and slides are not equally many.
     """
 
     def __init__(self, kinematics: Kinematics) -> None:
         axes = np.asarray(kinematics.axes, dtype=np.float64)
         anchors = np.asarray(kinematics.anchors_m, dtype=np.float64)
-        n = len(axes)
-        self._constant = np.zeros((n, 4, 4))
-        self._cosine, self._sine = np.zeros((n, 4, 4)), np.zeros((n, 4, 4))
-        for index, (w, a) in enumerate(zip(axes, anchors, strict=True)):
+        slides = kinematics.slides or (False,) * len(axes)
+        self._constant, self._cosine, self._sine, self._slide = np.zeros((4, len(axes), 4, 4))
+        for index, (w, a, is_slide) in enumerate(zip(axes, anchors, slides, strict=True)):
+            if is_slide:
+                self._constant[index] = np.eye(4)
+                self._slide[index, :3, 3] = w
+                continue
             along = np.outer(w, w)
             parts = (along, np.eye(3) - along, np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]]))
             for matrix, part in zip((self._constant, self._cosine, self._sine), parts, strict=True):
@@ -38,9 +44,9 @@ class ToolPoint:
     def compute(self, q_rad: Array) -> list[float]:
         """[x, y, z] of the tool centre point in the world [m], of one posture (n_joints,)."""
         q = q_rad[:, None, None]
-        turns = self._constant + np.cos(q) * self._cosine + np.sin(q) * self._sine
+        moves = self._constant + np.cos(q) * self._cosine + np.sin(q) * self._sine + q * self._slide
         point = self._tcp
-        for turn in turns[::-1]:
-            point = turn @ point
+        for move in moves[::-1]:
+            point = move @ point
         found: list[float] = point[:3].tolist()
         return found

@@ -15,6 +15,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.environment import Entity, Environment, Shape
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.trees import Kind, Node, Reference, read_tree
 from phyagentos.runtime.adapter_plan import Trial
 from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose
@@ -53,6 +54,7 @@ STILL = frozenset(
     {"open_gripper", "close_gripper", "locate", "attach", "look", "verify_grasp", "wait"}
 )  # move no thing
 WITH_THE_THING = frozenset({"move_to", "move_linear"})  # between the two, only what is held moves
+_POINT = Parameter(type="point")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,7 @@ class DryRun:
         library: Where trees are.
         clock: Measures the cost.
         home_rad: Where the arm stands before a session.
-        reach: Bound on the tool; None for a target that is no arm.
+        reach: Bound on the tool; None where there is none.
         patience_s: Longest wait for one answer, by the wall clock; then it decides nothing.
     """
 
@@ -280,6 +282,8 @@ def _make_place(wired: Mapping[str, Any], object: Any) -> Place | None:
     destination, near = wired.get("destination"), wired.get("near")
     if not isinstance(destination, str) or not isinstance(object, str):
         return None
+    if near is not None and find_mismatch(_POINT, near):
+        return None  # told by the arguments
     point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
     return Place(object, destination, str(wired.get("relation") or "inside"), point)
 

@@ -14,6 +14,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.library import Library
+from phyagentos.protocol.scenes import read_scene
 from phyagentos.protocol.sessions import Session
 from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 from phyagentos.runtime.execution.registry import LeafRegistry
@@ -22,7 +23,8 @@ from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.port import Perception
 from phyagentos.runtime.preflight.compatibility import Preflight, locate
-from phyagentos.runtime.preflight.dry_run import ANSWER_S, SHARE, DryRun, make_trial_problem
+from phyagentos.runtime.preflight.dry_run import ANSWER_S, SHARE, DryRun, Grasp, find_motions, make_trial_problem
+from phyagentos.runtime.preflight.payload import iter_payload_problems
 from phyagentos.runtime.preflight.reach import compute_reach
 from phyagentos.runtime.targets.wire import Description
 
@@ -95,6 +97,7 @@ class Examiner:
                 loading_s = self._load(session, state, may_reset=may_reset)
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self.preflight.find_scene_problems(session, live)
+                problems += self._find_payload_problems(session)
                 found, trials = self._look(session, live, is_repeated=state is not None, thorough=thorough)
                 problems += found
         except DefinitionError as error:
@@ -144,18 +147,28 @@ class Examiner:
             return locate(session, error.problems)
         return []
 
+    def _find_payload_problems(self, session: Session) -> list[Problem]:
+        skill = self.preflight.skills.get(session.skill)
+        if skill is None or not skill.tree:
+            return []
+        motions = find_motions(skill.tree, session.parameters, self.library)
+        grasped = [motion.object for motion in motions if isinstance(motion, Grasp)]
+        if not grasped:
+            return []
+        spec = read_scene(self.library.get_scene(session.scene.name))
+        return locate(session, iter_payload_problems(grasped, skill, spec, self.preflight.profile))
+
     def _try_out(self, session: Session, now: Environment, live: Description, *, thorough: bool) -> tuple[Trial, ...]:
         skill = self.preflight.skills.get(session.skill)
         profile = self.preflight.profile
         if skill is None or not skill.tree or profile.kind == "debug":
             return ()
-        reach = compute_reach(live.kinematics) if live.kinematics is not None else None
         dry_run = DryRun(
             planner=self.planner,
             library=self.library,
             clock=self.clock,
             home_rad=profile.arm.home_rad,
-            reach=reach,
+            reach=compute_reach(live.kinematics),
             patience_s=min(ANSWER_S, SHARE * session.limits.preflight_s),
         )
         return dry_run.run(session, skill.tree, now, thorough=thorough)

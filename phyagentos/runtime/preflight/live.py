@@ -24,8 +24,8 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
         "steps_per_command": (live.steps_per_command, steps),
         "physics_step_s": (live.physics_step_s, profile.physics_step_s),
     }
-    if live.joints and live.n_joints == len(profile.arm.joints):
-        pairs["joints"] = (", ".join(live.joints), ", ".join(profile.arm.joints))
+    if live.n_joints == len(profile.arm.joints):
+        pairs["joints"] = (", ".join(live.joints) or "(none)", ", ".join(profile.arm.joints))
     for name, (found, expected) in pairs.items():
         if found != expected:
             fix = "TARGETS.md and the running target must be the same robot."

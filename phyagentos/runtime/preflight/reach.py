@@ -30,8 +30,10 @@ class Reach:
         return float(np.linalg.norm(np.asarray(point_m) - self.center_m)) - self.radius_m
 
 
-def compute_reach(kinematics: Kinematics) -> Reach:
-    """The smallest such ball about an anchor that no joint moves."""
+def compute_reach(kinematics: Kinematics | None) -> Reach | None:
+    """The smallest such ball about an anchor that no joint moves; None when a joint slides, or nothing is told."""
+    if kinematics is None or any(kinematics.slides):
+        return None
     axes, anchors = np.asarray(kinematics.axes), np.asarray(kinematics.anchors_m)
     first = 0
     while first + 1 < len(anchors) and all(

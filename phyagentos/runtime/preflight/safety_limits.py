@@ -1,10 +1,11 @@
-"""safety.yaml against the target: one number per joint, no wider than the target's own, room left to work.
+"""safety.yaml against the target: one number per joint, no wider than its own, enforceable, room left to work.
 
 Upstream: safety.yaml, the profile, the live target. Downstream: `compatibility`. The guard narrows the limits by what
 the target says of itself; a limit that is wider than the target's own is refused all the same, since whoever wrote it
 believed in a motion that the target cannot make.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -52,7 +53,7 @@ def iter_safety_problems(limits: TargetLimits, profile: TargetProfile) -> Iterat
 
 
 def iter_live_safety_problems(limits: TargetLimits, profile: TargetProfile, live: Description) -> Iterator[Problem]:
-    """What only the live target can tell: its joint ranges and the force of its gripper."""
+    """What only the live target can tell: its joint ranges, where they bring the tool, the force of its gripper."""
     n = live.n_joints
     low, high = limits.joint_position_min, limits.joint_position_max
     if _fits(low, n) and _fits(high, n):
@@ -60,16 +61,40 @@ def iter_live_safety_problems(limits: TargetLimits, profile: TargetProfile, live
         own_high = np.asarray(live.q_max_rad) + POSITION_TOLERANCE_RAD
         yield from _iter_wider(profile, "joint_position_min", -_spread(low, n), -own_low, "its end stops", sign=-1.0)
         yield from _iter_wider(profile, "joint_position_max", _spread(high, n), own_high, "its end stops")
+    yield from _iter_kinematics_problems(profile, live)
+    yield from _iter_force_problems(limits, profile, live.gripper_force_n)
+
+
+def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iterator[Problem]:
+    """Without kinematics the tool would be seen outside only once it is there."""
+    told, n = live.kinematics, len(profile.arm.joints)
+    if told is not None and {len(told.axes), len(told.anchors_m), len(told.slides or told.axes)} == {n}:
+        return
+    yield make_problem(
+        "LIMIT_UNENFORCEABLE",
+        "target.kinematics",
+        "nothing told" if told is None else f"{len(told.axes)} axes, {len(told.anchors_m)} anchors",
+        f"where each of {n} joints brings the tool",
+        triggered_by="safety.yaml: workspace_box, keep_out",
+        fix="Let the target tell in its description which way each joint turns or slides, and about which point.",
+    )
+
+
+def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: float) -> Iterator[Problem]:
     force_n = float(np.asarray(limits.gripper_force_max.value))
-    if not live.gripper_force_n <= force_n * (1.0 + RELATIVE_TOLERANCE):  # also when it is NaN
-        yield make_problem(
-            "GRIPPER_FORCE",
-            _place(profile, "gripper_force_max"),
-            f"{live.gripper_force_n:g} N, which the gripper can press with",
-            f"at most {force_n:g} N",
-            triggered_by="safety.yaml: gripper_force_max",
-            fix="Use a weaker gripper, or raise the limit with a source.",
-        )
+    if own_n <= force_n * (1.0 + RELATIVE_TOLERANCE):  # never true of NaN
+        return
+    is_told = not math.isnan(own_n)
+    yield make_problem(
+        "GRIPPER_FORCE",
+        _place(profile, "gripper_force_max"),
+        f"{own_n:g} N, which the gripper can press with"
+        if is_told
+        else "a gripper whose force the target does not tell",
+        f"at most {force_n:g} N",
+        triggered_by="safety.yaml: gripper_force_max",
+        fix="Use a weaker gripper, or raise the limit with a source." if is_told else "Let the target tell its force.",
+    )
 
 
 def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Environment) -> Iterator[Problem]:
@@ -200,7 +225,7 @@ def _iter_wider(
     profile: TargetProfile, name: str, values: Array, own: Array, whose: str, sign: float = 1.0
 ) -> Iterator[Problem]:
     for index, joint in enumerate(profile.arm.joints[: len(own)]):
-        if values[index] > own[index]:
+        if not values[index] <= own[index]:  # also when the target says NaN
             yield make_problem(
                 "LIMIT_WIDER",
                 f"{_place(profile, name)}[{index}]",

@@ -1,4 +1,4 @@
-"""The arm's hinges as the live model has them, for whoever must know where a commanded posture ends.
+"""The arm's joints as the live model has them, for whoever must know where a commanded posture ends.
 
 Upstream: the compiled model. Downstream: `wire.Description`.
 """
@@ -9,11 +9,14 @@ import numpy as np
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.targets.wire import Kinematics
 
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
 
 def read_kinematics(model: mujoco.MjModel, profile: TargetProfile) -> Kinematics | None:
-    """Axes and anchors at joint angles zero, in the world frame; None when a joint of the arm is no hinge."""
+    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides."""
     joints = [model.joint(name) for name in profile.arm.joints]
-    if any(int(joint.type[0]) != int(mujoco.mjtJoint.mjJNT_HINGE) for joint in joints):
+    kinds = [int(joint.type[0]) for joint in joints]
+    if not {_HINGE, _SLIDE}.issuperset(kinds):
         return None
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
@@ -25,6 +28,7 @@ def read_kinematics(model: mujoco.MjModel, profile: TargetProfile) -> Kinematics
         axes=_as_triples(data.xaxis[ids]),
         anchors_m=_as_triples(data.xanchor[ids]),
         tcp_m=_as_triples(data.site_xpos[model.site(profile.tcp).id][None])[0],
+        slides=tuple(kind == _SLIDE for kind in kinds) if _SLIDE in kinds else (),
     )
 
 

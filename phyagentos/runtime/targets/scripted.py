@@ -122,7 +122,15 @@ class ScriptedWorld:
             actions=profile.actions,
             cameras=(),
             mode="lockstep",
+            kinematics=wire.Kinematics(
+                axes=((0.0, 0.0, 1.0), *((0.0, 0.0, 0.0),) * (n - 1)),
+                anchors_m=(profile.mount_position_m,) * n,
+                tcp_m=profile.mount_position_m,
+                slides=(True,) * n,
+            ),
+            gripper_force_n=0.0,  # what it holds only rides along
             joints=profile.arm.joints,
+            version=wire.WIRE_VERSION,
         )
 
     def _load(self, request: wire.LoadScene) -> wire.Reply:

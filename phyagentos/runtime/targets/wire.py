@@ -4,6 +4,7 @@ A request is answered by exactly one reply. Arrays travel in C order with their 
 as float32.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 Colours = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Crop = tuple[int, int, int, int]  # left, top, width, height [pixels]
-WIRE_VERSION = 1  # grows when a message changes its meaning; preflight compares it
+WIRE_VERSION = 2  # grows when a message changes its meaning; preflight compares it
 
 
 class Describe(msgspec.Struct, frozen=True, tag=True):
@@ -158,28 +159,32 @@ class Refused(msgspec.Struct, frozen=True, tag=True):
 
 
 class Kinematics(msgspec.Struct, frozen=True):
-    """An arm of hinges as it stands at joint angles zero, in the world frame.
+    """A chain of hinges and slides as it stands at joint positions zero, in the world frame.
 
     Attributes:
-        axes: (n_joints, 3) unit vectors that the joints turn about.
+        axes: (n_joints, 3) unit vectors that the joints turn about or slide along; zero for a slide without effect.
         anchors_m: (n_joints, 3) a point on each axis.
         tcp_m: (3,) the tool centre point.
+        slides: (n_joints,) which joints slide; empty when all turn.
     """
 
     axes: tuple[tuple[float, float, float], ...]
     anchors_m: tuple[tuple[float, float, float], ...]
     tcp_m: tuple[float, float, float]
+    slides: tuple[bool, ...] = ()
 
 
 class Description(msgspec.Struct, frozen=True, tag=True):
     """What the target is, read from the live model rather than from its profile.
 
+    What a target leaves out has no default that would pass: preflight refuses it, and the guard every command.
+
     Attributes:
-        kinematics: None for a target that is no arm of hinges.
-        gripper_force_n: The most that a finger can press with.
-        joints: In the order in which they are commanded.
+        kinematics: Where the joints bring the tool centre point; None when not told.
+        gripper_force_n: The most that a finger can press with, 0 for one that cannot press; NaN when not told.
+        joints: In the order in which they are commanded; empty when not told.
         depth_cameras: Those that `Capture` can ask: the cameras of sensors.yaml that this scene or robot has.
-        version: Of this wire.
+        version: Of the wire that the target speaks; 0 when not told.
     """
 
     target: str
@@ -193,10 +198,10 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     cameras: tuple[str, ...]
     mode: str
     kinematics: Kinematics | None = None
-    gripper_force_n: float = 0.0
+    gripper_force_n: float = math.nan
     joints: tuple[str, ...] = ()
     depth_cameras: tuple[str, ...] = ()
-    version: int = WIRE_VERSION
+    version: int = 0
 
 
 class Loaded(msgspec.Struct, frozen=True, tag=True):

@@ -27,6 +27,7 @@ from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveL
 from phyagentos.runtime.targets.rendering import render_png
 from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, build_robot, count_steps
 from phyagentos.runtime.targets.wire import (
+    WIRE_VERSION,
     Ack,
     Begin,
     Capture,
@@ -202,6 +203,7 @@ class MujocoWorld:
             gripper_force_n=float(np.abs(model.actuator(GRIPPER_ACTUATOR).forcerange).max()),
             joints=profile.arm.joints,
             depth_cameras=self._rig.names if self._rig is not None else (),
+            version=WIRE_VERSION,
         )
 
     def _load(self, request: LoadScene) -> Reply:

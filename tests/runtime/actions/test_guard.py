@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from phyagentos.protocol.environment import Pose, TargetState
 from phyagentos.runtime.actions.guard import SafetyGuard
 from phyagentos.runtime.actions.violations import ViolationCode
-from phyagentos.runtime.targets.wire import Command, Description, Step
+from phyagentos.runtime.targets.wire import Command, Description, Kinematics, Step
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 VELOCITY = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
@@ -25,6 +25,8 @@ DESCRIPTION = Description(
     actions=(),
     cameras=(),
     mode="lockstep",
+    kinematics=Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4)),
+    gripper_force_n=70.0,
 )
 
 

@@ -1,5 +1,7 @@
 """What the guard does about a broken limit, and the limits beyond those of single joints."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,17 @@ from phyagentos.runtime.targets.wire import Command, Description, Halt, Kinemati
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
 N, DT = 10, 0.002
+STILL = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4))
 PLANAR = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.0, 0.0, 0.0),) * 7, tcp_m=(0.5, 0.0, 0.4))
+
+GANTRY = """
+<mujoco><worldbody><body pos="0.1 0.2 0.5" euler="0 0 20">
+  <joint name="rail" type="slide" axis="1 0 0" ref="0.3"/><geom size="0.1"/>
+  <body pos="0.2 0 0"><joint name="elbow" axis="0 1 0" pos="0 0 0.05" ref="10"/><geom size="0.1"/>
+    <body pos="0.3 0 0" euler="0 40 0"><joint name="plunge" type="slide" axis="0 0 1"/><geom size="0.1"/>
+      <site name="tip" pos="0 0 0.2"/>
+</body></body></body></worldbody></mujoco>
+"""
 
 
 def build_description(**changes):
@@ -32,6 +44,8 @@ def build_description(**changes):
         "actions": (),
         "cameras": (),
         "mode": "lockstep",
+        "kinematics": STILL,
+        "gripper_force_n": 70.0,
     }
     return Description(**{**facts, **changes})
 
@@ -130,6 +144,19 @@ def test_a_gripper_that_can_press_harder_than_allowed_is_not_used(make_guard):
     assert (violation.code, violation.found, violation.limit) == (ViolationCode.GRIPPER_FORCE, 140.0, 70.0)
 
 
+@pytest.mark.parametrize(
+    ("untold", "code"),
+    [
+        ({"gripper_force_n": math.nan}, ViolationCode.GRIPPER_FORCE),
+        ({"kinematics": None}, ViolationCode.WORKSPACE),
+    ],
+)
+def test_a_target_that_leaves_open_what_a_limit_is_held_against_is_not_commanded(make_guard, untold, code):
+    violation = make_guard(description=build_description(**untold)).check(build_command(), build_step())
+    assert violation.code is code
+    assert "the target does not tell" in str(violation)
+
+
 def test_the_commanded_tool_point_is_kept_in_the_workspace_before_the_arm_moves(make_guard):
     start = np.array([1.6, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])  # the planar double: the angle is the sum, the radius 0.5 m
     guard = make_guard(start, build_description(kinematics=PLANAR))
@@ -140,6 +167,19 @@ def test_the_commanded_tool_point_is_kept_in_the_workspace_before_the_arm_moves(
     assert (ruling.violation.code, ruling.violation.where) == (ViolationCode.WORKSPACE, "x")
     assert ruling.violation.found == pytest.approx(0.5 * np.cos(2.6))
     assert ruling.reaction == "stop_category_2"
+
+
+def test_the_tool_point_of_a_slide_is_kept_in_the_workspace_too(make_guard):
+    still = ((0.0, 0.0, 0.0),) * 6
+    slide = Kinematics(
+        axes=((1.0, 0.0, 0.0), *still), anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4), slides=(True,) * 7
+    )
+    assert ToolPoint(slide).compute(np.full(7, 0.25)) == pytest.approx([0.65, 0.0, 0.4])
+    start = np.array([1.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])
+    violation = make_guard(start, build_description(kinematics=slide)).check(
+        build_command(np.tile(start, (N, 1))), build_step()
+    )
+    assert (violation.code, violation.where, violation.found) == (ViolationCode.WORKSPACE, "x", pytest.approx(1.4))
 
 
 def test_the_tool_point_does_not_enter_a_keep_out_volume(make_guard):
@@ -204,6 +244,22 @@ def test_the_tool_point_agrees_with_the_simulator(profile, library):
         data.qpos[address] = q
         mujoco.mj_kinematics(model, data)
         assert tool.compute(q) == pytest.approx(data.site_xpos[model.site(profile.tcp).id], abs=1e-12)
+
+
+@pytest.mark.sim
+def test_a_chain_with_a_slide_tells_where_its_joints_bring_the_tool(profile):
+    import mujoco
+
+    from phyagentos.runtime.targets.kinematics import read_kinematics
+
+    model = mujoco.MjModel.from_xml_string(GANTRY)
+    arm = profile.arm.model_copy(update={"joints": ("rail", "elbow", "plunge")})
+    gantry = profile.model_copy(update={"arm": arm, "tcp": "tip"})
+    data, tool = mujoco.MjData(model), ToolPoint(read_kinematics(model, gantry))
+    for q in np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3)):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        assert tool.compute(q) == pytest.approx(data.site_xpos[model.site("tip").id], abs=1e-12)
 
 
 @pytest.mark.parametrize(("reaction", "category"), [("stop_category_1", 1), ("stop_category_2", 2), ("refuse", None)])

@@ -3,11 +3,17 @@
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.library import Library
+from phyagentos.protocol.library import Library, find_shipped_root
 from phyagentos.protocol.registries import read_target
+from phyagentos.protocol.runtime_contract import read_runtime_contract
+from phyagentos.protocol.safety import read_safety
+from phyagentos.runtime.actions.tool_point import ToolPoint
+from phyagentos.runtime.preflight.live import iter_handshake_problems
+from phyagentos.runtime.preflight.safety_limits import iter_live_safety_problems
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.scripted import ScriptedWorld
@@ -104,6 +110,29 @@ def test_the_receive_log_tells_what_arrived_and_every_write_of_state(world, tmp_
         ("Command", True),
         ("End", True),
     ]
+
+
+@pytest.mark.parametrize("joints", [1, 3])
+def test_it_tells_the_slide_that_it_is_so_that_the_guard_knows_where_a_command_ends(tmp_path, joints):
+    profile = read_target(LIBRARY.get_target("counter"))
+    arm = profile.arm.model_copy(update={"joints": tuple("abc"[:joints]), "home_rad": (0.0,) * joints})
+    moved = profile.model_copy(update={"arm": arm, "mount_position_m": (0.1, 0.2, 0.3)})
+    world = ScriptedWorld(moved, LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
+    tool = ToolPoint(world.handle(wire.Describe()).kinematics)
+    world.handle(wire.Begin(session="s", epoch=1))
+    q = np.array([[0.25, -4.0, 7.0][:joints]])
+    step = world.handle(msgspec.structs.replace(command(0.0), q_rad=q, qd_rad_s=np.zeros((1, joints))))
+
+    assert step.target.tcp.position_m == pytest.approx(tool.compute(q[0]))
+
+
+def test_it_leaves_nothing_open_that_preflight_asks_for(world):
+    live, profile = world.handle(wire.Describe()), read_target(LIBRARY.get_target("counter"))
+    contract = read_runtime_contract(find_shipped_root() / "protocol" / "runtime_contract.yaml")
+    limits = read_safety(LIBRARY.roots[0] / "protocol" / "safety.yaml").targets["counter"]
+
+    assert list(iter_handshake_problems(profile, contract, live)) == []
+    assert list(iter_live_safety_problems(limits, profile, live)) == []
 
 
 def test_it_answers_in_its_own_process_as_over_a_socket(world):

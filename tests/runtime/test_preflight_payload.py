@@ -1,0 +1,38 @@
+"""What a skill would lift is held against what the arm carries."""
+
+import pytest
+
+from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.registries import read_target
+from phyagentos.protocol.scenes import Body, Joint, SceneSpec, Solid
+from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.runtime.preflight.payload import iter_payload_problems
+
+PROFILE = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")
+SLIDE = Joint(kind="slide", axis=(1.0, 0.0, 0.0), travel=0.1)
+SKILL = SkillRuntime(skill="pick", description="d", tree="pick")
+
+
+def make_body(**facts) -> Body:
+    return Body(kind="thing", shapes=(Solid(kind="box", size_m=(0.1, 0.1, 0.1)),), **facts)
+
+
+@pytest.mark.parametrize(
+    ("bodies", "found"),
+    [
+        ({"handle": make_body(mass_kg=3.0)}, []),
+        ({"handle": make_body(mass_kg=3.1)}, ["up to 3.1 kg"]),
+        ({"handle": make_body(mass_kg=0.1, mass_span_kg=(0.1, 4.0))}, ["up to 4 kg"]),
+        ({"pot": make_body(mass_kg=3.0), "handle": make_body(mass_kg=0.5, part_of="pot")}, ["up to 3.5 kg"]),
+        ({"handle": make_body(mass_kg=2.0), "lid": make_body(mass_kg=2.0, part_of="handle")}, ["up to 4 kg"]),
+        ({"drawer": make_body(mass_kg=9.0, joint=SLIDE), "handle": make_body(part_of="drawer")}, []),
+        ({"handle": make_body(mass_kg=9.0, fixed=True)}, []),
+        ({"other": make_body(mass_kg=9.0)}, []),
+    ],
+)
+def test_what_may_weigh_more_than_the_arm_carries_is_refused(bodies, found):
+    spec = SceneSpec(scene="s", bodies=bodies, cameras={})
+    problems = list(iter_payload_problems(["handle"], SKILL, spec, PROFILE))
+
+    assert [problem.found for problem in problems] == found
+    assert {problem.code for problem in problems} <= {"TOO_HEAVY"}
