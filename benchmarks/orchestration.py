@@ -38,7 +38,7 @@ SHAPES = ("layered", "chain")
 STEP_M = 0.02  # by which one session moves the mark
 PEERS = {"prefect": 10.0, "dagster": 10.0, "luigi": 5.0, "dbos": 1.0, "langgraph": 1.0}  # how many times their rate
 COMPARED = {"langgraph": ("chain",)}  # elsewhere both shapes; its layered form waits for the disk once a layer
-SLOW = frozenset({"prefect", "dagster", "luigi"})  # run once; the others as often as we
+SLOW = frozenset({"prefect", "dagster"})  # run once; the others as often as we
 PEER_LIMIT_S = 900.0
 CONSTANT_SIZES = (100, 10_000)
 

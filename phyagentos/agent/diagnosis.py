@@ -15,7 +15,7 @@ from phyagentos.agent.judging_faults import find_judging_fault
 from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.environment import Environment, Status
 from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.predicates.predicate import find_entities, iter_entities, parse_predicate
+from phyagentos.protocol.predicates.predicate import find_entities, find_things
 from phyagentos.protocol.sessions import Ended
 from phyagentos.protocol.verdicts import Criterion, Support, Truth
 
@@ -25,8 +25,6 @@ GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
 FELL_M = 0.1  # nor is one that lies so much lower
 ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
 SURE = 0.7  # confidence of a pose from which it may be concluded that a thing cannot be had again
-STALE_S = 1.0  # older than this, a fact tells nothing about the end
-
 
 HOPELESS = frozenset(cause for cause in Cause if CODES[cause].retry is Retry.NEVER)
 """Causes that another attempt cannot mend."""
@@ -78,8 +76,11 @@ _OF_ADAPTERS = frozenset(
 
 
 _POLICY = "policy"  # the leaf of a policy skill
-_OF_CHUNKS = frozenset({"WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"})
-"""A chunk of another form than its policy declared, refused before any adapter has changed it."""
+_OF_POLICIES = {  # how a policy's loop ends whatever the world looks like afterwards
+    "OBSERVATION_UNAVAILABLE": Cause.SENSOR_STALE,
+    **dict.fromkeys(("WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"), Cause.POLICY_FAILED),
+}
+"""Its sensors did not show it the present; a chunk of another form than declared, refused before any adapter."""
 
 
 class Layer(StrEnum):
@@ -180,7 +181,7 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
     if world is None or name is None or diagnosis.cause not in _UNSEEN:
         return diagnosis
     others = [entity for entity in world.entities.values() if entity.movable and entity.name != name]
-    seen = [each for each in others if each.visible and world.time_s - each.observed_at_s <= STALE_S]
+    seen = [each for each in others if world.shows(each.name)]
     if not seen or 2 * len(seen) < len(others):
         return replace(diagnosis, cause=Cause.OBJECT_HIDDEN)
     fact = f"{name} was looked for and not seen, {len(seen)} of {len(others)} other things were"
@@ -219,8 +220,8 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], course: Course) -
         return Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}"
     if (disturbed := _find_disturbance(bundle, course)) is not None:
         return disturbed
-    if execution.leaf == _POLICY and execution.code in _OF_CHUNKS:
-        return Cause.POLICY_FAILED, _describe_end(bundle)
+    if execution.leaf == _POLICY and execution.code in _OF_POLICIES:
+        return _OF_POLICIES[execution.code], _describe_end(bundle)
     if execution.code in _OF_ADAPTERS:
         return Cause.ADAPTER_REFUSED, _describe_end(bundle)
     if execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
@@ -259,10 +260,10 @@ def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: Cour
     name, moved_m = course.name, course.moved_m
     if not any(criterion.truth is Truth.FALSE for criterion in criteria):
         unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
-        if bundle.after is not None and course.now is not None:
-            age_s = bundle.after.time_s - course.now.observed_at_s
-            if age_s > STALE_S and course.now.visible:
-                return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
+        after, now = bundle.after, course.now
+        if after is not None and now is not None and now.visible and not after.shows(now.name):
+            age_s = after.time_s - now.observed_at_s
+            return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
         cause = Cause.UNDECIDABLE if _is_all_seen(unknown, bundle) else Cause.EVIDENCE_MISSING
         return cause, f"{unknown.text} is unknown: {unknown.because}"
     if bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
@@ -311,16 +312,11 @@ def _has_anything_moved(before: Environment | None, after: Environment | None) -
 
 
 def _is_all_seen(criterion: Criterion, bundle: Bundle) -> bool:
-    """Whether every thing that a criterion names was seen at the end."""
-    if bundle.after is None or criterion.kind != "accept":
-        return False
+    """Whether every thing that a criterion speaks of was seen at the end."""
     after = bundle.after
-    names = [name for name in iter_entities(parse_predicate(criterion.text)) if name not in after.regions]
-    entities = [after.entities.get(name) for name in names]
-    return all(
-        each is not None and (not each.movable or (each.visible and after.time_s - each.observed_at_s <= STALE_S))
-        for each in entities
-    )
+    if after is None or criterion.kind != "accept":
+        return False
+    return all(after.shows(name) for name in find_things(criterion.text, after))
 
 
 def _is_still_violated(criterion: Criterion, bundle: Bundle) -> bool:

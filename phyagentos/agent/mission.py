@@ -25,7 +25,7 @@ from phyagentos.agent.repair.policies import GraphRepair, RepairPolicy
 from phyagentos.agent.verifier import SessionVerifier
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
-from phyagentos.protocol.lifecycle import IllegalTransition, SessionState
+from phyagentos.protocol.lifecycle import IllegalTransition, find_cancel
 from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.outlook import Outlook
 from phyagentos.protocol.schema import read_yaml
@@ -45,9 +45,6 @@ SYNC_AFTER_S = 0.02  # without news; until then the runtime's next start, which 
 GATHER_S = 0.02  # so long may a verdict wait for others, while every target has more to do than that
 GATHER_FROM = 32  # sessions that wait for each target: at a millisecond a session there is no end within that time
 TRIES = 20  # at a batch that another writer made out of date
-
-_CANCEL_AT_ONCE = {SessionState.PENDING, SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING}
-_CANCEL_BY_RUNTIME = {SessionState.CLAIMED, SessionState.PREFLIGHT, SessionState.RUNNING, SessionState.HALTING}
 
 
 class MissionObserver(Protocol):
@@ -231,13 +228,12 @@ class Mission:
         return bool(run.status.verdict) or (run.status.is_cancelled and not any(True for _ in run.iter_live()))
 
     def _cancel(self, run: GoalRun) -> list[Entry]:
-        entries: list[Entry] = []
         body = {"reason": "somebody asked for an end"}
-        for status in run.iter_live():
-            if status.state in _CANCEL_AT_ONCE:
-                entries.append(Entry(status.contract.id, "cancel", body))
-            elif status.state in _CANCEL_BY_RUNTIME:
-                entries.append(Entry(status.contract.id, "request_cancel", body))
+        entries = [
+            Entry(status.contract.id, trigger, body)
+            for status in run.iter_live()
+            if (trigger := find_cancel(status.state)) is not None
+        ]
         if not run.status.is_cancelled:
             entries.append(Entry(f"goal:{run.goal}", GoalEvent.GOAL_CANCELLED, body))
         return entries

@@ -24,7 +24,7 @@ from phyagentos.agent.repair.undone import find_lost_preconditions
 from phyagentos.agent.wants import find_wants
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import AFTER, Bundle
-from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.lifecycle import SessionState, find_cancel
 from phyagentos.protocol.sessions import Ended, Execution, Session, SessionStatus
 from phyagentos.protocol.store.admission import Entry, GoalEvent
 from phyagentos.protocol.tasks import NodeState
@@ -38,15 +38,6 @@ _REFUSALS = {  # of preflight: what a repair can answer
     "OUT_OF_REACH": Cause.IMPOSSIBLE,
     "NO_FREE_SITE": Cause.NO_PLAN,
     "TARGET_UNAVAILABLE": Cause.TARGET_LOST,
-}
-_CANCEL = {
-    SessionState.PENDING: "cancel",
-    SessionState.AWAITING_VERIFICATION: "cancel",
-    SessionState.VERIFYING: "cancel",
-    SessionState.CLAIMED: "request_cancel",
-    SessionState.PREFLIGHT: "request_cancel",
-    SessionState.RUNNING: "request_cancel",
-    SessionState.HALTING: "request_cancel",
 }
 
 
@@ -266,7 +257,7 @@ class Recovery:
                 entries += [
                     Entry(status.contract.id, trigger, {"reason": why})
                     for status in self.facts.get_sessions(name)
-                    if name != node and (trigger := _CANCEL.get(SessionState(status.state)))
+                    if name != node and (trigger := find_cancel(status.state)) is not None
                 ]
         return entries
 

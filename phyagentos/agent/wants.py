@@ -4,11 +4,10 @@ Upstream: the verifier, whose criteria are unknown and none is false. Downstream
 (`Attempt.wants`). Only acceptance can be seen afterwards: what had to hold all through is over.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-from phyagentos.agent.judges.predicates import FRESH_S
 from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.predicates.predicate import find_entities
+from phyagentos.protocol.predicates.predicate import find_things
 from phyagentos.protocol.verdicts import Criterion, Truth
 
 MOST = 8  # things; a child session looks at one, or at a few that stand together
@@ -29,20 +28,8 @@ def find_wants(criteria: Sequence[Criterion], after: Environment | None) -> tupl
 
 
 def _find_unseen(criterion: Criterion, after: Environment) -> list[str]:
-    named = list(find_entities(criterion.text))
-    if "*" in criterion.text:
-        named += [name for name, entity in after.entities.items() if entity.movable]
-    unseen = list(_iter_unseen(named, after))
+    things = find_things(criterion.text, after)
+    unseen = [name for name in things if not after.shows(name)]
     if unseen or after.sensing == "truth":
         return unseen
-    return [name for name in named if name in after.entities and after.entities[name].movable]  # seen, not sharply
-
-
-def _iter_unseen(names: Sequence[str], after: Environment) -> Iterator[str]:
-    for name in names:
-        entity = after.entities.get(name)
-        if entity is None:
-            if name not in after.regions:
-                yield name
-        elif entity.movable and (not entity.visible or after.time_s - entity.observed_at_s > FRESH_S):
-            yield name
+    return [name for name in things if name in after.entities and after.entities[name].movable]  # seen, not sharply

@@ -11,6 +11,8 @@ import msgspec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.document import DocumentFormat, read_document
 
+FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
+
 
 class ShapeKind(StrEnum):
     """Primitive solids; sizes are half extents in metres, as in MuJoCo."""
@@ -252,6 +254,15 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     sensors: dict[str, SensorHealth] = {}
     looked_at_s: float = 0.0
     changes: tuple[Change, ...] = ()
+
+    def shows(self, name: str) -> bool:
+        """Whether it tells where a thing or a region is: one that is fixed, or was seen `FRESH_S` ago at most."""
+        if name in self.regions:
+            return True
+        entity = self.entities.get(name)
+        if entity is None or not entity.movable:
+            return entity is not None
+        return entity.visible and self.time_s - entity.observed_at_s <= FRESH_S
 
 
 class Relation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

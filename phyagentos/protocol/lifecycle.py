@@ -181,6 +181,11 @@ def compute_next_state(session_id: str, state: str, trigger: str, side: str) -> 
     return dest
 
 
+def find_cancel(state: str) -> str | None:
+    """The trigger that asks for an end: at once, or once the target is at rest; None where neither is possible."""
+    return next((trigger for trigger in ("cancel", "request_cancel") if (state, trigger) in compile_table()), None)
+
+
 def render_mermaid() -> str:
     """The statechart as a Mermaid diagram; each arrow carries its trigger and who may fire it."""
     lines = ["stateDiagram-v2", f"    [*] --> {SessionState.PENDING}: submit (agent, operator)"]

@@ -180,7 +180,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         sim_time_s: Simulated time spent [s].
         interventions: Number of safety interventions.
         ticks: Control periods commanded.
-        undecided: Things that the acceptance names and the last look did not show; the target waits for the verdict.
+        undecided: What the acceptance speaks of and the last look did not show; the target waits for the verdict.
     """
 
     ended: Ended

@@ -2,13 +2,10 @@
 
 from collections.abc import Iterator
 
-from phyagentos.protocol.lifecycle import SessionState
+from phyagentos.protocol.lifecycle import find_cancel
 from phyagentos.protocol.sessions import SessionId
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.mailbox import EVERY_SESSION
-
-_AT_ONCE = frozenset({SessionState.PENDING, SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
-_BY_RUNTIME = frozenset({SessionState.CLAIMED, SessionState.PREFLIGHT, SessionState.RUNNING, SessionState.HALTING})
 
 
 def iter_cancellable(ledger: Ledger, named: str) -> Iterator[tuple[SessionId, str]]:
@@ -19,6 +16,6 @@ def iter_cancellable(ledger: Ledger, named: str) -> Iterator[tuple[SessionId, st
         named: A session, or `*` for all.
     """
     for status in list(ledger.live_sessions()):
-        id, state = status.contract.id, SessionState(status.state)
-        if named in {EVERY_SESSION, id} and state in _AT_ONCE | _BY_RUNTIME:
-            yield id, "cancel" if state in _AT_ONCE else "request_cancel"
+        id, trigger = status.contract.id, find_cancel(status.state)
+        if named in {EVERY_SESSION, id} and trigger is not None:
+            yield id, trigger

@@ -12,8 +12,9 @@ from phyagentos.agent.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judges.predicates import evaluate_criterion
 from phyagentos.protocol.environment import Status
 from phyagentos.protocol.evidence import Bundle, TraceEvent
-from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.verdicts import Criterion, Truth
+from tests.contracts import make_contract
 
 from .conftest import make_world, put, remove
 
@@ -27,18 +28,7 @@ STEPS = {
 
 
 def make_bundle(after, stage: Stage = Stage.BEFORE, **execution: Any) -> Bundle:
-    session = Session(
-        id=SessionId("g.red"),
-        goal=GoalId("g"),
-        node="red",
-        objective="",
-        skill="pick_and_place",
-        target="panda",
-        parameters={"object": "red_cube", "destination": "red_tray"},
-        accept=("inside(red_cube, red_tray)",),
-        scene=Scene(name="table", seed=0, episode="g"),
-        seed=0,
-    )
+    parameters = {"object": "red_cube", "destination": "red_tray"}
     plan = TraceEvent(tick=0, time_s=0.0, path="p/plan", leaf="plan_grasp", status="SUCCESS")
     steps = tuple(
         TraceEvent(tick=n, time_s=0.1 * n, path=f"p/{n}", leaf=leaf, status="SUCCESS", numbers=numbers)
@@ -47,7 +37,7 @@ def make_bundle(after, stage: Stage = Stage.BEFORE, **execution: Any) -> Bundle:
     facts = {"ended": Ended.SKILL_FAILED, "evidence": "e", "ticks": 100} | execution
     return Bundle(
         folder=Path("e"),
-        session=session,
+        session=make_contract(parameters=parameters, accept=("inside(red_cube, red_tray)",)),
         execution=Execution(**facts),
         before=make_world(),
         after=after,
@@ -100,6 +90,13 @@ def test_the_stage_is_read_off_the_leaves(stage):
             CauseClass.POLICY,
         ),
         (make_world(), Stage.BEFORE, {"code": "NOT_FINITE", "leaf": "policy"}, Cause.POLICY_FAILED, CauseClass.POLICY),
+        (
+            moved(visible=False),
+            Stage.BEFORE,
+            {"code": "OBSERVATION_UNAVAILABLE", "leaf": "policy"},
+            Cause.SENSOR_STALE,
+            CauseClass.PERCEPTION,
+        ),
         (make_world(), Stage.BEFORE, {"code": "RATE", "leaf": "policy"}, Cause.ADAPTER_REFUSED, CauseClass.ADAPTER),
         (make_world(), Stage.BEFORE, {"ended": Ended.RUNNER_LOST}, Cause.RUNNER_LOST, CauseClass.MACHINE),
     ],
@@ -198,6 +195,15 @@ def test_what_alone_is_not_seen_after_two_looks_is_gone_and_what_nobody_sees_is_
     dark = {n: msgspec.structs.replace(e, visible=not e.movable) for n, e in after.entities.items()}
     bundle = make_bundle(msgspec.structs.replace(after, entities=dark), Stage.BEFORE, ended=Ended.COMPLETED)
     assert diagnose_after_looking(bundle, criteria).cause is Cause.OBJECT_HIDDEN
+
+
+def test_what_a_star_covers_is_missing_evidence_unless_all_of_it_was_seen():
+    told = criterion("not moved(*)", Truth.UNKNOWN)
+    bundle = make_bundle(make_world(), ended=Ended.COMPLETED)
+    assert diagnose(bundle, [told]).cause is Cause.UNDECIDABLE
+    blue = msgspec.structs.replace(make_world().entities["blue_cube"], visible=False)
+    after = msgspec.structs.replace(make_world(), entities={**make_world().entities, "blue_cube": blue})
+    assert diagnose(msgspec.structs.replace(bundle, after=after), [told]).cause is Cause.EVIDENCE_MISSING
 
 
 def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():

@@ -8,7 +8,8 @@ from phyagentos.agent.goal_judgement import Evidence
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import Bundle
 from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Execution, Scene, Session, SessionStatus
+from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
+from tests.contracts import make_contract
 
 
 class Told(Evidence):
@@ -31,12 +32,9 @@ def see(time_s) -> Environment:
 
 
 def make_status(id, state=SessionState.AWAITING_VERIFICATION, updated_at="") -> SessionStatus:
-    session = Session(
-        id=id, goal="g", node=id, objective="o", skill="s", target="t", parameters={}, accept=(),
-        scene=Scene(name="s", seed=0, episode="e"), seed=0,
-    )  # fmt: skip
     execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
-    return SessionStatus(contract=session, state=state, execution=execution, updated_at=updated_at)
+    contract = make_contract(id=id, node=id)
+    return SessionStatus(contract=contract, state=state, execution=execution, updated_at=updated_at)
 
 
 BEFORE_THE_LOSS, AFTER_IT = ("a", (0.0, 20.0)), ("b", (0.5, 4.0))  # the second world began anew

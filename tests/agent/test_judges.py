@@ -9,8 +9,9 @@ import pytest
 from phyagentos.agent.judges.holds import HoldJudge
 from phyagentos.agent.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judges.metrics import MetricJudge
-from phyagentos.agent.judges.predicates import FRESH_S, PredicateJudge
+from phyagentos.agent.judges.predicates import PredicateJudge
 from phyagentos.agent.verifier import SessionVerifier
+from phyagentos.protocol.environment import FRESH_S
 from phyagentos.protocol.evidence import TRAJECTORY, Event, TraceEvent, read_bundle, write_json
 from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions import Ended, Execution

@@ -9,8 +9,9 @@ import pytest
 from phyagentos.agent.lookahead import LookaheadForesight
 from phyagentos.protocol.evidence import write_json
 from phyagentos.protocol.lookahead import LOOKAHEAD, Alternative, LookaheadResult
-from phyagentos.protocol.sessions import GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions import Session, SessionStatus
 from phyagentos.protocol.store.admission import Entry
+from tests.contracts import make_contract
 
 from .conftest import ScriptedRuntime
 
@@ -29,19 +30,7 @@ GRAPH = """
 
 
 def make_refused(attempt: int = 0) -> SessionStatus:
-    contract = Session(
-        id=SessionId("g.n"),
-        goal=GoalId("g"),
-        node="n",
-        objective="",
-        skill="pick_and_place",
-        target="panda",
-        parameters={},
-        accept=(),
-        scene=Scene(name="table", seed=0, episode="g"),
-        seed=1,
-        attempt=attempt,
-    )
+    contract = make_contract(id="g.n", node="n", attempt=attempt)
     return SessionStatus(contract=contract, state="rejected", reason="g.n: LOOKAHEAD_LOW: found 4 of 10")
 
 

@@ -14,8 +14,9 @@ from phyagentos.agent.repair.retrying import find_label, revise
 from phyagentos.agent.repair.undone import find_undone
 from phyagentos.agent.verifier import History, SessionVerifier
 from phyagentos.protocol.evidence import Bundle, TraceEvent
-from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.sessions import Ended, Execution, Session
 from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
+from tests.contracts import make_contract
 
 from .conftest import hold, make_world, put, remove
 
@@ -25,19 +26,13 @@ IN_TRAY = (0.6, 0.3, 0.03)
 
 
 def make_session(**more: Any) -> Session:
-    facts: dict[str, Any] = {
-        "id": SessionId("g.red"),
-        "goal": GoalId("g"),
+    facts = {
+        "id": "g.red",
         "node": "red",
-        "objective": "o",
-        "skill": "pick_and_place",
-        "target": "panda",
         "parameters": {"destination": "red_tray", "object": "red_cube"},
         "accept": ("inside(red_cube, red_tray)",),
-        "scene": Scene(name="table", seed=7, episode="g"),
-        "seed": 1,
     }
-    return Session(**(facts | more))
+    return make_contract(**(facts | more))
 
 
 def make_bundle(after: Any = None, *, session: Session | None = None, **more: Any) -> Bundle:

@@ -11,10 +11,11 @@ from phyagentos.cli.progress import RunFold
 from phyagentos.clock import ManualClock
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended, Execution, Scene, Session
+from phyagentos.protocol.sessions import Ended, Execution, Scene
 from phyagentos.protocol.store.journal import Entry, Journal
 from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
 from phyagentos.protocol.workspace import Workspace
+from tests.contracts import make_contract
 
 
 @dataclass(frozen=True)
@@ -68,19 +69,15 @@ class Run:
 
     def submit(self, node: str, parent: str | None = None) -> str:
         attempt = 1 if parent else 0
-        session = Session(
+        session = make_contract(
             id=f"{GOAL}.{node}" + (f".r{attempt}" if parent else ""),
             goal=GOAL,
             node=node,
             parent=parent,
             attempt=attempt,
             objective="red cube into red tray",
-            skill="pick_and_place",
-            target="panda",
-            parameters={},
             accept=("inside(red_cube, red_tray)",),
             scene=Scene(name="tabletop", seed=7, episode="e"),
-            seed=1,
         )
         self.write(Side.AGENT, session.id, "submit", **msgspec.to_builtins(session))
         return session.id

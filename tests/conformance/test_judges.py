@@ -10,9 +10,10 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.environment import Entity, Environment, Interior, Pose
 from phyagentos.protocol.evidence import HOLDS, PICTURE_AFTER, PICTURE_BEFORE, TRAJECTORY, Bundle
 from phyagentos.protocol.lookahead import LOOKAHEAD
-from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.verdicts import Criterion, Truth
 from phyagentos.protocol.verification import Verification
+from tests.contracts import make_contract
 
 REGISTRY = build_judge_registry()
 NOBODY = {"url": "http://127.0.0.1:9/v1", "model": "nobody", "timeout_s": 0.5}  # the port of `discard`
@@ -20,18 +21,8 @@ SETTINGS = JudgeSettings(
     verification=Verification.model_validate({"criteria": ["metric(peak_force_n) <= 20"], "vision": NOBODY}),
     clock=SystemClock(),
 )
-SESSION = Session(
-    id=SessionId("g.red"),
-    goal=GoalId("g"),
-    node="red",
-    objective="Put it there.",
-    skill="pick_and_place",
-    target="panda",
-    parameters={},
-    accept=("inside(cube, tray)", "metric(ticks) <= 1000"),
-    hold=("upright(cube)", "metric(peak_force_n) <= 20"),
-    scene=Scene(name="table", seed=7, episode="g"),
-    seed=1,
+SESSION = make_contract(
+    accept=("inside(cube, tray)", "metric(ticks) <= 1000"), hold=("upright(cube)", "metric(peak_force_n) <= 20")
 )
 
 

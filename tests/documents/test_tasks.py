@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.protocol.sessions import Ended, Execution, Scene, Session, SessionStatus
+from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.tasks import GoalStatus, NodeState, NodeStatus, Replan, read_tasks
 from phyagentos.protocol.verdicts import Attempt, Verdict
@@ -14,6 +14,7 @@ from phyagentos.protocol.views.tasks import (
     render_tasks,
     split_reason,
 )
+from tests.contracts import make_contract
 
 
 @pytest.fixture
@@ -28,20 +29,7 @@ def add_goals(ledger, *goals):
 
 
 def make_status(id, advice=(), **facts):
-    contract = Session(
-        advice=advice,
-        id=id,
-        goal="g",
-        node="n",
-        objective="o",
-        skill="s",
-        target="t",
-        parameters={},
-        accept=(),
-        scene=Scene(name="table", seed=1, episode="g"),
-        seed=1,
-    )
-    return SessionStatus(contract=contract, state="replanned", **facts)
+    return SessionStatus(contract=make_contract(id=id, node="n", advice=advice), state="replanned", **facts)
 
 
 def test_of_the_goals_that_are_over_the_latest_are_shown_and_of_the_others_all(ledger):

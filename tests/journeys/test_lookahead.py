@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from phyagentos.protocol.lookahead import read_lookahead
+from phyagentos.protocol.store.history import Histories
 
 GRAPH = Path(__file__).resolve().parents[2] / "benchmarks" / "lookahead_parts" / "balance.yaml"
 
@@ -25,8 +26,9 @@ def test_a_block_that_would_tip_the_board_is_put_elsewhere_before_a_motor_moves(
     assert not last.is_low
     assert "sensing perceived" in foreseen.notes[0]
 
-    refusals = [record for record in plane.journal.find_history(refused.id) if record.ev == "reject"]
-    (submitted,) = [record for record in plane.journal.find_history(revised[-1].id) if record.ev == "submit"]
+    with Histories(plane.journal.folder) as histories:
+        refusals = [record for record in histories.find(refused.id) if record.ev == "reject"]
+        (submitted,) = [record for record in histories.find(revised[-1].id) if record.ev == "submit"]
     assert "LOOKAHEAD_LOW" in refusals[0].body["reason"]
     assert submitted.body["strategy"] != {}
     assert submitted.at > refusals[0].at

@@ -9,9 +9,9 @@ from phyagentos.clock import ManualClock
 from phyagentos.protocol.estop import Latch, latch, reset
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Scene, Session
 from phyagentos.protocol.store.journal import Entry, Journal
 from phyagentos.protocol.workspace import Workspace
+from tests.contracts import make_contract
 
 from .hook import iter_new_workspaces
 from .silence import ESTOP_S, STOP_S, Kind, count_commands, find_violations, main
@@ -36,11 +36,7 @@ class Story:
         self.pens[side].commit([Entry(id, ev, body, epoch)])
 
     def start(self, id="g.a") -> None:
-        session = Session(
-            id=id, goal="g", node="a", objective="o", skill="s", target="t", parameters={}, accept=(),
-            scene=Scene(name="s", seed=0, episode="e"), seed=0,
-        )  # fmt: skip
-        self.record(Side.AGENT, "submit", body=session, id=id)
+        self.record(Side.AGENT, "submit", body=make_contract(id=id), id=id)
         self.record(Side.RUNTIME, "claim", 0, id=id)
         self.record(Side.RUNTIME, "start", 1, id=id)
 

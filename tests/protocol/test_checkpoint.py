@@ -52,7 +52,6 @@ def describe(ledger):
     return (
         msgspec.json.encode([ledger.sessions, ledger.goals, ledger.take_image()]),
         [status.contract.id for status in ledger.iter_pending()],
-        [status.contract.id for status in ledger.iter_awaiting_verification()],
         [status.contract.id for status in ledger.live_sessions()],
         ledger.find_horizon(),
     )

@@ -95,12 +95,6 @@ def test_a_sealed_segment_that_is_damaged_is_not_indexed(lane):
         histories.find("s30")
 
 
-def test_a_journal_finds_histories_too(lane, open_journal):
-    journal = open_journal()
-
-    assert [record.ev for record in journal.find_history("s0")] == ["submit", "claim", "reject"]
-
-
 def test_a_session_is_found_with_its_goal_and_its_kin(open_journal, submit):
     agent = open_journal(segment_bytes=3000)
     agent.commit([Entry("goal:g", "goal_submitted", {"seed": 7}), submit("g.red", goal="g")])

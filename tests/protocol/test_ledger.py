@@ -72,14 +72,13 @@ def test_who_waits_is_answered_by_target_priority_and_age(open_journal, submit):
     assert ledger.sessions["a"].epoch == 1
 
 
-def test_who_waits_for_a_verdict_and_who_is_alive(open_journal, submit):
+def test_who_waits_for_a_verdict_is_alive(open_journal, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
     agent.commit([submit("a"), submit("b"), submit("c")])
     runtime.commit([Entry("b", "claim"), Entry("b", "start"), Entry("b", "finish", {"execution": EXECUTION})])
     runtime.commit([Entry("c", "reject", {"reason": "no"})])
     ledger = fold(agent)
 
-    assert [status.contract.id for status in ledger.iter_awaiting_verification()] == ["b"]
     assert [status.contract.id for status in ledger.live_sessions()] == ["a", "b"]
 
 

@@ -14,6 +14,7 @@ from phyagentos.protocol.lifecycle import (
     build_machine,
     compile_table,
     compute_next_state,
+    find_cancel,
     render_mermaid,
 )
 
@@ -77,6 +78,16 @@ def test_a_trigger_from_one_state_leads_to_one_state_only():
     rows = [(source, row.trigger) for row in SESSION_TRANSITIONS for source in row.sources]
 
     assert len(rows) == len(set(rows)) == len(compile_table())
+
+
+def test_an_end_can_be_asked_for_until_there_is_one_or_nobody_knows_how_it_ended():
+    triggers = {state: trigger for state in SessionState if (trigger := find_cancel(state)) is not None}
+
+    assert set(SessionState) - set(triggers) == FINAL_STATES | {SessionState.CANCELLING, SessionState.OUTCOME_UNKNOWN}
+    assert {compute_next_state("s", state, triggers[state], side) for state in triggers for side in Side} == {
+        SessionState.CANCELLED,
+        SessionState.CANCELLING,
+    }
 
 
 def test_the_machine_has_no_back_doors():

@@ -7,23 +7,13 @@ import pytest
 
 from phyagentos.protocol.environment import Entity, Environment, Pose
 from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.runtime.execution.undecided import find_undecided
 from phyagentos.runtime.posts import VERDICT_S, Phase, Post
+from tests.contracts import make_contract
 
-SESSION = Session(
-    id=SessionId("g.red"),
-    goal=GoalId("g"),
-    node="red",
-    objective="",
-    skill="pick_and_place",
-    target="panda",
-    parameters={},
-    accept=("inside(red_cube, tray)", "visible(tray)"),
-    scene=Scene(name="s", seed=0, episode="g"),
-    seed=0,
-)
+SESSION = make_contract(accept=("inside(red_cube, tray)", "visible(tray)"))
 
 
 def make_world(**cube: Any) -> Environment:
@@ -45,6 +35,13 @@ def make_world(**cube: Any) -> Environment:
 )
 def test_what_the_acceptance_names_and_nobody_saw_is_undecided(world, found):
     assert find_undecided(SESSION, world) == found
+
+
+@pytest.mark.parametrize("text", ["not moved(*)", "count(inside(*, tray)) >= 1"])
+def test_so_is_what_it_covers_by_a_star(text):
+    session = msgspec.structs.replace(SESSION, accept=(text,))
+    assert find_undecided(session, make_world()) == ()
+    assert find_undecided(session, make_world(observed_at_s=8.0)) == ("red_cube",)
 
 
 def make_post(*undecided: str, ended: Ended = Ended.COMPLETED) -> Post:

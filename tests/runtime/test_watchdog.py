@@ -9,7 +9,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended, Execution, Limits, Scene, Session
+from phyagentos.protocol.sessions import Ended, Execution, Limits, Session
 from phyagentos.protocol.store.journal import Entry, Journal
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.mailbox import Signal, drop_signal
@@ -17,6 +17,7 @@ from phyagentos.protocol.workspace import Workspace
 from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
 from phyagentos.runtime.dispatch import Check, Checked, Finished, Prepare, Ready, Reconcile, Renew, Run, Stop, send
 from phyagentos.runtime.watchdog import Watchdog
+from tests.contracts import make_contract
 
 PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="t", observation_path=(), action_path=())
 TOOLS = TargetToolManifest(expose=())
@@ -86,10 +87,7 @@ def finish(ended: Ended):
 
 
 def make_session(id: str = "g.a", target: str = "panda", priority: int = 0, **limits) -> Session:
-    return Session(
-        id=id, goal="g", node="a", objective="o", skill="s", target=target, parameters={}, accept=(),
-        scene=Scene(name="s", seed=0, episode="e"), seed=0, limits=Limits(**limits), priority=priority,
-    )  # fmt: skip
+    return make_contract(id=id, target=target, priority=priority, limits=Limits(**limits))
 
 
 class Stand:

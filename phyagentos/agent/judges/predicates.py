@@ -10,15 +10,12 @@ from dataclasses import dataclass
 
 from phyagentos.agent.judges.judge import make_unknown
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.environment import FRESH_S, Environment
 from phyagentos.protocol.evidence import AFTER, Bundle
 from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
 from phyagentos.protocol.sessions import Ended, Execution
 from phyagentos.protocol.verdicts import Criterion
 
-FRESH_S = (
-    1.0  # age of a fact at the end: the slowest camera that ships takes a picture every 0.1 s, and is late by less
-)
 _LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}
 _NO_METRICS: Mapping[str, float] = {}
 

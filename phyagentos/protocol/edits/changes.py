@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState, Side, compile_table, compute_next_state
+from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState, Side, compute_next_state, find_cancel
 from phyagentos.protocol.sessions import Amendment, Session, SessionId, SessionStatus, apply_amendment
 from phyagentos.protocol.store.admission import Entry
 
@@ -95,8 +95,8 @@ def plan_cancel(id: SessionId, reason: str, sessions: Mapping[SessionId, Session
         return None
     if status.state in FINAL_STATES:
         raise Impossible(f"session {id} is {status.state}, which is final", "nothing; submit a new session")
-    trigger = "cancel" if (status.state, "cancel") in compile_table() else "request_cancel"
-    if (status.state, trigger) not in compile_table():
+    trigger = find_cancel(status.state)
+    if trigger is None:
         raise Impossible(f"session {id} is {status.state}", "wait until its target was observed, then cancel")
     compute_next_state(id, status.state, trigger, Side.OPERATOR)
     return Entry(id, trigger, {"reason": reason or "asked for by hand"})

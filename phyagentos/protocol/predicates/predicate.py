@@ -17,6 +17,7 @@ from itertools import zip_longest
 from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate, worse
 from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
 from phyagentos.protocol.predicates.library import Kind, PredicateDefinition, View, get_predicate_library
@@ -46,6 +47,7 @@ __all__ = [
     "Reference",
     "View",
     "find_entities",
+    "find_things",
     "has_metric",
     "is_metric_only",
     "iter_entities",
@@ -172,6 +174,12 @@ def find_entities(text: str) -> tuple[str, ...]:
     """Names of the things and places that a text mentions; none when it is no predicate, as what a model says."""
     predicate, findings = _parse(text, False)
     return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
+
+
+def find_things(text: str, world: Environment) -> tuple[str, ...]:
+    """What a text speaks of: the names that it mentions, and every movable thing when it says `*`."""
+    movable = [name for name, entity in world.entities.items() if entity.movable] if "*" in text else []
+    return tuple(dict.fromkeys((*find_entities(text), *movable)))
 
 
 def iter_metrics(text: str) -> Iterator[str]:

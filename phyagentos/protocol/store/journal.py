@@ -184,15 +184,6 @@ class Journal:
             self._note(self._follower.read_new())
             return self._memory.knows(id)
 
-    def find_history(self, id: str) -> list[Record]:
-        """Every record of a session, `goal:<goal id>` or `node:<goal id>/<node>`, archived or not; oldest first.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
-        """
-        with self._mutex:
-            return self._memory.histories.find(id)
-
     def read_new(self, *, looks: bool = True) -> list[Record]:
         """Every record since the last call, those of this object's own commits among them, each once and in order.
 

@@ -197,10 +197,6 @@ class Ledger:
         ]
         return iter(sorted(waiting, key=lambda each: (-each.contract.priority, self._get_first_seq(each.contract.id))))
 
-    def iter_awaiting_verification(self) -> Iterator[SessionStatus]:
-        """Sessions whose evidence nobody has judged, the longest waiting first."""
-        return iter([self.sessions[id] for id in self._by_state[SessionState.AWAITING_VERIFICATION]])
-
     def live_sessions(self) -> list[SessionStatus]:
         """Sessions that are not final, in the order of submission."""
         live = [id for state, ids in self._by_state.items() if state not in FINAL_STATES for id in ids]

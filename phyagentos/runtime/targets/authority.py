@@ -18,8 +18,7 @@ class Authority:
         self.session = ""
         self._epoch = 0
         self._sequence = 0
-        self._epochs: dict[str, int] = {}
-        self._ended: set[tuple[str, int]] = set()
+        self._floors: dict[str, int] = {}  # of sessions that have ended: the least epoch that is still granted
         self._stopped = ""
 
     def begin(self, session: str, epoch: int) -> Refused | None:
@@ -28,14 +27,11 @@ class Authority:
             return Refused("MALFORMED", "a session needs a name")
         if self.session and (session, epoch) != (self.session, self._epoch):
             return Refused("NO_AUTHORITY", f"{self.session} has authority; it must end first")
-        if epoch < self._epochs.get(session, 0):
-            return Refused("STALE_TOKEN", f"epoch {epoch} of {session}; {self._epochs[session]} was seen already")
-        if (session, epoch) in self._ended:
-            return Refused("STALE_TOKEN", f"{session} has ended in epoch {epoch}")
+        if epoch < (floor := self._floors.get(session, 0)):
+            return Refused("STALE_TOKEN", f"epoch {epoch} of {session} is over; {floor} is the least that is granted")
         if (session, epoch) != (self.session, self._epoch):
             self._stopped = ""  # the same claim made twice does not undo a stop
         self.session, self._epoch, self._sequence = session, epoch, 0
-        self._epochs[session] = epoch
         return None
 
     def check(self, session: str, epoch: int) -> Refused | None:
@@ -79,5 +75,5 @@ class Authority:
     def end(self) -> None:
         """Take authority back; the same claim is never granted again."""
         if self.session:
-            self._ended.add((self.session, self._epoch))
+            self._floors[self.session] = self._epoch + 1
         self.session = ""

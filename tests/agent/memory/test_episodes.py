@@ -5,23 +5,13 @@ import pytest
 from phyagentos.agent.memory.episodes import find_episode
 from phyagentos.agent.memory.features import Surroundings
 from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
 from phyagentos.protocol.verdicts import Attempt, Verdict, VerificationMode
+from tests.contracts import make_contract
 
 
 def make_status(state, *attempts):
-    contract = Session(
-        id=SessionId("g.n"),
-        goal=GoalId("g"),
-        node="n",
-        objective="o",
-        skill="pick",
-        target="panda",
-        parameters={"object": "cube"},
-        accept=("holding(panda, cube)",),
-        scene=Scene(name="bench", seed=1, episode="g"),
-        seed=1,
-    )
+    contract = make_contract(parameters={"object": "cube"}, accept=("holding(panda, cube)",))
     execution = Execution(ended=Ended.COMPLETED, evidence="evidence/g.n")
     return SessionStatus(contract=contract, state=state, execution=execution, attempts=attempts)
 

@@ -98,8 +98,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 AUTHORITY,
-                'self._ended.add((self.session, self._epoch))\n        self.session = ""',
-                "self._ended.add((self.session, self._epoch))",
+                'self._floors[self.session] = self._epoch + 1\n        self.session = ""',
+                "self._floors[self.session] = self._epoch + 1",
             ),
         ),
         tests=("tests/runtime/targets/test_world.py::test_no_command_is_accepted_after_the_end_of_its_session",),

@@ -3,8 +3,8 @@
 from types import SimpleNamespace
 
 from phyagentos.protocol.environment import Entity, Environment, Interior, Pose
-from phyagentos.protocol.sessions import GoalId, Scene, Session, SessionId
 from phyagentos.runtime.lookahead.rollouts import Course, find_cause
+from tests.contracts import make_contract
 
 
 def make_world(x_m):
@@ -18,18 +18,7 @@ def make_world(x_m):
 
 
 def judge(x_m, *accept):
-    session = Session(
-        id=SessionId("g.a"),
-        goal=GoalId("g"),
-        node="a",
-        objective="o",
-        skill="pick_and_place",
-        target="panda",
-        parameters={"object": "cube"},
-        accept=accept,
-        scene=Scene(name="s", seed=0, episode="e"),
-        seed=0,
-    )
+    session = make_contract(parameters={"object": "cube"}, accept=accept)
     course = Course(held=(), initial=make_world(0.3), terminal=make_world(x_m))
     return find_cause(course, course, SimpleNamespace(session=session))
 

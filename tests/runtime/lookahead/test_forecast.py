@@ -12,7 +12,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.environment import Pose
 from phyagentos.protocol.lookahead import LookaheadRequest
 from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sessions import Ended, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.sessions import Ended, Scene
 from phyagentos.runtime.execution.registry import build_registry
 from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.lookahead.estimate import believe_scene
@@ -29,6 +29,7 @@ from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.scene import draw_bodies
 from phyagentos.runtime.targets.server import Loopback
 from phyagentos.runtime.targets.world import MujocoWorld
+from tests.contracts import make_contract
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
@@ -60,13 +61,7 @@ def environment(library, profile, limits):
 
 @pytest.fixture(scope="module")
 def session():
-    return Session(
-        id=SessionId("serve-1.serve"),
-        goal=GoalId("serve-1"),
-        node="serve",
-        objective="",
-        skill="pick_and_place",
-        target="panda",
+    return make_contract(
         parameters={"object": "coaster", "destination": "tray"},
         accept=("inside(coaster, tray)", "on(coin, coaster)"),
         scene=Scene(name=WAITER, seed=SEED, episode="e"),
