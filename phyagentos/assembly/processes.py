@@ -154,7 +154,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
             skills=skills,
             profile=profile,
             sensors=settings.sensors,
-            capture=handle.capture,
+            handle=handle,
+            late_max_s=settings.perception.embedded.max_age_s,
             is_realtime=settings.contract.world_mode is WorldMode.REALTIME,
         ),
     )

@@ -28,6 +28,28 @@ class Progress(StrEnum):
     """The arm does not follow."""
 
 
+class Lag:
+    """How far the arm is behind its set-points.
+
+    Args:
+        tracking_error_max_rad: Beyond this for `STALL_PERIODS` the arm counts as stalled.
+
+    Attributes:
+        worst_error_rad: The largest error so far.
+    """
+
+    def __init__(self, tracking_error_max_rad: float) -> None:
+        self._limit = tracking_error_max_rad
+        self._beyond = 0
+        self.worst_error_rad = 0.0
+
+    def is_stalled(self, step: Step) -> bool:
+        """Whether the arm does not follow; asked once after every control period."""
+        self.worst_error_rad = max(self.worst_error_rad, step.tracking_error_rad)
+        self._beyond = self._beyond + 1 if step.tracking_error_rad > self._limit else 0
+        return self._beyond >= STALL_PERIODS
+
+
 class Follower:
     """Plays one trajectory into a command buffer.
 
@@ -52,24 +74,24 @@ class Follower:
                 raise ExecutionError(FailureCode.NOT_AT_START, f"the motion begins {jump:.3f} rad from the set-points")
         self._trajectory = trajectory
         self._commands = commands
-        self._limit = tracking_error_max_rad
+        self._lag = Lag(tracking_error_max_rad)
         self._row = 0
-        self._beyond = 0
         self._waited = 0
-        self.worst_error_rad = 0.0
 
     @property
     def duration_s(self) -> float:
         """Length of the motion [s]."""
         return len(self._trajectory.q_rad) * self._trajectory.step_s
 
+    @property
+    def worst_error_rad(self) -> float:
+        """Largest tracking error so far [rad]."""
+        return self._lag.worst_error_rad
+
     def tick(self, step: Step) -> Progress:
         """Judge the latest step and command the next rows."""
-        if self._row:
-            self.worst_error_rad = max(self.worst_error_rad, step.tracking_error_rad)
-            self._beyond = self._beyond + 1 if step.tracking_error_rad > self._limit else 0
-            if self._beyond >= STALL_PERIODS:
-                return Progress.STALLED
+        if self._row and self._lag.is_stalled(step):
+            return Progress.STALLED
         if self._row >= len(self._trajectory.q_rad):
             return self._come_to_rest(step)
         self._command_rows()

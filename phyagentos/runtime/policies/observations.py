@@ -1,6 +1,7 @@
 """What a policy is shown: the streams of its descriptor, each from the sensor that provides it.
 
-Upstream: the target's own state and its cameras. Downstream: `policy_runtime`. Simulator truth is no stream.
+Upstream: the target's own state and its cameras. Downstream: `policy_runtime`. Simulator truth is no stream, and a
+camera that does not show the present, as `sensor_health` judges it, shows nothing.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import TargetState
+from phyagentos.protocol.environment import SensorHealth, TargetState
 from phyagentos.protocol.policies import Stream
 from phyagentos.protocol.sensors import Sensors, find_source
+from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.runtime.perception.sensor_health import assess
 from phyagentos.runtime.targets.wire import Frame, Frames
-
-Capture = Callable[[tuple[str, ...]], Frames]
-LATE_MAX_S = 0.3  # of a frame, beyond its camera's period: its latency, and a few lost ones
 
 _OF_STATE: Mapping[str, Callable[[TargetState], Any]] = {
     "joint_state": lambda state: state.q_rad,
@@ -26,49 +26,71 @@ _OF_STATE: Mapping[str, Callable[[TargetState], Any]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Observer:
-    """Collects one observation.
+    """Collects one observation after the other, for one session.
 
     Attributes:
         streams: What the policy takes.
         sensors: Where it comes from.
-        capture: Asks cameras.
+        handle: Asks the target and its cameras.
+        late_max_s: How much older than one period of its stream a frame may be: its latency, and a few lost ones [s].
+        health: Of the cameras when they were last looked at.
     """
 
     streams: Mapping[str, Stream]
     sensors: Sensors
-    capture: Capture
+    handle: TargetSessionHandle
+    late_max_s: float
+    health: Mapping[str, SensorHealth]
 
-    def observe(self, state: TargetState, time_s: float) -> dict[str, np.ndarray]:
-        """Every stream as an array of its declared type.
-
-        Args:
-            state: The target's own.
-            time_s: Now, in the target's own time [s].
+    def observe(self) -> tuple[float, dict[str, np.ndarray]]:
+        """When it was, in the target's own time [s], and every stream as an array of its declared type.
 
         Raises:
-            ExecutionError: `OBSERVATION_UNAVAILABLE` when a camera gave no frame, or an old one, or nothing measures a
-                stream.
+            ExecutionError: `OBSERVATION_UNAVAILABLE` when a camera gives no frame, or one that is old, dark, dated
+                ahead or seen before; when what the target tells is no number, or nothing measures a stream.
         """
-        return {name: self._read(name, stream, state, time_s) for name, stream in self.streams.items()}
+        cameras = {
+            name: self._find_camera(name, each) for name, each in self.streams.items() if not _is_own(name, each)
+        }
+        frames = self.handle.capture(tuple(dict.fromkeys(cameras.values()))) if cameras else Frames(())
+        now = self.handle.observe()  # after the frames: where time goes on by itself, they were taken before it
+        shown: dict[str, np.ndarray] = {}
+        for name, stream in self.streams.items():
+            if name in cameras:
+                frame = self._believe(cameras[name], frames, now.time_s, self.late_max_s + 1.0 / stream.rate_hz)
+                shown[name] = frame.depth_m if stream.modality == "depth" else frame.rgb
+            else:
+                shown[name] = _read(name, now.target, stream)
+        return now.time_s, shown
 
-    def _read(self, name: str, stream: Stream, state: TargetState, time_s: float) -> np.ndarray:
-        if stream.modality == "proprioception" and name in _OF_STATE:
-            return np.asarray(_OF_STATE[name](state), dtype=stream.dtype)
+    def tell_time(self) -> float:
+        """The target's own time [s]."""
+        return self.handle.observe().time_s
+
+    def _find_camera(self, name: str, stream: Stream) -> str:
         source = find_source(self.sensors, name, stream.frame)
         if source is None or source[1].camera is None:
             raise ExecutionError("OBSERVATION_UNAVAILABLE", f"nothing measures {name!r} in frame {stream.frame!r}")
-        frame = self._look(source[0], time_s, LATE_MAX_S + 1.0 / source[1].rate_hz)
-        return frame.depth_m if stream.modality == "depth" else frame.rgb
+        return source[0]
 
-    def _look(self, camera: str, time_s: float, age_max_s: float) -> Frame:
-        frames = self.capture((camera,))
-        if not frames.frames:
-            reason = frames.missing.get(camera, "no frame")
-            raise ExecutionError("OBSERVATION_UNAVAILABLE", f"camera {camera!r}: {reason}")
-        frame = frames.frames[0]
-        age_s = time_s - frame.time_s
-        if not age_s <= age_max_s:  # also when the stamp is NaN
-            raise ExecutionError("OBSERVATION_UNAVAILABLE", f"camera {camera!r}: its latest frame is {age_s:.2f} s old")
-        return frame
+    def _believe(self, camera: str, frames: Frames, now_s: float, age_max_s: float) -> Frame:
+        believed, self.health = assess(frames, self.health, now_s, age_max_s, self.sensors.get_noise().varies)
+        for frame in believed:
+            if frame.camera == camera:
+                return frame
+        health = self.health.get(camera, SensorHealth(status="missing", detail="no frame"))
+        raise ExecutionError("OBSERVATION_UNAVAILABLE", f"camera {camera!r} is {health.status}: {health.detail}")
+
+
+def _read(name: str, state: TargetState, stream: Stream) -> np.ndarray:
+    told = np.asarray(_OF_STATE[name](state), dtype=stream.dtype)
+    if not np.isfinite(told).all():
+        raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} is no number")
+    return told
+
+
+def _is_own(name: str, stream: Stream) -> bool:
+    """Whether the target says it of itself."""
+    return stream.modality == "proprioception" and name in _OF_STATE

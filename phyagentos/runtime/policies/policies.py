@@ -1,6 +1,6 @@
 """Opens policies as skills of one target: what the runner asks when an adapter plan names a policy.
 
-Upstream: SKILLRUNTIME.md, sensors.yaml, the profile. Downstream: `policy_runtime`, one for each session.
+Upstream: SKILLRUNTIME.md, sensors.yaml, perception.yaml, the profile. Downstream: `policy_runtime`, one a session.
 """
 
 from collections.abc import Mapping
@@ -15,8 +15,9 @@ from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.policies.client import PolicyClient
-from phyagentos.runtime.policies.observations import Capture, Observer
+from phyagentos.runtime.policies.observations import Observer
 from phyagentos.runtime.policies.policy_runtime import PolicyParts, PolicySkillRuntime
 
 
@@ -28,14 +29,16 @@ class Policies:
         skills: SKILLRUNTIME.md, by name.
         profile: Of the target.
         sensors: What can be shown to a policy.
-        capture: Asks the target's cameras.
+        handle: Asks the target and its cameras.
+        late_max_s: How late a camera's frame may come; `embedded.max_age_s` of perception.yaml [s].
         is_realtime: Whether the world keeps real time.
     """
 
     skills: Mapping[str, SkillRuntime]
     profile: TargetProfile
     sensors: Sensors
-    capture: Capture
+    handle: TargetSessionHandle
+    late_max_s: float
     is_realtime: bool
 
     def open(self, session: Session, context: SkillContext) -> PolicySkillRuntime:
@@ -53,7 +56,13 @@ class Policies:
         parts = PolicyParts(
             descriptor=skill.policy,
             chain=chain,
-            observer=Observer(skill.policy.observations, self.sensors, self.capture),
+            observer=Observer(
+                streams=skill.policy.observations,
+                sensors=self.sensors,
+                handle=self.handle,
+                late_max_s=self.late_max_s,
+                health=context.situation.initial.sensors,
+            ),
             client=PolicyClient(skill.policy.endpoint, session.limits.policy_s),
             is_realtime=self.is_realtime,
         )

@@ -20,7 +20,9 @@ from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.chunks import Array, iter_periods
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.follow import Lag
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
@@ -68,7 +70,8 @@ class PolicySkillRuntime:
         self._failure: Failure | None = None
         self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
         self._velocity = np.zeros(len(self._before) - 1)
-        self._asked_at_s = 0.0
+        self._lag = Lag(context.tracking_error_max_rad)
+        self._asked_at_s, self._asked_after = 0.0, 0
         self._chunks = self._commands = self._empty = 0
         self._is_last = False
 
@@ -81,6 +84,9 @@ class PolicySkillRuntime:
         if self._failure is not None:
             return TickResult(SkillStatus.FAILED, None, LEAF)
         if self._periods:
+            if self._lag.is_stalled(self._context.step):
+                error_rad = self._context.step.tracking_error_rad
+                return self._fail(FailureCode.STALLED, f"the arm is {error_rad:.3f} rad behind its set-points")
             points = self._periods.popleft()
             self._before = np.append(points.q_rad[-1], points.gripper_width_m[-1])
             self._velocity = points.qd_rad_s[-1]
@@ -135,31 +141,42 @@ class PolicySkillRuntime:
         return int(np.ceil(self._parts.descriptor.inference_s / self._context.profile.control_period_s))
 
     def _ask(self) -> None:
-        context, session = self._context, self._context.session
-        self._asked_at_s = context.time_s
+        session = self._context.session
+        self._asked_at_s, observations = self._parts.observer.observe()
+        self._asked_after = self._commands
         request = wire.Infer(
             session=session.id,
             sequence=self._chunks,
             rows_done=self._commands,
-            time_s=context.time_s,
-            observations=self._parts.observer.observe(context.step.target, context.time_s),
+            time_s=self._asked_at_s,
+            observations=observations,
         )
         start = wire.Start(session.id, session.objective, session.parameters, session.seed)
         self._parts.client.ask(request, None if self._chunks else start)
 
     def _take(self, chunk: wire.Chunk) -> None:
-        """Convert a chunk; what is too old, or follows from what is, is left out."""
+        """Convert a chunk; what is too old, or follows from what is, is left out, be it all of it."""
         self._chunks += 1
         self._is_last = chunk.done
         if not (chunk.done and not chunk.rows.size):
             rows = self._convert(chunk.rows)
             if rows is None:
                 return
-            late = round((self._context.time_s - self._asked_at_s) / self._context.profile.control_period_s)
+            late = self._commands - self._asked_after
+            if self._is_past(len(rows)):
+                late, self._is_last = len(rows), False
             self._queue(rows[late:], late, 0 if chunk.done else OVERLAP)
         self._empty = self._empty + 1 if not self._periods else 0
         if self._empty > EMPTY_MAX and not self._is_last:
             self._fail("POLICY_LOST", f"{self._empty} chunks in a row had nothing that could still be carried out")
+
+    def _is_past(self, n_rows: int) -> bool:
+        """Whether the world has waited for a chunk for longer than it was told to, and than the chunk lasts."""
+        if self._periods:
+            return False  # there was something to do meanwhile
+        lasts_s = n_rows * self._context.profile.control_period_s
+        waited_s = self._parts.observer.tell_time() - self._asked_at_s
+        return waited_s > max(lasts_s, self._parts.descriptor.inference_s)
 
     def _convert(self, rows: Array) -> Array | None:
         """Rows of the target; None when the chunk is refused."""

@@ -10,15 +10,24 @@ from hypothesis import strategies as st
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.action_spaces import ActionSpace, GripperRange
 from phyagentos.protocol.evidence import read_bundle
+from phyagentos.protocol.faults import FaultFile
+from phyagentos.protocol.library import find_shipped_root
 from phyagentos.protocol.policies import PolicyDescriptor
-from phyagentos.protocol.sensors import Sensors
+from phyagentos.protocol.sensors import Sensors, read_sensors
 from phyagentos.protocol.sessions import Ended, Limits
 from phyagentos.protocol.skill_runtimes import SkillRuntime
 from phyagentos.runtime.actions.chunks import iter_periods
 from phyagentos.runtime.policies.policies import Policies
 from phyagentos.runtime.policies.server import serve_policy
+from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.world import MujocoWorld
 
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
+CAMERA = {
+    "camera_rgb": {"modality": "rgb", "frame": "overhead", "shape": [144, 192, 3], "dtype": "uint8", "rate_hz": 25}
+}
+NO_CAMERA, NO_SENSORS = {}, Sensors(sensors={})
 
 
 class Line:
@@ -41,10 +50,15 @@ class Line:
 
 
 @pytest.fixture
+def build_target(doubles, profile):
+    return lambda: doubles.PerfectTarget(profile, [doubles.build_cube()])
+
+
+@pytest.fixture
 def run_policy(build_bench, build_session, doubles, profile):
-    def run(policy, **limits):
+    def run(policy, target=None, sensors=NO_SENSORS, streams=NO_CAMERA, **limits):
         descriptor = {"policy": "line/1", "endpoint": "tcp://127.0.0.1:0", "inference_s": 0.1}
-        descriptor["observations"] = {"joint_state": STREAM}
+        descriptor["observations"] = {"joint_state": STREAM} | streams
         ready, found = threading.Event(), []
         told = lambda where: (found.append(where), ready.set())  # noqa: E731
         arguments = (policy, PolicyDescriptor.model_validate(descriptor), told)
@@ -64,10 +78,12 @@ def run_policy(build_bench, build_session, doubles, profile):
             ),
             policy=PolicyDescriptor.model_validate(descriptor | {"endpoint": found[0]}),
         )
-        policies = Policies(
-            skills={"line": skill}, profile=profile, sensors=Sensors(sensors={}), capture=None, is_realtime=False
+        serving = {"skills": {"line": skill}, "profile": profile, "sensors": sensors, "late_max_s": 0.3}
+        bench = build_bench(
+            target=target,
+            policies=lambda handle: Policies(handle=handle, is_realtime=False, **serving),
+            clock=SystemClock(),
         )
-        bench = build_bench(policies=policies, clock=SystemClock())
         session = build_session(skill="line", parameters={}, limits=Limits(**limits))
         execution = bench.run(session, policy="policy_adapter://line/1")
         trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
@@ -121,6 +137,91 @@ def test_a_policy_that_hangs_ends_the_session_by_name(run_policy, profile):
     never.set()
     assert (execution.ended, execution.code, execution.leaf) == (Ended.SKILL_FAILED, "POLICY_LOST", "policy")
     assert "said nothing for 0.1 s" in execution.message
+
+
+def test_an_arm_that_does_not_follow_is_not_driven_on(run_policy, build_target, profile):
+    target = build_target()
+    target.stuck_joint = 3
+    policy = Line(np.asarray(profile.arm.home_rad), way_rad=0.8)
+    _, execution, _ = run_policy(policy, target)
+    assert (execution.ended, execution.code, execution.leaf) == (Ended.STALLED, "STALLED", "policy"), execution
+    assert "rad behind its set-points" in execution.message
+
+
+def test_a_chunk_whose_whole_time_has_passed_when_it_comes_is_not_carried_out(run_policy, build_target, profile):
+    target = build_target()
+
+    def dawdle(rows, sequence):
+        target.time_s += 0.0 if sequence else 3.0
+        return rows
+
+    policy = Line(np.asarray(profile.arm.home_rad), rows=25, spoil=dawdle)
+    _, execution, trace = run_policy(policy, target)
+    assert execution.ended is Ended.COMPLETED, execution
+    assert [event.numbers.get("rows") for event in trace] == [0, 25, None], "it was asked again, and shown the present"
+    assert execution.ticks == 25
+
+
+def test_a_chunk_shorter_than_the_declared_inference_is_carried_out_when_it_comes_within_it(
+    run_policy, build_target, profile
+):
+    target = build_target()
+
+    def think(rows, _):
+        target.time_s += 0.09
+        return rows
+
+    _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), way_rad=0.0, rows=1, spoil=think), target)
+    assert (execution.ended, execution.ticks) == (Ended.COMPLETED, 1), execution
+
+
+@pytest.fixture
+def watch(run_policy, library, profile):
+    """A policy that is shown a camera of a simulated world, which a fault of it strikes after 0.5 s."""
+
+    def run(policy, **fault):
+        when = {"session": "*", "time_s": 0.5}
+        faults = [{"camera": "overhead", "when": when} | fault] if fault else []
+        file = FaultFile.model_validate({"version": 1, "faults": faults})
+        sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
+        world = MujocoWorld(
+            profile,
+            library.get_target("panda").parent,
+            library,
+            ReceiveLog(None),
+            faults=lambda episode, seed: FaultInjector(draw_schedule(file, episode, seed)),
+            sensors=sensors,
+        )
+        return run_policy(policy, world, sensors, CAMERA)[1]
+
+    return run
+
+
+@pytest.mark.sim
+@pytest.mark.parametrize(
+    ("fault", "why"),
+    [
+        ({"kind": "freeze", "stamp": "stale"}, "stale: its latest frame is 0."),
+        ({"kind": "freeze", "stamp": "fresh"}, "frozen: a new stamp on the same picture"),
+        ({"kind": "blackout", "mode": "silent"}, "missing: CAMERA_SILENT"),
+        ({"kind": "blackout", "mode": "dark"}, "dark: no depth at all"),
+        ({"kind": "misdate", "by_s": -5.0}, "stale: its latest frame is 5."),
+        ({"kind": "misdate", "by_s": 5.0}, "stale: its frame is dated 4."),
+    ],
+    ids=["stale", "frozen", "silent", "dark", "late", "ahead"],
+)
+def test_a_policy_is_not_driven_by_a_camera_that_does_not_show_the_present(watch, profile, fault, why):
+    policy = Line(np.asarray(profile.arm.home_rad))
+    execution = watch(policy, **fault)
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "OBSERVATION_UNAVAILABLE"), execution
+    assert execution.leaf == "policy"
+    assert f"camera 'overhead' is {why}" in execution.message
+    assert len(policy.shown) <= 3, "a second picture tells at the latest"
+
+
+@pytest.mark.sim
+def test_a_policy_whose_camera_does_well_comes_to_its_end(watch, profile):
+    assert watch(Line(np.asarray(profile.arm.home_rad))).ended is Ended.COMPLETED
 
 
 @settings(max_examples=50, deadline=None)

@@ -150,6 +150,29 @@ def test_a_server_that_hangs_up_is_lost(listener):
     assert error.value.code == "POLICY_LOST"
 
 
+def test_what_comes_after_the_client_has_hung_up_is_not_listened_to(listener):
+    asked, may_answer = threading.Event(), threading.Event()
+
+    def speak():
+        with listener.accept()[0] as connection:
+            connection.recv(65536)
+            asked.set()
+            may_answer.wait(5)
+            said = wire.encode(wire.Chunk(sequence=0, rows=np.zeros((1, 2))))
+            connection.sendall(len(said).to_bytes(4, "big") + said)
+
+    server = threading.Thread(target=speak, daemon=True)
+    server.start()
+    client = PolicyClient(f"tcp://127.0.0.1:{listener.getsockname()[1]}", 5.0)
+    client.ask(infer())
+    assert asked.wait(5)
+    client.close()
+    may_answer.set()
+    server.join(5)
+    client.wait(0.1)
+    assert (client.poll(), client.is_waiting) == (None, False)
+
+
 @pytest.mark.parametrize(
     "said",
     [b"", b"\xc1nonsense", wire.encode(wire.Started()), wire.encode(wire.Chunk(sequence=5, rows=np.zeros((1, 2))))],
