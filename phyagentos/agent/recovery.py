@@ -232,6 +232,8 @@ class Recovery:
         if "PRECONDITION_UNMET" in subject.reason and "visible(" in subject.reason:
             thing = world.entities.get(str(subject.contract.parameters.get("object")))
             cause = Cause.OBJECT_HIDDEN if thing is not None and not thing.visible else None
+        elif "PRECONDITION_UNMET" in subject.reason and "holding(" in subject.reason:
+            cause = Cause.GRASP_LOST
         if cause is None:
             return None
         bundle = Bundle(

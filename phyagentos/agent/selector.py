@@ -199,10 +199,19 @@ def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], es
     before = {parse_predicate(text, template=True).text for text in established}
     for text in runtime.requires:
         predicate = parse_predicate(substitute(text, parameters), template=True)
-        holds = isinstance(predicate.formula, Call) and predicate.formula.name == "holding"
-        if holds and not any(_held(predicate) == _held(parse_predicate(other, template=True)) for other in before):
+        is_held = any(_held(predicate) == _held(parse_predicate(other, template=True)) for other in before)
+        if _is_holding(predicate) and not is_held:
             return predicate.text
     return None
+
+
+def begins_with_holding(runtime: SkillRuntime) -> bool:
+    """Whether a skill must hold something from the start."""
+    return any(_is_holding(parse_predicate(text, template=True)) for text in runtime.requires)
+
+
+def _is_holding(predicate: Predicate) -> bool:
+    return isinstance(predicate.formula, Call) and predicate.formula.name == "holding"
 
 
 def _held(predicate: Predicate) -> Term | None:

@@ -147,8 +147,34 @@ def test_what_was_interrupted_goes_on_before_another_session_can_let_fall_what_t
     stage = make_stage({"green": lose_runner})
     assert stage.pursue(two).verdict == "success"
     first, again, other = stage.runtime.ran
-    assert (again.parent, again.purpose) == (first.id, "")
+    assert (again.parent, again.purpose, again.skill) == (first.id, "", "place")
     assert again.priority > other.priority == first.priority
+
+
+def test_what_slips_out_before_the_remainder_can_begin_is_fetched_again(make_stage, two):
+    stage = make_stage({"green": lose_runner})
+
+    class Jolt:
+        def on_change(self, goal, ledger):
+            if any(status.contract.skill == "place" for status in ledger.iter_pending()):
+                stage.runtime.world = hold(stage.runtime.world)
+            stage.runtime.on_change(goal, ledger)
+
+    report = stage.make_mission(observers=[Jolt()]).run(two, seed=7)
+    assert report.verdict == "success"
+    green = [session for session in report.sessions if session.node == "green"]
+    assert [session.state for session in green] == ["replanned", "rejected", "succeeded"]
+    assert [session.skill for session in stage.runtime.ran] == ["pick_and_place"] * 3
+
+
+def test_a_remainder_that_loses_the_thing_gives_the_node_back_to_its_own_skill(make_stage, two):
+    def let_fall(world, session):
+        return Play(world=hold(world), ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="place/verify_grasp")
+
+    stage = make_stage({"green": lose_runner, "green.r1": let_fall})
+    assert stage.pursue(two).verdict == "success"
+    assert [session.skill for session in stage.runtime.ran[:3]] == ["pick_and_place", "place", "pick_and_place"]
+    assert "holding(target, green_cube)" not in stage.runtime.ran[2].requires
 
 
 def achieve_and_hide_green(world, session):

@@ -14,6 +14,8 @@ from phyagentos.agent.repair.budget import Left, compute_left
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
 from phyagentos.agent.repair.policies import BlindRetry, FullRestart, GraphRepair, NoRetry
+from phyagentos.agent.repair.remainder import propose_remainder
+from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.agent.selector import Choice
 from phyagentos.protocol.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
 from phyagentos.protocol.evidence import Bundle, TraceEvent
@@ -175,6 +177,49 @@ def test_a_grasp_that_keeps_failing_gives_way_to_another_skill(shipped):
     assert GraphRepair().choose(make_case(shipped, Cause.GRASP_MISSED)).chosen.kind is Kind.RETRY
     case = make_case(shipped, Cause.GRASP_MISSED, earlier=earlier)
     assert GraphRepair().choose(case).chosen.kind is Kind.OTHER_SKILL
+
+
+def hold(world: Environment, name: str) -> Environment:
+    held = msgspec.structs.replace(world.entities[name], held_by="panda")
+    arm = msgspec.structs.replace(world.targets["panda"], fingers_touching=2, holding=(name,))
+    return msgspec.structs.replace(world, entities={**world.entities, name: held}, targets={"panda": arm})
+
+
+HOLDING = hold(HEMMED, "red_cube")
+NEAR = {"parameters": {"object": "red_cube", "destination": "zone", "near": [0.5, -0.3, 0.0]}}
+
+
+def test_what_a_lost_runner_left_in_the_hand_is_put_down_by_the_skill_that_begins_there(shipped):
+    decision = GraphRepair().choose(make_case(shipped, Cause.RUNNER_LOST, world=HOLDING, contract=NEAR))
+    revision = decision.chosen.revision
+    assert revision.choice.skill == "place"
+    assert revision.choice.parameters == NEAR["parameters"] | {"relation": "inside"}
+    assert revision.requires == ("holding(target, red_cube)",)
+    assert any("begins with what is held already" in reason for reason in decision.reasons)
+
+
+@pytest.mark.parametrize("world", [HEMMED, hold(HEMMED, "post")])
+def test_what_it_does_not_hold_is_fetched_again(shipped, world):
+    chosen = GraphRepair().choose(make_case(shipped, Cause.RUNNER_LOST, world=world)).chosen
+    assert (chosen.kind, chosen.revision.choice) == (Kind.RETRY, None)
+
+
+def test_only_a_lost_runner_is_no_fault_of_the_way_in_which_it_is_held(shipped):
+    assert list(propose_remainder(make_case(shipped, Cause.NO_PLAN, world=HOLDING))) == []
+
+
+@pytest.mark.parametrize("cause", [Cause.GRASP_LOST, Cause.NO_PLAN, Cause.PLACED_WRONG])
+def test_a_remainder_that_fails_gives_the_node_back_to_its_own_skill(shipped, cause):
+    parameters = {"object": "red_cube", "destination": "zone"}
+    rest = make_contract(
+        id=SessionId("g.red.r1"),
+        skill="place",
+        parameters=parameters | {"relation": "inside"},
+        requires=("holding(target, red_cube)", "visible(red_cube)"),
+    )
+    own = Choice(skill="pick_and_place", target="panda", parameters=parameters)
+    retry = next(propose_retry(make_case(shipped, cause, session=rest, choice=own)))
+    assert (retry.revision.choice, retry.revision.requires) == (None, ("visible(red_cube)",))
 
 
 def test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice(shipped):

@@ -11,14 +11,14 @@ from phyagentos.protocol.heartbeats import find_heartbeat
 pytestmark = pytest.mark.journey
 
 
-def kill_worker_when(plane, phase: str) -> threading.Thread:
-    """Kill -9 the worker as soon as its heartbeat shows the phase."""
+def kill_worker_when(plane, phase: str, leaf: str = "") -> threading.Thread:
+    """Kill -9 the worker as soon as its heartbeat shows the phase, and the leaf."""
 
     def hunt() -> None:
         done = threading.Event()
         while not done.wait(0.01):
             beat = find_heartbeat(plane.workspace.heartbeats, "panda")
-            if beat is not None and beat.phase == phase and beat.tick > 30:
+            if beat is not None and beat.phase == phase and beat.tick > 30 and leaf in beat.leaf:
                 os.kill(beat.pid, signal.SIGKILL)
                 return
 
@@ -37,4 +37,17 @@ def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(make_
     assert not hunter.is_alive()
     assert report.sessions[0].ended == "runner_lost", report
     assert report.sessions[0].state == "replanned"
+    assert report.verdict == "success"
+
+
+def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(make_plane):
+    plane = make_plane()
+    hunter = kill_worker_when(plane, "executing", "place/carry")
+
+    report = plane.run("killed-2")
+    hunter.join(1.0)
+
+    assert not hunter.is_alive()
+    rest = next(session for session in report.sessions if session.id.endswith(".r1"))
+    assert (rest.skill, rest.state) == ("place", "succeeded"), report
     assert report.verdict == "success"

@@ -11,7 +11,7 @@ from phyagentos.agent.causes import Cause
 from phyagentos.agent.compiler import Revision
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
 from phyagentos.agent.repair.case import Case
-from phyagentos.agent.repair.retrying import revise_requires
+from phyagentos.agent.repair.retrying import keep_requires
 from phyagentos.agent.selector import Choice, find_lacks, unify
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
@@ -31,18 +31,15 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
     if case.cause not in _FITTING or world is None or target is None or case.replans_left <= 0:
         return
     tried = {status.contract.skill for status in case.lineage} | {case.session.skill, case.choice.skill}
-    promised = _find_promises(case)
+    promised = find_promises(case)
     for name, skill in sorted(case.catalogue.skills.items()):
         if name in tried or not promised or next(find_lacks(skill, target), None):
             continue
         parameters = _cover(promised, skill, world)
-        if parameters is None or _find_false(skill, parameters, world, case.session.target):
+        if parameters is None or find_false(skill, parameters, world, case.session.target):
             continue
         because = f"{name} promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
-        requires = tuple(
-            parse_predicate(substitute(text, {**parameters, "target": case.session.target})).text
-            for text in skill.requires
-        )
+        requires = bind_requires(skill, parameters, case.session.target)
         yield Alternative(
             kind=Kind.OTHER_SKILL,
             effect=f"{name} instead of {case.session.skill}",
@@ -52,14 +49,14 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
             revision=Revision(
                 parent=case.latest.id,
                 strategy={},
-                requires=tuple(dict.fromkeys((*requires, *_keep(case)))),
+                requires=tuple(dict.fromkeys((*requires, *keep_requires(case)))),
                 reasons=(f"{case.cause}: {case.attempt.reason}", because),
                 choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),
             ),
         )
 
 
-def _find_promises(case: Case) -> tuple[str, ...]:
+def find_promises(case: Case) -> tuple[str, ...]:
     """What the node's own skill guarantees, with its arguments."""
     values = {**case.session.parameters, "target": case.session.target}
     if case.session.skill != case.choice.skill:  # an earlier repair took another skill: its arguments are others
@@ -68,11 +65,10 @@ def _find_promises(case: Case) -> tuple[str, ...]:
     return tuple(text for text in texts if "${" not in text)
 
 
-def _keep(case: Case) -> tuple[str, ...]:
-    """Preconditions of the node that are still worth asking for."""
-    own = case.catalogue.skills[case.session.skill].requires
-    of_skill = {substitute(text, {**case.session.parameters, "target": case.session.target}) for text in own}
-    return tuple(text for text in revise_requires(case.bundle)[0] if text not in of_skill)
+def bind_requires(skill: SkillRuntime, parameters: dict[str, Any], target: str) -> tuple[str, ...]:
+    """What a skill requires, with its arguments."""
+    values = {**parameters, "target": target}
+    return tuple(parse_predicate(substitute(text, values)).text for text in skill.requires)
 
 
 def _cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
@@ -108,7 +104,7 @@ def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[flo
     return [round(value, 4) for value in region.pose.position_m]
 
 
-def _find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, target: str) -> str:
+def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, target: str) -> str:
     """A precondition of the skill that is false now, empty when there is none."""
     view = View(now=world, initial=world, target=target)
     for text in skill.requires:

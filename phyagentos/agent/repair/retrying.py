@@ -14,8 +14,9 @@ from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.undone import find_lost_preconditions
-from phyagentos.agent.selector import Choice
+from phyagentos.agent.selector import Choice, begins_with_holding
 from phyagentos.protocol.evidence import Bundle
+from phyagentos.protocol.predicates.predicate import substitute
 from phyagentos.protocol.sessions import INTERRUPTED, Session
 from phyagentos.protocol.verdicts import Attempt
 
@@ -125,6 +126,13 @@ def revise_requires(bundle: Bundle) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(requires), tuple(reasons)
 
 
+def keep_requires(case: Case) -> tuple[str, ...]:
+    """Preconditions of the node that are still worth asking for, whatever skill comes next."""
+    own = case.catalogue.skills[case.session.skill].requires
+    of_skill = {substitute(text, {**case.session.parameters, "target": case.session.target}) for text in own}
+    return tuple(text for text in revise_requires(case.bundle)[0] if text not in of_skill)
+
+
 def keep_means(own: Choice, session: Session) -> Choice | None:
     """Skill, target and parameters of a session where they are not those of its node; None where they are."""
     if (own.skill, own.target) == (session.skill, session.target):
@@ -133,14 +141,18 @@ def keep_means(own: Choice, session: Session) -> Choice | None:
 
 
 def _continue(case: Case, revision: Revision) -> Revision:
-    """The child of whatever came last, by the means of the session that is judged."""
+    """The child of whatever came last, by the means of the session that is judged.
+
+    What had only taken over the rest, and may hold nothing any more, gives the node back to its own skill.
+    """
     choice = keep_means(case.choice, case.session)
+    gives_back = choice is not None and begins_with_holding(case.catalogue.skills[choice.skill])
     return Revision(
         parent=case.latest.id,
         strategy=revision.strategy,
-        requires=revision.requires,
+        requires=keep_requires(case) if gives_back else revision.requires,
         reasons=revision.reasons,
-        choice=choice,
+        choice=None if gives_back else choice,
         lead=LEAD if case.bundle.execution.ended in INTERRUPTED else 0,
     )
 
