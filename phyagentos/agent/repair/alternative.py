@@ -1,8 +1,8 @@
 """One way to go on, told by its effect, and the choice among several.
 
-Upstream: `retrying`, `remainder`, `other_skill`, `clearing`, `other_target`, `looking`. Downstream: the policy. Ways are
-tried in falling order of chance per cost, which is the order of least expected cost when each may fail on its own (Simon
-and Kadane 1975, doi:10.1016/0004-3702(75)90002-3).
+Upstream: `retrying`, `remainder`, `other_skill`, `clearing`, `other_target`, `looking`. Downstream: the policy. Ways
+are tried in falling order of chance per cost, which is the order of least expected cost when each may fail on its own
+(Simon and Kadane 1975, doi:10.1016/0004-3702(75)90002-3).
 """
 
 from dataclasses import dataclass
