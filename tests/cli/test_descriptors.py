@@ -1,5 +1,6 @@
 """A command that has ended holds no file open: a shell, a notebook or a test may call a thousand of them."""
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -56,4 +57,4 @@ def test_a_command_closes_what_it_opened(paos, replanned, lesson, command, monke
     for _ in range(3):
         result = paos(*words)
     assert "Usage:" not in result.err, result.err
-    assert list_open() == before
+    assert not Counter(list_open()) - Counter(before)  # what others had left may be closed meanwhile
