@@ -73,12 +73,17 @@ class Employed:
         send(self.ours, Check(session=session, epoch=1))
         assert isinstance(self.hear(), Checked)
         send(self.ours, Run(session=session, epoch=1, evidence="evidence/s", until_s=self.clock.now_s() + LEASE_S))
-        while not bench.target.commands():
-            SystemClock().sleep(0.01)
+        self.wait_for(bench.target.commands)
 
     def wait_for_a_renewal(self) -> None:
-        while self.worker._lease_until_s < self.clock.now_s() + 1.5 * LEASE_S:
+        self.wait_for(lambda: self.worker._lease_until_s >= self.clock.now_s() + 1.5 * LEASE_S)
+
+    def wait_for(self, is_so) -> None:
+        for _ in range(2000):
+            if is_so():
+                return
             SystemClock().sleep(0.01)
+        raise AssertionError("it did not come about")
 
     def close(self) -> None:
         self.ours.close()

@@ -49,7 +49,8 @@ class Observer:
 
         Raises:
             ExecutionError: `OBSERVATION_UNAVAILABLE` when a camera gives no frame, or one that is old, dark, dated
-                ahead or seen before; when what the target tells is no number, or nothing measures a stream.
+                ahead, seen before or of another size; when what the target tells is no number, or nothing measures a
+                stream.
         """
         cameras = {
             name: self._find_camera(name, each) for name, each in self.streams.items() if not _is_own(name, each)
@@ -60,7 +61,7 @@ class Observer:
         for name, stream in self.streams.items():
             if name in cameras:
                 frame = self._believe(cameras[name], frames, now.time_s, self.late_max_s + 1.0 / stream.rate_hz)
-                shown[name] = frame.depth_m if stream.modality == "depth" else frame.rgb
+                shown[name] = _hold_to_form(name, frame.depth_m if stream.modality == "depth" else frame.rgb, stream)
             else:
                 shown[name] = _read(name, now.target, stream)
         return now.time_s, shown
@@ -89,6 +90,13 @@ def _read(name: str, state: TargetState, stream: Stream) -> np.ndarray:
     if not np.isfinite(told).all():
         raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} is no number")
     return told
+
+
+def _hold_to_form(name: str, picture: np.ndarray, stream: Stream) -> np.ndarray:
+    if picture.shape != stream.shape:
+        found, declared = list(picture.shape), list(stream.shape)
+        raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} has the shape {found}, {declared} is declared")
+    return picture
 
 
 def _is_own(name: str, stream: Stream) -> bool:

@@ -100,6 +100,11 @@ def test_a_camera_that_does_not_show_the_present_shows_nothing(told, why):
     assert f"camera 'top' is {why}" in find_refusal(open_eye(told))
 
 
+def test_a_picture_of_another_size_than_declared_is_not_shown():
+    cut = msgspec.structs.replace(expose(1.0), rgb=np.zeros((1, 3, 3), dtype=np.uint8))
+    assert "'camera_rgb' has the shape [1, 3, 3], [2, 3, 3] is declared" in find_refusal(open_eye(cut))
+
+
 def test_a_joint_whose_reading_is_no_number_shows_nothing():
     state = msgspec.structs.replace(STATE, q_rad=(float("nan"),))
     assert "'joint_state' is no number" in find_refusal(open_eye(expose(1.0), state=state))
