@@ -394,5 +394,5 @@ class Watchdog:
 
     def _dismiss(self) -> None:
         for post in self._posts.values():
-            post.worker.stop()
+            post.worker.stop(at_once=post.phase is not Phase.IDLE)
         self._publish()

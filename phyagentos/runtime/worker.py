@@ -6,7 +6,7 @@ that is slow to start (planner, target, leaves) is started once and kept warm.
 
 import contextlib
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -125,7 +125,7 @@ class WorkerLoop:
             try:
                 order = self._wait_for_order()
             except (EOFError, OSError):
-                self._tidy_up()
+                self._tidy_up(lambda: False)
                 return
             if isinstance(order, Check):
                 send(self._control, self._check(order))
@@ -148,18 +148,18 @@ class WorkerLoop:
             if self._blanks is not None:
                 self._blanks.fill(self._is_asked)
             if not self._control.poll(REST_S):
-                self._tidy_up()
+                self._tidy_up(self._is_asked)
         return receive_order(self._control)
 
-    def _tidy_up(self) -> None:
+    def _tidy_up(self, is_asked: Callable[[], bool]) -> None:
         """What nobody waits for: ENVIRONMENT.md, the hashes of bundles; gives way to an order."""
         self._heartbeat.beat(phase="idle", at_once=True)
         self._publish_environment(0.0)
-        while self._unsealed and not self._is_asked():
+        while self._unsealed and not is_asked():
             self._seal(self._unsealed.popleft())
 
     def _is_asked(self) -> bool:
-        """Whether an order waits; not when the watchdog is gone."""
+        """Whether an order waits, or the watchdog is gone."""
         try:
             return self._control.poll()
         except (EOFError, OSError):

@@ -20,6 +20,7 @@ from typing import IO, Any
 from phyagentos.runtime.dispatch import FromWorker, ToWorker, receive_answer, send
 from phyagentos.runtime.world_process import WorldProcess
 
+SEAL_S = 3.0  # for a worker that is told to end; what it has not sealed by then, the next clean-up seals
 END_BYTES = 2000  # of a log: its last line is in there
 
 
@@ -91,11 +92,15 @@ class ChildProcess:
         """Whether it still runs."""
         return self._process.poll() is None
 
+    def wait(self, timeout_s: float) -> None:
+        """Until it has ended by itself, at most so long [s]."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+
     def stop(self, grace_s: float = 2.0) -> None:
         """Close its input, so that it ends by itself; kill it when it does not, and what it leaves in any case."""
         self._close_input()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(grace_s)
+        self.wait(grace_s)
         self.kill()
         self._log.close()
 
@@ -183,9 +188,15 @@ class Worker:
             self._world = self._start_world()
         self._worker, self.connection = self._start_worker()
 
-    def stop(self) -> None:
-        """End both processes."""
+    def stop(self, *, at_once: bool = False) -> None:
+        """End both processes.
+
+        Args:
+            at_once: Do not wait until the worker has recorded the hashes of its bundles; it may be commanding.
+        """
         self.connection.close()
+        if not at_once:
+            self._worker.wait(SEAL_S)
         self._worker.stop()
         if self._world is not None:
             self._world.close()

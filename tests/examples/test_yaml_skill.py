@@ -41,3 +41,5 @@ def test_it_runs_to_a_met_goal_and_json_is_all_that_stdout_holds(tmp_path):
     assert report["goal"]["verdict"] == "success"
     assert [session["skill"] for session in report["goal"]["sessions"]] == ["show_and_place"]
     assert "red: running" in done.stderr
+    checked = paos("evidence", "verify", "-w", tmp_path / "w")
+    assert (checked.returncode, checked.stdout) == (0, "1 bundle checked: as recorded\n"), checked.stderr

@@ -31,6 +31,7 @@ class ScriptedWorker:
         self.orders: list[object] = []
         self.restarts = 0
         self.kills: list[bool] = []
+        self.ends: list[bool] = []
         self._starts = starts
         self._on_check = on_check or (lambda order: Checked(session=order.session.id, plan=PLAN, tools=TOOLS))
         self._on_run = on_run or finish(Ended.COMPLETED)
@@ -78,7 +79,8 @@ class ScriptedWorker:
         self.connection.close()
         self._open()
 
-    def stop(self) -> None:
+    def stop(self, *, at_once: bool) -> None:
+        self.ends.append(at_once)
         self.connection.close()
 
 
@@ -164,6 +166,17 @@ def test_a_session_is_claimed_checked_run_and_left_for_the_verifier(stand):
     assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
     assert [type(order) for order in worker.orders] == [Check, Run]
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.COMPLETED
+
+
+@pytest.mark.parametrize(("is_running", "at_once"), [(False, False), (True, True)])
+def test_at_the_end_only_a_worker_that_may_command_is_not_waited_for(stand, is_running, at_once):
+    on_run = (lambda order: None) if is_running else finish(Ended.COMPLETED)
+    stand.watch(worker := ScriptedWorker(on_run=on_run))
+    stand.submit(make_session())
+    stand.wait_for("g.a", "running" if is_running else "awaiting_verification")
+    stand.close()
+
+    assert worker.ends == [at_once]
 
 
 def test_a_session_that_fails_preflight_is_rejected_with_every_problem_and_never_run(stand):

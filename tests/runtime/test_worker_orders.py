@@ -12,6 +12,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.channel import Link
 from phyagentos.protocol.environment import Entity, Environment, Pose
 from phyagentos.protocol.evidence import BEFORE
+from phyagentos.protocol.evidence_manifest import check_bundle
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.sessions import Ended, Execution, Scene
 from phyagentos.protocol.workspace import Workspace
@@ -205,6 +206,20 @@ def test_a_watchdog_that_goes_between_prepare_and_run_leaves_nothing_begun(place
 
     assert not place.thread.is_alive()
     assert place.steps.told == ["check g.a", "prepare g.a"]
+
+
+def test_a_watchdog_that_goes_right_after_a_session_leaves_its_bundle_sealed(place):
+    bundle = place.root / "evidence" / "g.a"
+    bundle.mkdir(parents=True)
+    (bundle / "holds.json").write_text("[]")
+    place.steps.may_end.set()
+    place.ask(check("g.a"))
+    place.hear()
+    place.ask(run("g.a"))
+    place.hear()
+    place.close()
+
+    assert check_bundle(bundle) == []
 
 
 @pytest.mark.parametrize(
