@@ -8,6 +8,7 @@ and to a whole number of control periods, so that the last row is at rest exactl
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import toppra
@@ -158,18 +159,24 @@ def _run_toppra(rows: Array, limits: JointLimits) -> "toppra.interpolator.Abstra
     """Time-optimal traversal of the natural spline through `rows`; None when it hardly moves."""
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
     path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
-    velocity, acceleration = VELOCITY_SCALE * limits.velocity_rad_s, ACCELERATION_SCALE * limits.acceleration_rad_s2
     solver = algorithm.TOPPRA(
-        [
-            constraint.JointVelocityConstraint(np.column_stack((-velocity, velocity))),
-            constraint.JointAccelerationConstraint(
-                np.column_stack((-acceleration, acceleration)),
-                discretization_scheme=constraint.DiscretizationType.Interpolation,
-            ),
-        ],
+        list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist()))),
         path,
         gridpoints=np.linspace(0.0, 1.0, int(np.clip(6 * len(rows), GRID_MIN, GRID_MAX))),
         parametrizer="ParametrizeConstAccel",
         solver_wrapper="seidel",
     )
     return solver.compute_trajectory(0.0, 0.0)
+
+
+@lru_cache(maxsize=16)
+def _constrain(velocity: tuple[float, ...], acceleration: tuple[float, ...]) -> tuple[constraint.Constraint, ...]:
+    """Limits [rad/s], [rad/s^2] as toppra takes them; kept, since to make them takes longer than to use them."""
+    fastest, hardest = VELOCITY_SCALE * np.array(velocity), ACCELERATION_SCALE * np.array(acceleration)
+    return (
+        constraint.JointVelocityConstraint(np.column_stack((-fastest, fastest))),
+        constraint.JointAccelerationConstraint(
+            np.column_stack((-hardest, hardest)),
+            discretization_scheme=constraint.DiscretizationType.Interpolation,
+        ),
+    )

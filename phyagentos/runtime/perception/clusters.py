@@ -27,13 +27,38 @@ def find_clusters(points: Array, link_m: float) -> list[NDArray[np.intp]]:
     """
     if len(points) < POINTS_MIN:
         return []
-    pairs = cKDTree(points).query_pairs(link_m, output_type="ndarray")
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    _, labels = connected_components(graph, directed=False)
-    counts = np.bincount(labels)
-    order = [int(label) for label in np.argsort(-counts, kind="stable") if counts[label] >= POINTS_MIN]
+    labels = _connect(points, link_m)
+    _, first, counts = np.unique(labels, return_index=True, return_counts=True)
+    order = [int(label) for label in np.lexsort((first, -counts)) if counts[label] >= POINTS_MIN]
     return [np.flatnonzero(labels == label) for label in order]
+
+
+def _connect(points: Array, link_m: float) -> NDArray[np.intp]:
+    """(n,) label of the cluster of each point.
+
+    Points of one small cell are linked in any case, so only one of each cell is compared with others, and all of those
+    cells that come near to another cluster: a camera close by sees a hundred points within the length of a link.
+    """
+    side_m = (1.0 - 1e-9) * link_m / np.sqrt(3.0)  # the diagonal of a cell is a link
+    cells = np.floor(points / side_m).astype(np.int64)
+    _, first, cell = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    tree = cKDTree(points[first])
+    labels = _label(len(first), tree.query_pairs(link_m, output_type="ndarray"))
+    if labels.any():  # more than one cluster so far
+        near = tree.query_pairs(3.0 * link_m, output_type="ndarray")  # a diagonal, a link, a diagonal
+        between = near[labels[near[:, 0]] != labels[near[:, 1]]]
+        border = np.flatnonzero(np.isin(cell, between))
+        links = cKDTree(points[border]).query_pairs(link_m, output_type="ndarray")
+        labels = _label(int(labels.max()) + 1, labels[cell[border[links]]])[labels]
+    found: NDArray[np.intp] = labels[cell]
+    return found
+
+
+def _label(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
+    """(count,) number of the connected component of each node, from the pairs (k, 2) of nodes that are linked."""
+    ones = np.ones(len(pairs), dtype=np.int8)
+    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.intp)
 
 
 def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -> list[NDArray[np.intp]]:

@@ -54,6 +54,8 @@ class Physics:
         self._gripper = model.actuator(GRIPPER_ACTUATOR).id
         self._fingers = np.array([int(model.joint(name).qposadr[0]) for name in profile.gripper.joints])
         self._pads = [model.geom(name).id for name in profile.gripper.pads]
+        self._is_pad = np.zeros(model.ngeom, dtype=np.bool_)
+        self._is_pad[self._pads] = True
         self._tcp = model.site(profile.tcp).id
         self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
         arm = {model.joint(name).bodyid[0] for name in (*profile.arm.joints, *profile.gripper.joints)}
@@ -156,8 +158,7 @@ class Physics:
     def find_touching(self) -> dict[str, int]:
         """Entities that touch a pad, with the number of pads (after `look`)."""
         touched: dict[str, set[int]] = {}
-        geoms = self.seen.contact.geom[: self.seen.ncon]
-        for pair in geoms[np.isin(geoms, self._pads).any(axis=1)].tolist():
+        for pair in self._find_pad_contacts():
             for pad, other in (pair, pair[::-1]):
                 entity = self._bodies.get(int(self.model.geom_bodyid[other]))
                 if pad in self._pads and entity is not None:
@@ -181,13 +182,18 @@ class Physics:
 
     def count_touching_pads(self) -> int:
         """How many pads touch anything that is not the robot (after `look`)."""
-        geoms = self.seen.contact.geom[: self.seen.ncon]
         touched = (
             {pad for pad in pair if pad in self._pads}
-            for pair in geoms[np.isin(geoms, self._pads).any(axis=1)].tolist()
+            for pair in self._find_pad_contacts()
             if any(int(self.model.geom_bodyid[geom]) in self._bodies for geom in pair)
         )
         return len(set().union(*touched))
+
+    def _find_pad_contacts(self) -> list[list[int]]:
+        """Pairs of geoms that touch, one of them a pad or both (after `look`)."""
+        geoms = self.seen.contact.geom[: self.seen.ncon]
+        pairs: list[list[int]] = geoms[self._is_pad[geoms].any(axis=1)].tolist()
+        return pairs
 
     def read_entities(self, holder: str, holding: tuple[str, ...]) -> tuple[Entity, ...]:
         """Ground truth of every thing (after `look`)."""

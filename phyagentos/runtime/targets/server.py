@@ -11,8 +11,11 @@ from multiprocessing.connection import Connection, Listener
 from typing import Any, Protocol
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.channel import Link
 from phyagentos.runtime.targets.target import Target
 from phyagentos.runtime.targets.wire import Here, Refused, Reply, Request, Shutdown, answer_bytes, receive_request, send
+
+WAIT_S = 60.0  # for a request; whoever steps a world in lockstep has the next one ready within a millisecond
 
 
 class Served(Target, Protocol):
@@ -34,10 +37,12 @@ def serve(target: Served, socket: str, should_end: Callable[[], bool] = lambda: 
     with Listener(socket, "AF_UNIX") as listener:
         while not should_end():
             with listener.accept() as connection:
+                link = Link(connection)
                 try:
-                    while not answer(connection, target):
-                        pass
-                    return
+                    while True:
+                        link.poll(WAIT_S)
+                        if answer(connection, target):
+                            return
                 except (EOFError, OSError):
                     target.withdraw()
 
