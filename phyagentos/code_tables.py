@@ -142,7 +142,7 @@ JOINT_MISSING            The target has a joint for which the source gives no va
 JOINT_UNKNOWN            The source names a joint that the target does not have.
 LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
-LIMIT_UNENFORCEABLE      The live target does not tell what a limit of safety.yaml would be held against.
+LIMIT_UNENFORCEABLE      The live target does not tell what a limit of safety.yaml is held against, or not truly.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
 NOT_CHECKED              A session was to run without a preflight.
 OBSERVATION_DTYPE        A policy takes another element type than the sensor gives.

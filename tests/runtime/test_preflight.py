@@ -84,7 +84,7 @@ def test_a_sound_contract_has_no_problem_and_gets_a_plan():
 
     assert preflight.find_contract_problems(session) == []
     assert preflight.find_target_problems(session, describe()) == []
-    assert preflight.find_world_problems(session, NOW) == []
+    assert preflight.find_world_problems(session, describe(), NOW) == []
     plan, tools = preflight.plan(session, describe())
     assert plan.tree == "pick"
     assert plan.target_adapter == "target_adapter://simulation/panda"
@@ -170,7 +170,7 @@ def test_kinematics_of_another_number_of_joints_are_no_kinematics(axes):
 def test_names_and_preconditions_are_judged_on_the_live_world():
     session = make_session(parameters={"object": "cub"}, requires=("visible(cube)", "visible(ghost)", "near(cube"))
 
-    problems = make_preflight().find_world_problems(session, NOW)
+    problems = make_preflight().find_world_problems(session, describe(), NOW)
 
     assert codes(problems) == ["ENTITY_UNKNOWN", "PRECONDITION_UNMET"]
     assert "Did you mean 'cube'?" in problems[0].hint
@@ -194,8 +194,8 @@ def test_conditions_may_name_what_is_gone_once_the_world_has_changed():
     session = make_session(hold=("upright(bottle)",))
     preflight = make_preflight()
 
-    assert codes(preflight.find_world_problems(session, NOW, is_fresh=True)) == ["ENTITY_UNKNOWN"]
-    assert preflight.find_world_problems(session, NOW, is_fresh=False) == []
+    assert codes(preflight.find_world_problems(session, describe(), NOW, is_fresh=True)) == ["ENTITY_UNKNOWN"]
+    assert preflight.find_world_problems(session, describe(), NOW, is_fresh=False) == []
 
 
 def test_what_was_checked_once_for_a_skill_is_told_again_of_every_session():

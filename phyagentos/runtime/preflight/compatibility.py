@@ -37,6 +37,7 @@ from phyagentos.runtime.preflight.safety_limits import (
     iter_live_safety_problems,
     iter_safety_problems,
     iter_start_problems,
+    iter_tool_problems,
 )
 from phyagentos.runtime.preflight.sensing import iter_frame_problems, iter_sensing_problems
 from phyagentos.runtime.preflight.settings import Settings
@@ -117,11 +118,14 @@ class Preflight:
             self._seen[skill.skill] = known = live, problems
         return locate(session, known[1])
 
-    def find_world_problems(self, session: Session, now: Environment, *, is_fresh: bool = True) -> list[Problem]:
-        """Names that are not in the world, preconditions that do not hold in it, a tool that stands outside.
+    def find_world_problems(
+        self, session: Session, live: Description, now: Environment, *, is_fresh: bool = True
+    ) -> list[Problem]:
+        """Names that are not in the world, preconditions that do not hold in it, a tool where it must not be.
 
         Args:
             session: The contract.
+            live: What the target says of itself.
             now: The world as observed.
             is_fresh: Whether nothing has moved in it yet.
         """
@@ -130,6 +134,7 @@ class Preflight:
             *iter_name_problems(session, skill, now, is_fresh=is_fresh),
             *iter_precondition_problems(session, now),
             *iter_start_problems(self.settings.limits, self.profile, now),
+            *iter_tool_problems(self.profile, live, now),
         ]
         return locate(session, problems)
 
@@ -181,7 +186,7 @@ class Preflight:
         problems += iter_operation_problems(skill, profile, settings.contract)
         problems += iter_sensing_problems(skill, profile, settings.sensors, settings.perception, settings.contract)
         if skill.kind == "policy":
-            problems += iter_policy_problems(skill, profile, settings.sensors)
+            problems += iter_policy_problems(skill, profile, settings.sensors, settings.perception.embedded.max_age_s)
         chain = self._compile_bridges(skill)
         if not isinstance(chain, BridgeChain):
             problems += (_tell_of_space(skill, each) for each in chain if skill.action_space or _is_of_target(each))

@@ -124,7 +124,7 @@ class Examiner:
         is_first = session.scene.episode != self._episode and not is_repeated
         self._episode = session.scene.episode
         now = self.perception.perceive(self.handle.observe(), session.scene)
-        problems = self.preflight.find_world_problems(session, now, is_fresh=is_first)
+        problems = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
         if not thorough and not (is_first and session.attempt == 0):
             return problems, ()
         trials = self._try_out(session, now, live, thorough=thorough)

@@ -15,11 +15,21 @@ from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
 from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
 
+TIME_TOLERANCE_S = 1e-9
 AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> what listens there; raises ExecutionError when nobody does
 
 
-def iter_policy_problems(skill: SkillRuntime, profile: TargetProfile, sensors: Sensors) -> Iterator[Problem]:
-    """Everything that the declaration tells."""
+def iter_policy_problems(
+    skill: SkillRuntime, profile: TargetProfile, sensors: Sensors, late_max_s: float
+) -> Iterator[Problem]:
+    """Everything that the declaration tells.
+
+    Args:
+        skill: Of kind `policy`.
+        profile: Of the target.
+        sensors: What can be shown to it.
+        late_max_s: How much older than one period of its stream a picture may be [s].
+    """
     policy, by = skill.policy, f"skill {skill.skill}"
     if policy is None or skill.action_space is None:
         for name, declared in (("policy", policy), ("action_space", skill.action_space)):
@@ -39,6 +49,7 @@ def iter_policy_problems(skill: SkillRuntime, profile: TargetProfile, sensors: S
         )
     for name, stream in policy.observations.items():
         yield from _iter_stream_problems(name, stream, profile, sensors, by)
+        yield from _iter_lateness_problems(name, stream, sensors, late_max_s, by)
     chunk_s = skill.action_space.chunk_length / skill.action_space.rate_hz
     if policy.inference_s > chunk_s:
         yield make_problem(
@@ -115,6 +126,26 @@ def _iter_stream_problems(
     else:
         yield from _iter_form_problems(address, stream, signal, len(profile.arm.joints), by)
     yield from _iter_source_problems(address, stream, sensor, by)
+
+
+def _iter_lateness_problems(
+    name: str, stream: Stream, sensors: Sensors, late_max_s: float, by: str
+) -> Iterator[Problem]:
+    """A camera whose pictures are too old to be shown before the next one comes."""
+    found = find_source(sensors, name, stream.frame)
+    if found is None or found[1].camera is None:
+        return
+    sensor, latency_s = found[1], found[1].camera.latency_s
+    most_s = late_max_s + 1.0 / stream.rate_hz - 1.0 / sensor.rate_hz
+    if latency_s > most_s + TIME_TOLERANCE_S:
+        yield make_problem(
+            "SENSOR_RATE",
+            f"sensors.yaml: sensors.{found[0]}.camera.latency_s",
+            f"{latency_s:g} s",
+            f"at most {max(most_s, 0.0):.3g} s",
+            triggered_by=f"{by}: observations.{name}",
+            fix="A picture is older than embedded.max_age_s of perception.yaml and one period of the stream.",
+        )
 
 
 def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: int, by: str) -> Iterator[Problem]:

@@ -15,12 +15,14 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.safety import Limit, TargetLimits
 from phyagentos.protocol.targets import TargetProfile
+from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.handle import EXPIRY_PERIODS
 from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.targets.wire import Description
 
 POSITION_TOLERANCE_RAD = 0.02  # a target keeps a margin before its end stops; the guard keeps it too
 RELATIVE_TOLERANCE = 1e-6
+TOOL_TOLERANCE_M = 0.005  # what a calibrated arm and its nominal model differ by, with room
 
 Array = NDArray[np.float64]
 _PER_JOINT = (
@@ -124,6 +126,27 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
                 triggered_by=f"safety.yaml: keep_out.{name}",
                 fix="Move the robot by hand, or correct the box.",
             )
+
+
+def iter_tool_problems(profile: TargetProfile, live: Description, now: Environment) -> Iterator[Problem]:
+    """Whether the tool stands where the told kinematics bring it; else the guard would watch over another place."""
+    state, told = now.targets.get(profile.target), live.kinematics
+    if state is None or told is None or not np.isfinite(state.tcp.position_m).all():
+        return
+    try:
+        point = ToolPoint(told).compute(np.asarray(state.q_rad, dtype=np.float64))
+    except ValueError:  # of another number of joints, which is told already
+        return
+    away_m = math.dist(point, state.tcp.position_m)
+    if not away_m <= TOOL_TOLERANCE_M:
+        yield make_problem(
+            "LIMIT_UNENFORCEABLE",
+            "target.kinematics",
+            f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands",
+            f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m",
+            triggered_by="safety.yaml: workspace_box, keep_out",
+            fix="Let the target tell the kinematics of this arm, with this tool, where it is mounted.",
+        )
 
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
