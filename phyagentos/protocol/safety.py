@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
-from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.schema import Authored, Located, read_yaml, validate
 
 Provenance = Literal["controller_enforced", "planner_constrained", "site_policy", "measured"]
@@ -29,7 +29,13 @@ UNITS = {
     "tracking_error_max": "rad",
 }
 BOXES = ("workspace_box", "keep_out")
+PER_JOINT = tuple(name for name in UNITS if name.startswith("joint_"))  # one number, or one per joint
 NO_SOURCE = {"", "?", "-", "n/a", "none", "unknown", "tbd", "todo", "guess", "guessed"}
+GUARDED = (  # codes of what the guard finds
+    "ESTOPPED", "EXPIRED", "EXPIRY_TOO_LATE", "RATE", "SESSION_TOO_LONG", "WRONG_SHAPE", "NOT_FINITE",
+    "JOINT_POSITION", "JOINT_VELOCITY", "JOINT_ACCELERATION", "JOINT_JERK", "SET_POINTS_DISAGREE",
+    "GRIPPER_WIDTH", "GRIPPER_FORCE", "WORKSPACE", "KEEP_OUT", "COLLISION",
+)  # fmt: skip
 CLAMPABLE = ("JOINT_POSITION", "GRIPPER_WIDTH")  # what can be projected without making it worse
 
 
@@ -135,16 +141,22 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
             yield located.problem("WRONG_UNIT", (*at, "unit"), repr(limit.unit), unit)
         if path[0] in BOXES:
             yield from _check_box(located, (*at, "value"), limit)
-        elif isinstance(limit.value, tuple) and not all(isinstance(each, float | int) for each in limit.value):
-            yield located.problem("INVALID_VALUE", (*at, "value"), "a box", "a number, or one per joint")
+        elif isinstance(limit.value, tuple) and not _is_per_joint(path[0], limit.value):
+            expected = "one number, or one per joint" if path[0] in PER_JOINT else "one number"
+            yield located.problem("INVALID_VALUE", (*at, "value"), str(list(limit.value)), expected)
         elif path[0] not in {"joint_position_min", "joint_position_max"} and min(as_numbers(limit)) <= 0.0:
             yield located.problem("INVALID_VALUE", (*at, "value"), str(limit.value), "greater than 0")
     for code, reaction in limits.reactions.items():
-        if reaction == "clamp" and code not in CLAMPABLE:
-            yield located.problem(
-                "INVALID_VALUE", ("targets", target, "reactions", code), "clamp", "refuse, or a stop",
-                f"Only {format_names(CLAMPABLE)} can be clamped.",
-            )  # fmt: skip
+        at = ("targets", target, "reactions", code)
+        if code not in GUARDED:
+            yield located.problem("UNKNOWN_KEY", at, repr(code), format_names(GUARDED), format_hint(code, GUARDED))
+        elif reaction == "clamp" and code not in CLAMPABLE:
+            hint = f"Only {format_names(CLAMPABLE)} can be clamped."
+            yield located.problem("INVALID_VALUE", at, "clamp", "refuse, or a stop", hint)
+
+
+def _is_per_joint(name: str, values: tuple[object, ...]) -> bool:
+    return name in PER_JOINT and bool(values) and all(isinstance(each, float | int) for each in values)
 
 
 def _check_box(located: Located, at: tuple[str, ...], limit: Limit) -> Iterator[Problem]:

@@ -35,7 +35,7 @@ def run(root, edits, rename=("", "")):
     journal = Journal(workspace.root, side=Side.AGENT, by="test", clock=SystemClock())
     with (workspace.logs / "watch.log").open("wb") as log, subprocess.Popen(command, stdout=log, stderr=log) as watch:
         try:
-            mission = Mission(workspace, journal, clock=SystemClock(), is_runtime_alive=lambda: watch.poll() is None)
+            mission = Mission(workspace, journal, clock=SystemClock(), is_runtime_alive=lambda _: watch.poll() is None)
             report = mission.run(GRAPH, seed=1, goal="tidy")
         finally:
             watch.terminate()

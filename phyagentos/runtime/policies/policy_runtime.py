@@ -71,7 +71,7 @@ class PolicySkillRuntime:
         self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
         self._velocity = np.zeros(len(self._before) - 1)
         self._lag = Lag(context.tracking_error_max_rad)
-        self._asked_at_s, self._asked_after = 0.0, 0
+        self._asked_at_s, self._asked_after, self._asked_before = 0.0, 0, self._before
         self._chunks = self._commands = self._empty = 0
         self._is_last = False
 
@@ -143,7 +143,7 @@ class PolicySkillRuntime:
     def _ask(self) -> None:
         session = self._context.session
         self._asked_at_s, observations = self._parts.observer.observe()
-        self._asked_after = self._commands
+        self._asked_after, self._asked_before = self._commands, self._before
         request = wire.Infer(
             session=session.id,
             sequence=self._chunks,
@@ -165,7 +165,7 @@ class PolicySkillRuntime:
             late = self._commands - self._asked_after
             if self._is_past(len(rows)):
                 late, self._is_last = len(rows), False
-            self._queue(rows[late:], late, 0 if chunk.done else OVERLAP)
+            self._queue(self._leave_out(rows, late), late, 0 if chunk.done else OVERLAP)
         self._empty = self._empty + 1 if not self._periods else 0
         if self._empty > EMPTY_MAX and not self._is_last:
             self._fail("POLICY_LOST", f"{self._empty} chunks in a row had nothing that could still be carried out")
@@ -179,8 +179,8 @@ class PolicySkillRuntime:
         return waited_s > max(lasts_s, self._parts.descriptor.inference_s)
 
     def _convert(self, rows: Array) -> Array | None:
-        """Rows of the target; None when the chunk is refused."""
-        bridged = self._parts.chain.apply(np.asarray(rows, dtype=np.float64), self._before)
+        """Rows of the target, from the set-point that stood when they were asked for; None when they are refused."""
+        bridged = self._parts.chain.apply(np.asarray(rows, dtype=np.float64), self._asked_before)
         if isinstance(bridged, Violation):
             where = f"{self._parts.descriptor.policy}, chunk {self._chunks}"
             self._fail(str(bridged.code), f"{where}: {bridged}")
@@ -189,6 +189,13 @@ class PolicySkillRuntime:
             details = {"where": each.where, "row": each.row, "before": each.before, "after": each.after}
             self._context.note("intervention", each.code, **details)
         return bridged.rows
+
+    def _leave_out(self, rows: Array, late: int) -> Array:
+        """Without what is too old; changes go on from the set-point that stands, wherever the chunk before led."""
+        left = rows[late:]
+        if late and len(left) and self._parts.chain.source.delta:
+            left[:, :-1] += self._before[:-1] - rows[late - 1, :-1]
+        return left
 
     def _queue(self, rows: Array, late: int, overlap: int) -> None:
         """Let a chunk take the place of the one before, up to the rows that the next one will say again."""

@@ -9,6 +9,8 @@ from multiprocessing.connection import Connection, Listener
 from typing import Protocol, cast
 from urllib.parse import urlsplit
 
+import numpy as np
+
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.policies import PolicyDescriptor
 from phyagentos.runtime.policies import wire
@@ -47,7 +49,7 @@ def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callabl
 
 
 def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor) -> wire.Reply:
-    """The reply to one request; what the model raises becomes a `Fault`."""
+    """The reply to one request; what the model raises, and what is no chunk, becomes a `Fault`."""
     try:
         if isinstance(request, wire.Introduce):
             return wire.Introduction(descriptor=descriptor.model_dump(mode="json"))
@@ -55,7 +57,7 @@ def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor) 
             policy.start(request)
             return wire.Started()
         rows, done = policy.infer(request)
-        return wire.Chunk(sequence=request.sequence, rows=rows, done=done)
+        return wire.Chunk(sequence=request.sequence, rows=np.asarray(rows, dtype=np.float64), done=bool(done))
     except Exception as error:  # whatever a model raises must reach the session as an attributed fault
         return wire.Fault(message=f"{type(error).__name__}: {error}")
 

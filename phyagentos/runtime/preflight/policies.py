@@ -93,16 +93,21 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
 
 
 def _iter_endpoint_problems(policy: PolicyDescriptor, by: str) -> Iterator[Problem]:
-    parts = urlsplit(policy.endpoint)
-    try:
-        has_port = parts.port is not None or parts.scheme in {"http", "https"}
-    except ValueError:
-        has_port = False
-    if parts.scheme not in SCHEMES or not parts.hostname or not has_port:
+    if not _is_endpoint(policy.endpoint):
         expected = f"SCHEME://HOST:PORT with one of {format_names(SCHEMES)}"
         yield make_problem(
             "ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, triggered_by=by
         )
+
+
+def _is_endpoint(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        host, has_port = parts.hostname or "", parts.port is not None or parts.scheme in {"http", "https"}
+        host.encode("idna")
+    except ValueError:  # half a bracket, a port that is no number, a part of a host's name that is empty or too long
+        return False
+    return parts.scheme in SCHEMES and bool(host) and has_port
 
 
 def _iter_stream_problems(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import Problem
 from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.safety import Limit, TargetLimits
+from phyagentos.protocol.safety import PER_JOINT, Limit, TargetLimits
 from phyagentos.protocol.targets import TargetProfile
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.handle import EXPIRY_PERIODS
@@ -25,10 +25,6 @@ RELATIVE_TOLERANCE = 1e-6
 TOOL_TOLERANCE_M = 0.005  # what a calibrated arm and its nominal model differ by, with room
 
 Array = NDArray[np.float64]
-_PER_JOINT = (
-    "joint_position_min", "joint_position_max", "joint_velocity_max", "joint_acceleration_max", "joint_jerk_max",
-    "tracking_error_max",
-)  # fmt: skip
 _OWN = (
     ("joint_velocity_max", "velocity_rad_s"),
     ("joint_acceleration_max", "acceleration_rad_s2"),
@@ -151,7 +147,7 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
     n = len(profile.arm.joints)
-    for name in _PER_JOINT:
+    for name in PER_JOINT:
         limit = getattr(limits, name)
         if not _fits(limit, n):
             yield make_problem(

@@ -33,6 +33,11 @@ class Coasting(Served, Protocol):
         """Length of a command [s]."""
         ...
 
+    @property
+    def is_moving(self) -> bool:
+        """Whether the latest command left a motion in its middle, so that another one must follow."""
+        ...
+
     def coast(self) -> None:
         """One control period without a command: decelerate to a hold, then hold."""
         ...
@@ -61,6 +66,14 @@ class Pace:
             self._offset_s = self._clock.now_s() - self._target.time_s
             return 0.0
         return lag_s
+
+    def begin_motion(self) -> None:
+        """Let time stand until the world is as far ahead as in the middle of a motion.
+
+        At rest it follows the wall clock by up to a period, so that the second command would have to come at once.
+        """
+        ahead_s = AHEAD_PERIODS * self._target.control_period_s
+        self._offset_s += max(0.0, self.compute_lag_s() + ahead_s)
 
 
 def serve_realtime(target: Coasting, socket: str, clock: Clock, should_end: Callable[[], bool] = lambda: False) -> None:
@@ -94,6 +107,7 @@ def serve_realtime(target: Coasting, socket: str, clock: Clock, should_end: Call
                 if client is None:
                     client = listener.accept()
                     continue
+                was_moving = target.is_moving
                 try:
                     if answer(client, target, keep_pace):
                         return
@@ -101,17 +115,19 @@ def serve_realtime(target: Coasting, socket: str, clock: Clock, should_end: Call
                     client.close()
                     client = None
                     target.withdraw()
+                if target.is_moving and not was_moving:
+                    pace.begin_motion()
         finally:
             if client is not None:
                 client.close()
 
 
 def _wait_for(source: Any, target: Coasting, pace: Pace) -> bool:
-    """Wait until the next control period is due, which then passes; whether there is something to read before."""
+    """Wait a control period at most, and let it pass once it is due; whether there is something to read before."""
     target.look_for_stops()
     period_s = target.control_period_s
     lag_s = pace.compute_lag_s()
-    if wait([source], max(0.0, period_s - lag_s)) and lag_s < LATE_PERIODS * period_s:
+    if wait([source], min(max(0.0, period_s - lag_s), period_s)) and lag_s < LATE_PERIODS * period_s:
         return True
     if pace.compute_lag_s() >= period_s:
         target.coast()

@@ -116,6 +116,11 @@ class MujocoWorld:
         """Length of a command [s]."""
         return self._profile.control_period_s
 
+    @property
+    def is_moving(self) -> bool:
+        """Whether the set-points stopped in the middle of a motion."""
+        return self._drive is not None and self._drive.is_moving
+
     def coast(self) -> None:
         """One control period without a command: a motion that was left in its middle is stopped, then the arm holds."""
         if self._drive is None:

@@ -1,5 +1,6 @@
 """Conversations with a policy server over real sockets: what is asked, and what is wrong with an answer."""
 
+import contextlib
 import http.server
 import socket
 import threading
@@ -7,12 +8,14 @@ import threading
 import numpy as np
 import pytest
 
+from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.policies import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
 from phyagentos.runtime.policies.server import answer, serve_policy
 
+CLOCK = SystemClock()
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
 DESCRIPTOR = PolicyDescriptor.model_validate(
     {
@@ -40,8 +43,7 @@ class Echo:
         return np.tile(shown, (2, 1)), request.rows_done > 0
 
 
-@pytest.fixture(scope="module")
-def endpoint():
+def serve(policy):
     ready = threading.Event()
     found = []
 
@@ -49,9 +51,14 @@ def endpoint():
         found.append(where)
         ready.set()
 
-    threading.Thread(target=serve_policy, args=(Echo(), DESCRIPTOR, on_ready), daemon=True).start()
+    threading.Thread(target=serve_policy, args=(policy, DESCRIPTOR, on_ready), daemon=True).start()
     assert ready.wait(10)
     return found[0]
+
+
+@pytest.fixture(scope="module")
+def endpoint():
+    return serve(Echo())
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +98,21 @@ def take(client):
     while (chunk := client.poll()) is None:
         client.wait(1.0)
     return chunk
+
+
+def serve_bytes(listener, *parts, pause_s=0.0):
+    """Answer the first request with these bytes, one part after the other, and stay; the endpoint."""
+
+    def speak():
+        with contextlib.suppress(OSError), listener.accept()[0] as connection:
+            connection.recv(65536)
+            for part in parts:
+                connection.sendall(part)
+                CLOCK.sleep(pause_s)
+            connection.recv(1)  # until the client hangs up
+
+    threading.Thread(target=speak, daemon=True).start()
+    return f"tcp://127.0.0.1:{listener.getsockname()[1]}"
 
 
 def converse(endpoint, *requests, timeout_s=5.0):
@@ -140,6 +162,51 @@ def test_a_server_that_says_nothing_is_lost_and_nobody_waits_for_it(listener):
     client.close()
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [[b"\0\0"], [b"\0\0\1\0abc"], [b"\0\0\1\0", *([b"a"] * 256)]],
+    ids=["half a length", "half a body", "a drip"],
+)
+def test_a_server_that_does_not_finish_its_answer_in_time_is_lost(listener, parts):
+    began_s = CLOCK.now_s()
+    with pytest.raises(ExecutionError, match=r"only \d+ bytes of an answer within 0\.2 s") as error:
+        converse(serve_bytes(listener, *parts, pause_s=0.05), infer(), timeout_s=0.2)
+    assert error.value.code == "POLICY_LOST"
+    assert CLOCK.now_s() - began_s < 2.0
+
+
+@pytest.mark.parametrize("length", [b"SSH-", b"\xff\xff\xff\xff"], ids=["another protocol", "negative"])
+def test_an_answer_longer_than_any_chunk_is_a_fault_and_not_waited_for(listener, length):
+    with pytest.raises(ExecutionError, match=r"an answer of \d+ bytes; at most 16777216") as error:
+        converse(serve_bytes(listener, length), infer())
+    assert error.value.code == "POLICY_FAULT"
+
+
+@pytest.mark.parametrize(
+    ("length", "parts", "code", "told"),
+    [
+        (256, [b"a"] * 256, "POLICY_LOST", r"only \d+ bytes of an answer within 0\.2 s"),
+        (2**25, [bytes(2**25)], "POLICY_FAULT", "at most 16777216"),
+    ],
+    ids=["a drip", "a flood"],
+)
+def test_over_http_an_answer_without_end_is_given_up_as_well(listener, length, parts, code, told):
+    head = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % length
+    endpoint = serve_bytes(listener, head, *parts, pause_s=0.05).replace("tcp", "http")
+    began_s = CLOCK.now_s()
+    with pytest.raises(ExecutionError, match=told) as error:
+        converse(endpoint, infer(), timeout_s=0.2)
+    assert error.value.code == code
+    assert CLOCK.now_s() - began_s < 2.0
+
+
+@pytest.mark.parametrize("endpoint", ["http://a..b/", "http://[::1:5/", "tcp://[::1:5", "tcp://a..b:5", "tcp://a:x"])
+def test_an_endpoint_that_is_none_is_told_and_not_raised(endpoint):
+    with pytest.raises(ExecutionError) as error:
+        ask_policy(endpoint)
+    assert error.value.code in {"POLICY_UNREACHABLE", "POLICY_LOST"}
+
+
 def test_a_server_that_hangs_up_is_lost(listener):
     def accept_and_go():
         listener.accept()[0].close()
@@ -179,16 +246,34 @@ def test_what_comes_after_the_client_has_hung_up_is_not_listened_to(listener):
     ids=["empty", "nonsense", "other", "late"],
 )
 def test_an_answer_that_is_none_is_a_fault(listener, said):
-    def speak():
-        with listener.accept()[0] as connection:
-            connection.recv(65536)
-            connection.sendall(len(said).to_bytes(4, "big") + said)
-            connection.recv(1)  # until the client hangs up
-
-    threading.Thread(target=speak, daemon=True).start()
-    client = PolicyClient(f"tcp://127.0.0.1:{listener.getsockname()[1]}", 5.0)
+    client = PolicyClient(serve_bytes(listener, len(said).to_bytes(4, "big") + said), 5.0)
     client.ask(infer())
     with pytest.raises(ExecutionError) as error:
         take(client)
     assert error.value.code == "POLICY_FAULT"
     client.close()
+
+
+@pytest.mark.parametrize(
+    ("said", "width"),
+    [
+        ((np.zeros((1, 8)), np.True_), 8),
+        (([[0.0] * 8, [1] * 8], False), 8),
+        ((np.zeros((1, 3), dtype=np.int64), 1), 3),
+        (([[0.0], [0.0, 1.0]], False), None),
+        ((np.array([["a"]]), False), None),
+        (None, None),
+    ],
+    ids=["numpy bool", "lists", "whole numbers", "ragged", "words", "nothing"],
+)
+def test_whatever_a_model_returns_its_server_answers_and_goes_on(said, width):
+    policy = Echo()
+    policy.infer = lambda _: said
+    where = serve(policy)
+    for _ in range(2):
+        if width is None:
+            with pytest.raises(ExecutionError) as error:
+                converse(where, infer())
+            assert error.value.code == "POLICY_FAULT"
+        else:
+            assert converse(where, infer()).rows.shape[1] == width

@@ -48,6 +48,16 @@ def test_a_file_that_any_tool_drops_is_in_force_at_once_and_on_the_disk_when_it_
     assert listener.is_latched()
 
 
+@pytest.mark.parametrize("reason", [r"fire \ud83d\udd25", r"half of \ud83d", "too close\x7f", "Gef\xe4\xdf"])
+def test_a_stop_is_kept_whatever_its_reason_holds(tmp_path, listen, reason):
+    listener = listen()
+    (tmp_path / "new" / "stop.json").write_bytes(f'{{"kind": "estop", "reason": "{reason}"}}'.encode("latin-1"))
+
+    assert listener.is_latched()
+    listener.keep()
+    assert read_latch(tmp_path).reason[:3] == reason[:3]
+
+
 @pytest.mark.parametrize("has_reserve", [True, False])
 def test_a_full_disk_holds_up_no_stop_and_is_asked_again_until_it_takes_it(tmp_path, monkeypatch, has_reserve):
     clock = ManualClock()
