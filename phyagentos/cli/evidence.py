@@ -11,6 +11,7 @@ from phyagentos.cli.outcome import ExitCode, print_problems, print_result
 if TYPE_CHECKING:
     from phyagentos.errors import Problem
     from phyagentos.protocol.retention import RetentionReport
+    from phyagentos.protocol.sessions import SessionStatus
     from phyagentos.protocol.workspace import Workspace
 
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
@@ -75,7 +76,24 @@ def _verify(workspace: "Workspace") -> tuple[int, "list[Problem]"]:
             continue
         checked += 1
         problems += check_bundle(folder)
-    return checked, [*problems, *check_objects(workspace.evidence)]
+    gone = [missing for status in sessions.values() if (missing := _find_missing(workspace, status))]
+    return checked + len(gone), [*gone, *problems, *check_objects(workspace.evidence)]
+
+
+def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem | None":
+    """The bundle that an ended session left and that is gone; a lost target may have left none."""
+    from phyagentos.errors import Problem
+    from phyagentos.protocol.lifecycle import FINAL_STATES
+    from phyagentos.protocol.sessions import Ended
+
+    done = status.execution
+    if status.state not in FINAL_STATES or done is None or not done.evidence or done.ended is Ended.TARGET_LOST:
+        return None
+    folder = workspace.root / done.evidence
+    if folder.is_dir():
+        return None
+    expected = f"the bundle of {status.contract.id}"
+    return Problem(code="MISSING", address=str(folder), found="no such folder", expected=expected)
 
 
 def _to_plain(problem: "Problem") -> dict[str, str]:

@@ -1,5 +1,9 @@
-"""Commands that stop: `cancel`, `pause`, `resume`, `estop`. Each is a file that any tool could have dropped."""
+"""Commands that stop: `cancel`, `pause`, `resume`, `estop`. Each is a file that any tool could have dropped.
 
+Only the end of a goal is a record: whichever agent takes the goal up must see it.
+"""
+
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +14,18 @@ from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, format_names
 from phyagentos.protocol import estop as latches
-from phyagentos.protocol.lifecycle import FINAL_STATES
+from phyagentos.protocol.lifecycle import FINAL_STATES, Side
+from phyagentos.protocol.plain_text import clean
+from phyagentos.protocol.sessions import GoalId
+from phyagentos.protocol.store.admission import GOAL_PREFIX, Entry, GoalEvent
+from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.mailbox import EVERY_SESSION, Signal, drop_signal
+from phyagentos.protocol.tasks import GoalStatus
 from phyagentos.protocol.workspace import Workspace
 
 Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
-Reason = Annotated[str, typer.Option(help="Why; it is recorded.")]
+Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
 
 
 def register(app: typer.Typer) -> None:
@@ -24,8 +34,19 @@ def register(app: typer.Typer) -> None:
         app.command(command.__name__)(command)
 
 
-def cancel(session: Which, workspace: Space, reason: Reason = "") -> None:
-    """Ask for an end: the robot is halted, then the session is cancelled."""
+def cancel(
+    session: Annotated[str, typer.Argument(metavar="SESSION|GOAL|all")], workspace: Space, reason: Reason = ""
+) -> None:
+    """Ask for an end: the robot is halted, then the session is cancelled; of a goal, every session of it."""
+    from phyagentos.cli.past import read_ledger
+
+    ledger = Ledger() if session == "all" else read_ledger(workspace)  # a damaged journal must not hold up a stop
+    if (goal := ledger.goals.get(GoalId(session))) is not None:
+        _cancel_goal(goal, workspace, reason)
+        for status in ledger.live_sessions():
+            if status.contract.goal == goal.id:
+                _drop(Signal(kind="cancel", session=status.contract.id, by="paos cancel", reason=reason), workspace)
+        return
     _drop(Signal(kind="cancel", session=_find(session, workspace), by="paos cancel", reason=reason), workspace)
 
 
@@ -57,6 +78,18 @@ def estop(
             raise ExecutionError("LATCH_UNWRITABLE", f"{signals}: {error}; use the stop of the robot itself") from error
         print_result(f"latched, but the disk did not confirm it ({error}): a restart of the machine may forget it")
     print_result(f"latched: {signals / latches.LATCH}; `paos estop --reset --reason …` lets targets move again")
+
+
+def _cancel_goal(goal: GoalStatus, workspace: Path, reason: str) -> None:
+    """Record that it is to end; one that was cancelled before may still have sessions that live."""
+    if goal.verdict:
+        raise Exit(ExitCode.INVALID_INPUT, f"{goal.id}: its verdict {goal.verdict!r} is final")
+    if not goal.is_cancelled:
+        body = {"reason": reason or "asked for by paos cancel"}
+        clock = SystemClock()
+        with contextlib.closing(Journal(workspace, side=Side.OPERATOR, by="paos cancel", clock=clock)) as journal:
+            journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
+    print_result(f"cancelled goal {goal.id}")
 
 
 def _find(session: str, workspace: Path) -> str:

@@ -12,6 +12,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.plain_text import clean
 
 LATCH = "estop.json"
 RESERVE = ".estop.reserve"
@@ -51,7 +52,7 @@ def read_latch(signals: Path) -> Latch | None:
         return msgspec.json.decode((signals / LATCH).read_bytes(), type=Latch)
     except FileNotFoundError:
         return None
-    except msgspec.MsgspecError:
+    except (ValueError, RecursionError):
         return Latch(reason="the file of the latch cannot be read")
 
 
@@ -137,7 +138,8 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
 
 
 def _encode(content: Latch) -> bytes:
-    return msgspec.json.format(msgspec.json.encode(content)) + b"\n"
+    told = {name: clean(text) for name, text in msgspec.structs.asdict(content).items()}  # JSON takes not every text
+    return msgspec.json.format(msgspec.json.encode(Latch(**told))) + b"\n"
 
 
 def _write(path: Path, content: Latch) -> None:

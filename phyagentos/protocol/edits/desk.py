@@ -89,14 +89,7 @@ class Desk:
         results: list[Merge] = []
 
         def handle(data: bytes, is_whole: bool) -> None:
-            text = decode(data)
-            try:
-                results.append(self.take_text(text, history, is_whole=is_whole))
-            except ExecutionError:
-                raise
-            except Exception as error:  # whatever somebody wrote, it must not end the process that supervises
-                refused = self._reject([_refuse_unread(text, error)], self._source)
-                results.append(Merge((), tuple(refused)))
+            results.append(self.take_text(decode(data), history, is_whole=is_whole))
 
         self.file.take(handle, at_once=at_once)
         return results
@@ -114,6 +107,14 @@ class Desk:
             What was recorded, and what was refused (only what no earlier save of the same text was refused for).
         """
         source = source or self._source
+        try:
+            return self._merge_text(text, history, source, is_whole=is_whole)
+        except ExecutionError:
+            raise
+        except Exception as error:  # whatever somebody wrote, it must not end the process that supervises
+            return Merge((), tuple(self._reject([_refuse_unread(text, error)], source)))
+
+    def _merge_text(self, text: str, history: History, source: str, *, is_whole: bool) -> Merge:
         history.read_new()
         sheet = read_sheet(text)
         page = history.find_page(sheet.view) if sheet.view is not None else None
@@ -144,8 +145,12 @@ class Desk:
                 entry = plan_request(file.path, history.ledger.sessions)
                 if entry is not None:
                     self._commit(entry)
+            except ExecutionError:
+                raise
             except (Impossible, *_REFUSALS) as error:
                 file.refuse(str(error))
+            except Exception as error:  # as in `take_text`
+                file.refuse(_tell_failure(error))
             else:
                 file.accept()
         if dropped:
@@ -186,9 +191,12 @@ def _refuse_unknown(text: str, view: int | None, seq: int) -> Refused:
 
 
 def _refuse_unread(text: str, error: Exception) -> Refused:
-    reason = f"this program failed on it ({type(error).__name__}: {error})"
     possible = "make the same change in the present SESSIONS.md, and report this"
-    return Refused(line=1, about="the whole file", reason=reason, possible=possible, text=text)
+    return Refused(line=1, about="the whole file", reason=_tell_failure(error), possible=possible, text=text)
+
+
+def _tell_failure(error: Exception) -> str:
+    return f"this program failed on it ({type(error).__name__}: {error})"
 
 
 def _refuse_unfinished(text: str, base: str) -> list[Refused]:

@@ -4,19 +4,21 @@ Upstream: YAML with the place of every value. Downstream: the contract as the jo
 no goal, so it has no node and no parent: those belong to the agent.
 """
 
+import contextlib
 import re
 from typing import Annotated, Any, Literal
 
 import pydantic
+import yaml
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
-from phyagentos.protocol.schema import Address, Authored, Located, parse_yaml, validate
-from phyagentos.protocol.sessions import Amendment, GoalId, Limits, ResetPolicy, Scene, Session, SessionId
+from phyagentos.protocol.schema import DEPTH_MAX, Address, Authored, Loader, Located, parse_yaml, validate
+from phyagentos.protocol.sessions import PRIORITY_MAX, Amendment, GoalId, Limits, ResetPolicy, Scene, Session, SessionId
 from phyagentos.protocol.store.records import JOURNAL_ID
 
 BY_HAND = GoalId("")  # goal of a session that serves none
-PRIORITY_MAX = 1_000_000
+ALIASES_MAX = 20  # twenty can stand for some thousand values, sixty for more than any memory holds
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,119}")
 _OF_AGENT = ("goal", "node", "parent", "attempt")
 _Seconds = Annotated[float, pydantic.Field(gt=0, strict=True)]
@@ -98,17 +100,25 @@ REQUESTS: dict[str, type[SubmitRequest] | type[AmendRequest] | type[CancelReques
 }
 
 
-def read_values(text: str, source: str, line: int = 1) -> Located:
-    """As `parse_yaml`; what is YAML but no value of ours (a date that is none, a list as a key) is a problem as well.
+def parse_form(text: str, source: str, line: int = 1) -> Located:
+    """As `parse_yaml`, for what a stranger may have written: it cannot ask for more than its reader can bear.
 
     Raises:
         DefinitionError: With the place.
     """
-    try:
-        return parse_yaml(text, source, line)
-    except (ValueError, TypeError, OverflowError, RecursionError) as error:
-        problem = Problem(code="YAML_VALUE", address=f"{source}:{line}:1", found=str(error))
-        raise DefinitionError(problem) from error
+    aliases = depth = 0
+    with contextlib.suppress(yaml.YAMLError):  # `parse_yaml` tells its place
+        for event in yaml.parse(text, Loader=Loader):
+            aliases += isinstance(event, yaml.AliasEvent)
+            if aliases > ALIASES_MAX:
+                found = f"more than {ALIASES_MAX} aliases"
+                raise DefinitionError(
+                    Problem(code="YAML_SYNTAX", address=f"{source}:{line}:1", found=found, hint="Write them out.")
+                )
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEPTH_MAX:  # `parse_yaml` refuses it
+                break
+    return parse_yaml(text, source, line)
 
 
 def read_contract(located: Located, path: Address, id: str) -> Session:

@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.edits.changes import plan_amend, plan_cancel, plan_submit
@@ -22,14 +20,14 @@ from phyagentos.protocol.edits.form import (
     CancelRequest,
     Request,
     SubmitRequest,
+    parse_form,
     read_amendment,
     read_contract,
-    read_values,
 )
 from phyagentos.protocol.schema import Located, validate
 from phyagentos.protocol.sessions import SessionId, SessionStatus
 from phyagentos.protocol.store.admission import Entry
-from phyagentos.protocol.store.mailbox import move_aside
+from phyagentos.protocol.store.mailbox import extend_name, move_aside
 
 SETTLED_S = 0.5  # a file written straight into `new/` appears empty and grows
 _EXAMPLE = """kind: cancel
@@ -62,7 +60,8 @@ class Dropped:
             f"# {self.path.name} was refused\n\n{reason}\n\nNothing was done. Correct it and drop it again. A request "
             f"is a YAML mapping with `kind` ({kinds}), for example:\n\n```yaml\n{_EXAMPLE}```\n"
         )
-        moved.with_name(f"{moved.name}.reason.md").write_text(text, encoding="utf-8", errors="backslashreplace")
+        reason_file = moved.with_name(extend_name(moved.name, ".reason.md"))
+        reason_file.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 class Inbox:
@@ -110,7 +109,7 @@ def read_request(path: Path) -> tuple[Request, Located]:
         DefinitionError: With every problem, each at file:line:column.
     """
     try:
-        located = read_values(path.read_text(encoding="utf-8-sig"), path.name)
+        located = parse_form(path.read_text(encoding="utf-8-sig"), path.name)
     except (OSError, UnicodeDecodeError) as error:
         raise DefinitionError(Problem(code="UNREADABLE_FILE", address=path.name, found=str(error))) from error
     data = located.data
@@ -148,6 +147,6 @@ def plan_request(path: Path, sessions: Mapping[SessionId, SessionStatus]) -> Ent
 def _is_yaml(path: Path) -> bool:
     """Whether it can be refused or done at once; what is no YAML yet may still grow."""
     try:
-        return isinstance(yaml.safe_load(path.read_bytes()), dict)
-    except (OSError, yaml.YAMLError, ValueError, TypeError, RecursionError):
+        return isinstance(parse_form(path.read_text(encoding="utf-8-sig"), path.name).data, dict)
+    except (OSError, ValueError, DefinitionError):
         return False

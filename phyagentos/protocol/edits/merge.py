@@ -19,10 +19,10 @@ from phyagentos.protocol.edits.changes import (
     plan_cancel,
     plan_submit,
 )
-from phyagentos.protocol.edits.form import PRIORITY_MAX, read_amendment, read_contract, read_values
+from phyagentos.protocol.edits.form import parse_form, read_amendment, read_contract
 from phyagentos.protocol.edits.reading import Line, Section, Sheet
 from phyagentos.protocol.schema import Located
-from phyagentos.protocol.sessions import Amendment, Limits, SessionId, SessionStatus
+from phyagentos.protocol.sessions import PRIORITY_MAX, Amendment, Limits, SessionId, SessionStatus
 from phyagentos.protocol.store.admission import Entry
 from phyagentos.protocol.views.sessions import build_data
 
@@ -104,14 +104,14 @@ class _SectionMerge:
                 return []  # its block was deleted
             raise Impossible("it has no YAML block that is closed", POSSIBLE)
         try:
-            located = read_values(section.yaml, self._source, section.yaml_line)
+            located = parse_form(section.yaml, self._source, section.yaml_line)
         except DefinitionError as error:
             raise Impossible("; ".join(map(str, error.problems)), "correct the YAML") from error
         if base is not None and self._id not in self._sessions:
             raise Impossible(f"session {self._id} is long over", "nothing; submit a new session")
         if base is not None and base.yaml is not None:
             extra = _find_new(section.prose, base.prose)
-            accepted = self._amend(located, read_values(base.yaml, self._source, 1))
+            accepted = self._amend(located, parse_form(base.yaml, self._source))
         else:
             extra = list(section.prose)
             accepted = self._submit(located)

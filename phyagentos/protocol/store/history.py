@@ -5,14 +5,14 @@ used, and how did it end), `paos why`, `paos rerun`. Every record is checked lik
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.lifecycle import FINAL_STATES, REVIEW, compile_table
-from phyagentos.protocol.sessions import SessionId, SessionStatus
+from phyagentos.protocol.sessions import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent
 from phyagentos.protocol.store.index import HistoryIndex, Place
 from phyagentos.protocol.store.ledger import Ledger
@@ -79,9 +79,24 @@ class Histories:
         contract = records[0].contract
         if contract.goal:
             of_node = self.find(f"{NODE_PREFIX}{contract.goal}/{contract.node}")
-            kin = {str(body[name]) for record in of_node if (body := record.body or {}) for name in KIN if name in body}
+            kin = _find_kin(of_node)
             records += self.find(f"{GOAL_PREFIX}{contract.goal}") + of_node
             records += [record for each in sorted(kin - {id}) for record in self.find(each)]
+        return fold(sorted(records, key=lambda record: record.seq))
+
+    def fold_goal(self, id: GoalId) -> Ledger | None:
+        """A goal, its nodes and all their sessions; None when it was never submitted.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
+        """
+        records = self.find(f"{GOAL_PREFIX}{id}")
+        if not records:
+            return None
+        for node in fold(records).goals[id].nodes:
+            of_node = self.find(f"{NODE_PREFIX}{id}/{node}")
+            records += of_node
+            records += [record for each in {f"{id}.{node}", *_find_kin(of_node)} for record in self.find(each)]
         return fold(sorted(records, key=lambda record: record.seq))
 
     def read_sealed(self, id: str) -> list[Record]:
@@ -134,6 +149,11 @@ class Histories:
                 os.close(fd)
             yield data, read_front(locate(self._folder, following), data)
             following = find_next_segment(self._folder, following)
+
+
+def _find_kin(of_node: Sequence[Record]) -> set[str]:
+    """Sessions that the records of a node tell of."""
+    return {str(body[name]) for record in of_node if (body := record.body or {}) for name in KIN if name in body}
 
 
 def _is_closed(latest: Record) -> bool:

@@ -5,7 +5,11 @@ Upstream: the operator, the command line, another tool. Downstream: the watchdog
 lock, so a request never waits for the journal; nothing that arrives is lost, not even what nobody can read.
 """
 
+import codecs
+import hashlib
 import os
+import re
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
@@ -15,12 +19,16 @@ import yaml
 
 from phyagentos.clock import Clock
 from phyagentos.errors import find_nearest
+from phyagentos.protocol.plain_text import clean
 
 EVERY_SESSION = "*"
 DONE_KEPT = 200  # requests; a reader that looks now and then has seen the others
 DONE_KEPT_S = 60.0  # and by the file system's clock it has had so long to look
 _SETTLING_S = 0.5  # a shell writes a file in two steps: it appears empty
-_UNREADABLE = (msgspec.MsgspecError, yaml.YAMLError, UnicodeDecodeError, IsADirectoryError)
+_NAME_BYTES = 255  # no file system of Linux takes a longer name
+_YAML_LETTERS = 10_000  # a request has a few lines; what is longer could nest so deep that no process survives it
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F][0-9a-fA-F]{2}")  # YAML escapes no half of a pair
+_LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _KINDS = ("cancel", "pause", "resume", "estop")
 
 
@@ -57,7 +65,7 @@ def drop_signal(folder: Path, signal: Signal, clock: Clock) -> Path:
     new.mkdir(parents=True, exist_ok=True)
     at = clock.wall_iso()
     stamp = at.replace(":", "").replace(".", "")
-    data = msgspec.json.encode(signal if signal.at else msgspec.structs.replace(signal, at=at)) + b"\n"
+    data = msgspec.json.encode(_clean(signal if signal.at else msgspec.structs.replace(signal, at=at))) + b"\n"
     number = 0
     while True:
         name = f"{stamp}-{os.getpid()}-{number}"
@@ -89,7 +97,7 @@ def take_signals(folder: Path) -> list[Signal]:
     """
     root = _get_root(folder)
     try:
-        paths = sorted(path for path in (root / "new").iterdir() if not path.name.startswith("."))
+        paths = sorted(path for path in (root / "new").iterdir() if not path.name.startswith(".") and path.is_file())
     except FileNotFoundError:
         return []
     taken = [signal for path in paths if (signal := _take(path, root)) is not None]
@@ -130,10 +138,10 @@ class SignalReader:
                 with path.open("rb") as file:
                     if _get_key(os.fstat(file.fileno())) != key:  # another one took over the name
                         return False
-                    signal = _parse(file.read())
+                    signal = parse_signal(file.read())
             except FileNotFoundError:
                 return False
-            except _UNREADABLE:
+            except (OSError, ValueError):
                 continue
             self._seen.add(key)
             signals.append(signal)
@@ -148,9 +156,9 @@ def _iter_files(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
     for entry in entries:
         try:
             found = entry.stat()
-        except FileNotFoundError:
+        except OSError:
             continue
-        if not entry.name.startswith("."):
+        if not entry.name.startswith(".") and stat.S_ISREG(found.st_mode):
             yield _get_key(found), Path(entry.path)
 
 
@@ -159,8 +167,28 @@ def _get_key(found: os.stat_result) -> tuple[int, int]:
     return found.st_ino, found.st_mtime_ns
 
 
-def _parse(data: bytes) -> Signal:
-    return msgspec.convert(yaml.load(data, Loader=yaml.BaseLoader), Signal)
+def parse_signal(data: bytes) -> Signal:
+    """The request that a file holds, as JSON or short YAML; characters that no document can hold are replaced.
+
+    Raises:
+        ValueError: It holds none, and why.
+    """
+    encoding = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
+    text = clean(data.decode(encoding, "backslashreplace"))  # a stop counts in any encoding
+    try:
+        return _clean(msgspec.json.decode(text, type=Signal))
+    except (msgspec.DecodeError, RecursionError) as error:
+        if len(text) > _YAML_LETTERS:
+            raise ValueError(f"{error}; only as JSON may it be longer than {_YAML_LETTERS} letters") from error
+    try:
+        return _clean(msgspec.convert(yaml.load(_SURROGATE.sub(r"\\ufffd", text), Loader=_LOADER), Signal))
+    except Exception as error:  # whatever somebody dropped, it must not end the process that supervises
+        raise ValueError(str(error)) from error
+
+
+def _clean(signal: Signal) -> Signal:
+    told = {name: clean(text) for name, text in msgspec.structs.asdict(signal).items()}
+    return msgspec.structs.replace(signal, **told)
 
 
 def _get_root(folder: Path) -> Path:
@@ -169,12 +197,12 @@ def _get_root(folder: Path) -> Path:
 
 def _take(path: Path, root: Path) -> Signal | None:
     try:
-        signal = _parse(path.read_bytes())
-    except _UNREADABLE as error:
-        _reject(path, root / "rejected", error)
-        return None
+        signal = parse_signal(path.read_bytes())
     except FileNotFoundError:
         return None  # somebody else took it
+    except (OSError, ValueError) as error:
+        _reject(path, root / "rejected", error)
+        return None
     if move_aside(path, root / "done") is not None:
         return signal
     return signal if signal.kind == "estop" and path.exists() else None  # a full disk must not hold up a stop
@@ -190,10 +218,10 @@ def _archive(done: Path, archive: Path) -> None:
 
 def _reject(path: Path, folder: Path, error: Exception) -> None:
     """Put what cannot be read aside with the reason, unless somebody may still be writing it."""
-    reason = folder / f"{path.name}.reason.txt"
+    reason = folder / extend_name(path.name, ".reason.txt")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        reason.write_text(_explain(path, error), encoding="utf-8")
+        reason.write_text(_explain(path, error), encoding="utf-8", errors="backslashreplace")
     except OSError:  # a full disk: it stays where it is
         return
     try:
@@ -208,7 +236,7 @@ def move_aside(path: Path, folder: Path) -> Path | None:
     """Move a file into a folder under its own name, or a numbered one when that is taken; None when it is gone."""
     number = 0
     while True:
-        destination = folder / (f"{path.name}.{number}" if number else path.name)
+        destination = folder / (extend_name(path.name, f".{number}") if number else path.name)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             destination.touch(exist_ok=False)  # reserve the name: a rename would replace an older file
@@ -222,6 +250,19 @@ def move_aside(path: Path, folder: Path) -> Path | None:
         except OSError:  # gone, or a folder that somebody put here
             destination.unlink(missing_ok=True)
             return None
+
+
+def extend_name(name: str, suffix: str) -> str:
+    """The name of a file that goes with another one; where no file system would take it, a digest stands for the end.
+
+    Args:
+        name: Of the other one.
+        suffix: What is put behind it.
+    """
+    if len(os.fsencode(name + suffix)) <= _NAME_BYTES:
+        return name + suffix
+    digest = hashlib.blake2b(os.fsencode(name), digest_size=8).hexdigest()
+    return f"{os.fsdecode(os.fsencode(name)[: _NAME_BYTES - len(digest) - len(suffix) - 1])}~{digest}{suffix}"
 
 
 def _explain(path: Path, error: Exception) -> str:

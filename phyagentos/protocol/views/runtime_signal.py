@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Protocol
 
 import msgspec
-import yaml
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.document import Front
 from phyagentos.protocol.heartbeats import Heartbeat, find_heartbeat, is_process_alive
 from phyagentos.protocol.markdown import format_moment, publish, render_block, render_front, render_table
+from phyagentos.protocol.plain_text import clean
 from phyagentos.protocol.registries import publish_health
 from phyagentos.protocol.runtime_signal import (
     RUNTIME_SIGNAL,
@@ -24,7 +24,7 @@ from phyagentos.protocol.runtime_signal import (
     Signs,
     WorkerSign,
 )
-from phyagentos.protocol.store.mailbox import Signal
+from phyagentos.protocol.store.mailbox import parse_signal
 from phyagentos.protocol.targets import Health, TargetHealth
 from phyagentos.protocol.views.sessions import END_MARK
 from phyagentos.protocol.workspace import Workspace
@@ -214,8 +214,9 @@ def _list_requests(folder: Path) -> list[Request]:
 
 
 def _read_request(path: Path, state: RequestState) -> Request:
+    name = clean(path.name)
     try:
-        signal = msgspec.convert(yaml.load(path.read_bytes(), Loader=yaml.BaseLoader), Signal)
-    except (msgspec.MsgspecError, yaml.YAMLError, UnicodeDecodeError, OSError):
-        return Request(file=path.name, state=state)
-    return Request(file=path.name, state=state, **msgspec.structs.asdict(signal))
+        signal = parse_signal(path.read_bytes())
+    except (OSError, ValueError):
+        return Request(file=name, state=state)
+    return Request(file=name, state=state, **msgspec.structs.asdict(signal))
