@@ -10,7 +10,7 @@ import networkx as nx
 
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.goal_expansion import DataEdge, Node, Path
-from phyagentos.agent.goal_spec import REFERENCE, GoalSpec, Promise
+from phyagentos.agent.goal_spec import NAME_MAX, REFERENCE, GoalSpec, Promise
 from phyagentos.agent.selector import ANY, Choice, select
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.predicates.library import Kind
@@ -20,7 +20,9 @@ from phyagentos.protocol.skill_runtimes import SkillRuntime, find_mismatch
 
 
 def check_spec(spec: GoalSpec, nodes: Mapping[str, Node], located: Located, catalogue: Catalogue) -> Iterator[Problem]:
-    """Problems of scene, roles and every predicate."""
+    """Problems of name, scene, roles and every predicate."""
+    if len(spec.goal) > NAME_MAX:
+        yield located.problem("INVALID_NAME", ("goal",), repr(spec.goal), f"at most {NAME_MAX} letters")
     if spec.scene not in catalogue.scenes:
         yield _unknown(located, "UNKNOWN_SCENE", ("scene",), spec.scene, catalogue.scenes)
     for role, target in spec.targets.items():

@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from phyagentos.agent.goal_spec import REFERENCE, GoalSpec, NodeSpec, Promise
+from phyagentos.agent.goal_spec import NAME_MAX, NODE_NAME, REFERENCE, GoalSpec, NodeSpec, Promise
 from phyagentos.errors import Problem, format_hint, format_names
 from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.schema import Located
+from phyagentos.protocol.sessions import NODE_MAX
 
 Path = tuple[str | int, ...]
 
@@ -103,8 +104,8 @@ def iter_strings(value: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
 def _iter_fan_out(
     name: str, node: NodeSpec, located: Located, problems: list[Problem]
 ) -> Iterator[tuple[str, NodeSpec]]:
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
-        expected = "lower-case letters, digits and underscores, beginning with a letter"
+    if len(name) > NAME_MAX or not re.fullmatch(NODE_NAME, name):
+        expected = f"at most {NAME_MAX} lower-case letters, digits and underscores, beginning with a letter"
         problems.append(located.problem("INVALID_NAME", ("sessions", name), repr(name), expected))
     if not node.foreach:
         yield name, node
@@ -117,9 +118,12 @@ def _iter_fan_out(
             problems.append(located.problem("DUPLICATE_VALUE", path, repr(label), "values that differ"))
             continue
         seen.add(label)
+        if len(full := f"{name}-{label}") > NODE_MAX:
+            path, expected = ("sessions", name, "foreach"), f"values that make a name of at most {NODE_MAX} letters"
+            problems.append(located.problem("INVALID_NAME", path, repr(full), expected))
         data = node.model_dump(by_alias=True, exclude={"foreach"}, exclude_unset=True)
         bound = substitute_value(data, dict(zip(node.foreach, values, strict=True)))
-        yield f"{name}-{label}", NodeSpec.model_validate(bound)
+        yield full, NodeSpec.model_validate(bound)
     if not seen:
         problems.append(located.problem("EMPTY_FOREACH", ("sessions", name, "foreach"), "no value", "at least one"))
 

@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import networkx as nx
-import yaml
 
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.goal_checks import check_bindings, check_spec
 from phyagentos.agent.goal_expansion import Node, expand_nodes
 from phyagentos.agent.goal_spec import GoalSpec
 from phyagentos.agent.selector import Choice
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.markdown import escape_label
-from phyagentos.protocol.schema import Located, read_yaml, salvage
+from phyagentos.protocol.schema import Located, parse_yaml, read_yaml, salvage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,5 +171,11 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
                 )
             place[parent] = dict(inner or {})
             place = place[parent]
-        place[key] = yaml.safe_load(text)
+        if parents == ["targets"] and key not in place:  # a role that no node names binds nothing
+            roles = [str(role) for role in place]
+            expected, hint = format_names(roles), format_hint(key, roles)
+            raise DefinitionError(
+                Problem(code="INVALID_OVERRIDE", address=dotted, found=repr(key), expected=expected, hint=hint)
+            )
+        place[key] = parse_yaml(text, f"--set {dotted}").data
     return Located(data=data, source=located.source, marks=located.marks)

@@ -1,7 +1,8 @@
 """The judgement of a whole goal, and the evidence of its sessions.
 
 Upstream: finished sessions. Downstream: `progress`. A goal is met when every node is done and its own acceptance is
-true in the latest snapshot, changes measured against the goal's first one.
+true in the latest snapshot, changes measured against the first one. Each simulated target has a world of its own: where
+those of a goal do not agree, nothing is known.
 """
 
 from collections.abc import Mapping
@@ -17,9 +18,37 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.environment import ENVIRONMENT, Environment, read_environment
 from phyagentos.protocol.evidence import AFTER, Bundle, read_bundle
 from phyagentos.protocol.lifecycle import FINAL_STATES
+from phyagentos.protocol.predicates.library import Kind
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.sessions import SessionStatus
 from phyagentos.protocol.verdicts import Criterion, Truth, Verdict
+
+Age = tuple[int, str]
+
+
+@dataclass(slots=True)
+class Seen:
+    """The first and the latest snapshot of some sessions.
+
+    Attributes:
+        initial: The world before the first session, None before any was observed.
+        now: The world after the latest.
+        now_file: Where that stands, relative to the workspace.
+    """
+
+    initial: Environment | None = None
+    now: Environment | None = None
+    now_file: str = AFTER
+    oldest: Age | None = None
+    latest: Age | None = None
+
+    def take_in(self, age: Age, bundle: Bundle) -> None:
+        """Know the snapshots of one more session."""
+        if bundle.before is not None and (self.oldest is None or age < self.oldest):
+            self.oldest, self.initial = age, bundle.before
+        if bundle.after is not None and (self.latest is None or age > self.latest):
+            self.latest, self.now = age, bundle.after
+            self.now_file = f"{bundle.execution.evidence}/{AFTER}"
 
 
 class Evidence:
@@ -33,19 +62,15 @@ class Evidence:
 
     Attributes:
         root: As given.
-        initial: The world before the first session, None before any was observed.
-        now: The world after the latest.
-        now_file: Where that stands, relative to the workspace.
+        all: What was seen by any session.
+        by_target: What was seen by those on one target.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._ages: dict[str, tuple[int, str]] = {}
-        self._oldest: tuple[int, str] | None = None
-        self._latest: tuple[int, str] | None = None
-        self.initial: Environment | None = None
-        self.now: Environment | None = None
-        self.now_file = AFTER
+        self._ages: dict[str, Age] = {}
+        self.all = Seen()
+        self.by_target: dict[str, Seen] = {}
 
     def read(self, status: SessionStatus, *, with_course: bool = True) -> Bundle:
         """The bundle of a session that has an execution; one that cannot be read is empty, which proves nothing.
@@ -56,14 +81,11 @@ class Evidence:
         """
         bundle = self._read(status, with_course)
         age = self._ages.setdefault(bundle.session.id, self._compute_age(status))
-        if bundle.before is not None and (self._oldest is None or age < self._oldest):
-            self._oldest, self.initial = age, bundle.before
-        if bundle.after is not None and (self._latest is None or age > self._latest):
-            self._latest, self.now = age, bundle.after
-            self.now_file = f"{bundle.execution.evidence}/{AFTER}"
+        for seen in (self.all, self.by_target.setdefault(bundle.session.target, Seen())):
+            seen.take_in(age, bundle)
         return bundle
 
-    def _compute_age(self, status: SessionStatus) -> tuple[int, str]:
+    def _compute_age(self, status: SessionStatus) -> Age:
         """What an earlier agent judged comes first, in the order of its verdicts; then what is judged here."""
         return (0, status.updated_at) if status.state in FINAL_STATES else (len(self._ages) + 1, "")
 
@@ -74,8 +96,8 @@ class Evidence:
 
     def find_latest(self) -> Environment | None:
         """The latest snapshot that was judged; before the first, what ENVIRONMENT.md says."""
-        if self.now is not None:
-            return self.now
+        if self.all.now is not None:
+            return self.all.now
         try:
             return read_environment((self.root / ENVIRONMENT.file).read_text(encoding="utf-8"))
         except (OSError, DefinitionError):
@@ -130,7 +152,6 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
         evidence: Of its finished sessions.
         blocked: Node that cannot be done -> why.
     """
-    initial, now = evidence.initial, evidence.now
     criteria = tuple(_judge(text, graph, evidence) for text in graph.spec.accept)
     missed = [criterion for criterion in criteria if criterion.truth is not Truth.TRUE]
     if blocked:
@@ -141,15 +162,30 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
     else:
         verdict = Verdict.SUCCESS
         reason = f"every node is done and all {len(criteria)} criteria of the goal are true"
-    return Outcome(verdict=verdict, reason=reason, criteria=criteria, initial=initial, now=now)
+    return Outcome(
+        verdict=verdict, reason=reason, criteria=criteria, initial=evidence.all.initial, now=evidence.all.now
+    )
 
 
 def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
-    now = evidence.now
+    """One criterion, in the world of the target that it names, else in those of all."""
     roles = {role: target for role, target in graph.spec.targets.items() if target != ANY}
-    text = parse_predicate(text).rename_targets(roles).text
-    if now is None:
-        return Criterion(text=text, kind="accept", truth=Truth.UNKNOWN, because="no session left a snapshot")
+    predicate = parse_predicate(text).rename_targets(roles)
+    worlds = {target: seen for target, seen in evidence.by_target.items() if seen.now is not None}
+    named = {reference.name for reference in predicate.iter_references() if reference.kind is Kind.TARGET}
+    if named & worlds.keys():
+        worlds = {target: worlds[target] for target in named & worlds.keys()}
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
-    return evaluate_on(text, "accept", now, evidence.initial, target=only, evidence=evidence.now_file)
+    told = {target: _judge_in(predicate.text, seen, only) for target, seen in worlds.items()}
+    if not told:
+        return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because="no session left a snapshot")
+    if len({criterion.truth for criterion in told.values()}) > 1:
+        because = ", ".join(f"{criterion.truth} in the world of {target}" for target, criterion in sorted(told.items()))
+        return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because=because)
+    return told[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
+
+
+def _judge_in(text: str, seen: Seen, target: str | None) -> Criterion:
+    assert seen.now is not None, "worlds without a snapshot are left out"
+    return evaluate_on(text, "accept", seen.now, seen.initial, target=target, evidence=seen.now_file)

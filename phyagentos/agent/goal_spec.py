@@ -10,9 +10,10 @@ from typing import Any, Literal
 import pydantic
 
 from phyagentos.protocol.schema import Authored
-from phyagentos.protocol.sessions import ResetPolicy
+from phyagentos.protocol.sessions import PRIORITY_MAX, ResetPolicy
 
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
+NAME_MAX = 80  # letters of a goal or node as authored; ids add a seed, or the values of a fan-out
 REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
 
 
@@ -112,7 +113,7 @@ class NodeSpec(Authored):
     objective: str = ""
     timeout_s: float | None = pydantic.Field(default=None, gt=0)
     max_replans: int | None = pydantic.Field(default=None, ge=0)
-    priority: int = 0
+    priority: int = pydantic.Field(default=0, ge=-PRIORITY_MAX, le=PRIORITY_MAX)
     resources: tuple[str, ...] = ()
     lookahead: LookaheadSpec | Literal[False] | None = None
 

@@ -5,6 +5,7 @@ state of its own: what to do next is decided by `progress` from the records, so 
 """
 
 import os
+import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,8 +17,9 @@ from phyagentos.agent.advice import Advisor, Foresight, NoAdvice
 from phyagentos.agent.agenda import Agenda
 from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.compiler import SessionCompiler
-from phyagentos.agent.goal_graph import override_yaml, read_goal_graph
+from phyagentos.agent.goal_graph import GoalGraph, override_yaml, read_goal_graph
 from phyagentos.agent.goal_judgement import Evidence
+from phyagentos.agent.goal_spec import GoalSpec
 from phyagentos.agent.lookahead import LookaheadForesight
 from phyagentos.agent.mission_report import MissionReport, build_report
 from phyagentos.agent.progress import GoalRun
@@ -28,9 +30,10 @@ from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_n
 from phyagentos.protocol.lifecycle import IllegalTransition, find_cancel
 from phyagentos.protocol.markdown import publish
 from phyagentos.protocol.outlook import Outlook
-from phyagentos.protocol.schema import read_yaml
-from phyagentos.protocol.sessions import GoalId, SessionId
+from phyagentos.protocol.schema import read_yaml, validate
+from phyagentos.protocol.sessions import GoalId, SessionId, check_goal_id
 from phyagentos.protocol.store.admission import Entry, Fenced, GoalEvent, IllegalEvent
+from phyagentos.protocol.store.history import Histories
 from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.store.watch import Watch
@@ -45,6 +48,10 @@ SYNC_AFTER_S = 0.02  # without news; until then the runtime's next start, which 
 GATHER_S = 0.02  # so long may a verdict wait for others, while every target has more to do than that
 GATHER_FROM = 32  # sessions that wait for each target: at a millisecond a session there is no end within that time
 TRIES = 20  # at a batch that another writer made out of date
+
+
+def _log(text: str) -> None:
+    print(text, file=sys.stderr)  # noqa: T201 - the agent's log
 
 
 class MissionObserver(Protocol):
@@ -68,7 +75,8 @@ class Mission:
         foresight: Asked when look-ahead has refused one; by default the best way that it rehearsed is taken.
         policy: Chooses what follows when a session did not meet its objective; graph repair by default.
         publishes_task: Whether TASK.md is rendered here; off where another process renders the views.
-        is_runtime_alive: Asked while waiting; False ends the mission instead of waiting for ever.
+        tell: Told what a person should know before the verdict; stderr by default.
+        is_runtime_alive: Asked while waiting for a goal; False ends the mission instead of waiting for ever.
     """
 
     def __init__(
@@ -83,14 +91,15 @@ class Mission:
         policy: RepairPolicy | None = None,
         observers: Sequence[MissionObserver] = (),
         publishes_task: bool = True,
-        is_runtime_alive: Callable[[], bool] = lambda: True,
+        tell: Callable[[str], None] = _log,
+        is_runtime_alive: Callable[[GoalStatus], bool] = lambda _: True,
     ) -> None:
         self._workspace, self._journal, self._clock = workspace, journal, clock
         self._verifier = verifier or SessionVerifier()
         self._advisor, self._foresight = advisor or NoAdvice(), foresight or LookaheadForesight()
         self._policy = policy or GraphRepair()
         self._observers = observers
-        self._publishes_task = publishes_task
+        self._publishes_task, self._tell = publishes_task, tell
         self._is_runtime_alive = is_runtime_alive
         self._cancelled = threading.Event()
         self._outlook, self._foreseen = Outlook(workspace.cache), SessionId("")
@@ -111,15 +120,17 @@ class Mission:
             goal: Its id; `<graph>-<seed>` by default, with a further number when that one has its verdict.
 
         Raises:
-            DefinitionError: With every problem of the graph; nothing was recorded.
+            DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS` when the workspace knows
+                the goal with another graph. Nothing was recorded.
             ExecutionError: `RUNTIME_LOST`, or an error of the journal.
         """
         catalogue = Catalogue.of_workspace(self._workspace)
         graph = read_goal_graph(graph_file, catalogue, overrides)
         self._read()
-        id = goal or self._choose_id(f"{graph.name}-{seed}")
+        id = check_goal_id(self._choose_id(f"{graph.name}-{seed}") if goal is None else goal, "goal id")
         file = self._workspace.goal_file_of(id)
-        if id in self.ledger.goals:
+        if self._journal.knows(f"goal:{id}"):
+            self._check_same(graph, graph_file, id, file)
             return self.resume(id)
         if overrides:
             data = override_yaml(read_yaml(graph_file), overrides).data
@@ -138,6 +149,19 @@ class Mission:
         """
         self._read()
         if goal not in self.ledger.goals:
+            return self._report_past(goal)
+        if not self._is_spent(goal):
+            self._tell(f"continues goal {goal}")
+        catalogue = Catalogue.of_workspace(self._workspace)
+        graph = read_goal_graph(self._workspace.goal_file_of(goal), catalogue)
+        seed = self.ledger.goals[goal].seed
+        return self._pursue(self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed)))
+
+    def _report_past(self, goal: GoalId) -> MissionReport:
+        """Of a goal that ended so long ago that the ledger has let go of it."""
+        with Histories(self._journal.folder) as histories:
+            past = histories.fold_goal(goal)
+        if past is None:
             raise DefinitionError(
                 Problem(
                     code="UNKNOWN_GOAL",
@@ -146,10 +170,7 @@ class Mission:
                     expected=format_names(self.ledger.goals),
                 )
             )
-        catalogue = Catalogue.of_workspace(self._workspace)
-        graph = read_goal_graph(self._workspace.goal_file_of(goal), catalogue)
-        seed = self.ledger.goals[goal].seed
-        return self._pursue(self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed)))
+        return build_report(past.goals[goal], past, wall_s=0.0)
 
     def cancel(self) -> None:
         """Ask for an end: live sessions are cancelled, the target is brought to rest. Any thread may call this."""
@@ -175,6 +196,24 @@ class Mission:
             id, number = GoalId(f"{name}-{number}"), number + 1
         return id
 
+    def _check_same(self, graph: GoalGraph, graph_file: Path, goal: GoalId, file: Path) -> None:
+        """Refuse to go on with a goal, or to report it, for another graph than its own."""
+        if validate(GoalSpec, read_yaml(file)) == graph.spec:
+            return
+        state, hint = "over", "Name another goal with --goal or --seed."
+        if not self._is_spent(goal):
+            state = "open"
+            hint = f"Run that one to continue it, cancel it with 'paos cancel {goal}', or name another with --goal."
+        raise DefinitionError(
+            Problem(
+                code="GOAL_DIFFERS",
+                address=str(graph_file),
+                found=f"another graph (overrides included) than that of goal {goal}, which is {state}",
+                expected=f"the graph of {file}",
+                hint=hint,
+            )
+        )
+
     def _is_spent(self, id: GoalId) -> bool:
         """Whether a goal of this id is over; the ledger has forgotten those that ended long ago."""
         goal = self.ledger.goals.get(id)
@@ -189,7 +228,7 @@ class Mission:
                     continue
                 self._publish()
                 self._expect(run)
-                if not self._wait(watch) and not self._is_runtime_alive():
+                if not self._wait(watch) and not self._is_runtime_alive(run.status):
                     self._give_up(run)
                 if run.agenda.count_waiting() >= GATHER_FROM:
                     self._clock.sleep(GATHER_S)
@@ -241,6 +280,12 @@ class Mission:
     def _give_up(self, run: GoalRun) -> None:
         self._read(run)
         waiting = [status.contract.id for status in run.iter_live()]
+        if waiting and run.status.is_cancelled:
+            raise ExecutionError(
+                "RUNTIME_LOST",
+                f"goal {run.goal} is cancelled, but no watchdog brings {', '.join(waiting)} to rest. Start "
+                f"'paos watch', and the agent again with '--goal {run.goal}': that ends them.",
+            )
         if waiting:
             raise ExecutionError(
                 "RUNTIME_LOST",

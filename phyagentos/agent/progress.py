@@ -10,18 +10,17 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import msgspec
+import networkx as nx
 
 from phyagentos.agent.advice import Advisor, Foresight, NoAdvice, NoForesight, apply_advice
 from phyagentos.agent.agenda import Agenda
 from phyagentos.agent.compiler import Revision, SessionCompiler
-from phyagentos.agent.diagnosis import diagnose_after_looking
 from phyagentos.agent.goal_facts import GoalFacts, is_foreseen
 from phyagentos.agent.goal_graph import GoalGraph
 from phyagentos.agent.goal_judgement import Evidence, judge_goal
 from phyagentos.agent.recovery import Recovery, is_look, join, join_evidence
-from phyagentos.agent.repair.looking import LOOKS_MAX
+from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.policies import GraphRepair, RepairPolicy
-from phyagentos.agent.repair.undone import find_undone
 from phyagentos.agent.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.evidence import Bundle
@@ -87,6 +86,7 @@ class GoalRun:
             compiler=self.compiler,
             evidence=self.evidence,
             policy=self.policy,
+            restores=self.policy.restores and self.verifier.mode is VerificationMode.RECOVERY,
             compile=self._compile,
         )
 
@@ -194,7 +194,7 @@ class GoalRun:
             told = f"{subject.contract.id}, on what {status.contract.id} saw: {attempt.reason}"
             attempt = msgspec.structs.replace(attempt, reason=told)
             if attempt.wants and facts.count_looks(subject.contract) >= LOOKS_MAX:
-                attempt = _settle(bundle, attempt)
+                attempt = settle(bundle, attempt)
         return bundle, attempt
 
     # -- nodes ---------------------------------------------------------------------------------------------------------
@@ -206,6 +206,8 @@ class GoalRun:
         names = self.agenda.iter_changed()
         for name in names:
             found = self._look_at(name, blocked)
+            if found is None:
+                continue
             if not found:
                 self.agenda.settle(name)
             elif found[0].ev == GoalEvent.NODE_BLOCKED:
@@ -214,26 +216,31 @@ class GoalRun:
             entries += found
         return entries
 
-    def _look_at(self, name: str, blocked: set[str]) -> list[Entry]:
-        """What is to be done about one node; `blocked` are those that this batch blocks."""
+    def _look_at(self, name: str, blocked: set[str]) -> list[Entry] | None:
+        """What is to be done about one node, None when only a later look can tell; `blocked` are by this batch."""
         node = self.status.nodes[name]
-        is_open = node.state in _OPEN
-        is_free = self.agenda.count_missing(name) == 0
         latest = self.ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
         if latest is not None and latest.state == SessionState.REJECTED:
             return self._follow_refusal(latest)
         if latest is not None and latest.state == SessionState.CANCELLED:
             return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
-        if latest is not None and waits_for_restoration and is_free:
-            return self.recovery.go_on(latest)
-        if is_open and is_free:
-            return self._start((name,), {})
-        if is_open or waits_for_restoration:
-            for before in self.graph.nodes[name].after:
-                if before in blocked or self._get_state(before) is NodeState.BLOCKED:
-                    return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
-        return []
+        if node.state not in _OPEN and not waits_for_restoration:
+            return []
+        missing = self._find_missing(name)
+        for before in missing:
+            if before in blocked or self._get_state(before) is NodeState.BLOCKED:
+                return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
+        if missing:  # nobody wakes it for a node further back
+            return [] if self.agenda.count_missing(name) else None
+        return self._start((name,), {}) if latest is None else self.recovery.go_on(latest)
+
+    def _find_missing(self, name: str) -> list[str]:
+        """Nodes that are to be done before this one; once it had begun, those further back that are open again too."""
+        before: Iterable[str] = self.graph.nodes[name].after
+        if self.facts.get_ids(name) and not self.agenda.count_missing(name):
+            before = sorted(nx.ancestors(self.graph.dag, name))
+        return [each for each in before if self._get_state(each) is not NodeState.DONE]
 
     def _follow_refusal(self, refused: SessionStatus) -> list[Entry]:
         """Preflight refused a session: revise it when look-ahead says how, go on when it only prepared, else stop."""
@@ -307,17 +314,16 @@ class GoalRun:
         if mode is VerificationMode.OFF and not blocked:
             told = "verification is off: every execution completed, and nobody judged"
             outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=told)
-        restores = (
-            self.policy.restores and mode is VerificationMode.RECOVERY and outcome.now is not None and not blocked
-        )
-        if restores and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
-            undone = find_undone(self.facts.find_finished(), self.graph.order, outcome.now, outcome.initial)
-            payable = {name: reason for name, reason in undone.items() if self.facts.has_replans(name)}
+        decides = mode in {VerificationMode.ENFORCE, VerificationMode.RECOVERY} and not blocked
+        if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
+            undone = self.recovery.find_undone()
+            restores = self.recovery.restores
+            payable = {name: reason for name, reason in undone.items() if restores and self.facts.has_replans(name)}
             if payable:
                 return self.recovery.reopen(payable)
             if undone:
                 outcome = replace(outcome, verdict=Verdict.FAILURE, reason=next(iter(undone.values())))
-            if outcome.now is not None and not any(each.truth is Truth.FALSE for each in outcome.criteria):
+            if restores and outcome.now is not None and not any(c.truth is Truth.FALSE for c in outcome.criteria):
                 looks = self.recovery.look_for(outcome.criteria, outcome.now)
                 if looks:
                     return looks
@@ -330,7 +336,7 @@ class GoalRun:
         """The next session of a node, or why it cannot be compiled."""
         session = self._compile_plain(name, fresh, revision)
         if isinstance(session, Session):
-            session = apply_advice(session, self.advisor.advise(session, self.evidence.now))
+            session = apply_advice(session, self.advisor.advise(session, self.evidence.all.now))
         return session
 
     def _compile_plain(self, name: str, fresh: Mapping[str, Any], revision: Revision | None) -> Session | str:
@@ -352,7 +358,7 @@ class GoalRun:
         return [
             name
             for name in self.agenda.find_successors(node)
-            if self._get_state(name) in _OPEN
+            if self._get_state(name) is NodeState.WAITING
             and self.agenda.count_missing(name) <= len(fresh)
             and all(b in fresh or self._get_state(b) is NodeState.DONE for b in self.graph.nodes[name].after)
         ]
@@ -371,20 +377,6 @@ def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
     """Whether what waits for the session may begin; where nobody judges, because its execution completed."""
     is_completed = bundle.execution.ended is Ended.COMPLETED
     return attempt.verdict is Verdict.SUCCESS or (attempt.verdict is Verdict.UNVERIFIED and is_completed)
-
-
-def _settle(bundle: Bundle, attempt: Attempt) -> Attempt:
-    """The same judgement when no look is left: the cause is what can be told without one."""
-    diagnosis = diagnose_after_looking(bundle, attempt.criteria)
-    return msgspec.structs.replace(
-        attempt,
-        verdict=Verdict.FAILURE if diagnosis.is_hopeless else attempt.verdict,
-        cause=diagnosis.cause.value,
-        kind=diagnosis.kind.value,
-        support=diagnosis.support,
-        reason=f"{attempt.reason} It was looked for {LOOKS_MAX} times: {diagnosis.fact}.",
-        wants=(),
-    )
 
 
 def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:

@@ -4,7 +4,7 @@ Upstream: `progress`, with a judgement. Downstream: the records it returns. The 
 the affected part of the graph is touched: finished work is kept unless the world undid it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +19,8 @@ from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import Decision, Kind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.policies import RepairPolicy
-from phyagentos.agent.repair.retrying import keep_means, revise_requires
-from phyagentos.agent.repair.undone import find_lost_preconditions
+from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
+from phyagentos.agent.repair.undone import find_lost_preconditions, find_undone
 from phyagentos.agent.wants import find_wants
 from phyagentos.protocol.environment import Environment
 from phyagentos.protocol.evidence import AFTER, Bundle
@@ -50,6 +50,7 @@ class Recovery:
         compiler: Of its graph.
         evidence: Reads bundles.
         policy: Chooses.
+        restores: Whether what is done may be opened again.
         compile: The next session of a node, advice included, or why there is none.
     """
 
@@ -57,6 +58,7 @@ class Recovery:
     compiler: SessionCompiler
     evidence: Evidence
     policy: RepairPolicy
+    restores: bool
     compile: Compile
 
     def follow(self, status: SessionStatus, bundle: Bundle, attempt: Attempt) -> tuple[Attempt, list[Entry]]:
@@ -92,9 +94,11 @@ class Recovery:
         """What follows when preflight refused a session that pursued the objective of its node."""
         node = refused.contract.node
         blocked = [self.say_of(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
-        missed = self._find_miss(refused)
-        if missed is None or not self.policy.restores:
+        if not self.policy.restores:
             return blocked
+        missed = self._find_miss(refused)
+        if missed is None:
+            return self._restore_for(refused) or blocked
         entries = self._repair(node, *missed)
         return blocked if _is_end(entries) else entries
 
@@ -111,6 +115,13 @@ class Recovery:
             if is_look(latest.contract) and latest.decision is not None:
                 decided = latest.decision
         return self._repair(node, bundle, decided, restores=latest.state != SessionState.REPLANNED)
+
+    def find_undone(self) -> dict[str, str]:
+        """Finished nodes whose achievement no longer holds -> the fact that shows it."""
+        graph, seen = self.facts.graph, self.evidence.by_target.items()
+        worlds = {target: (each.now, each.initial) for target, each in seen if each.now is not None}
+        promises = {name: skill.guarantees for name, skill in self.compiler.catalogue.skills.items()}
+        return find_undone(self.facts.find_finished(), graph.find_successors, promises, worlds)
 
     def reopen(self, undone: Mapping[str, str]) -> list[Entry]:
         """Finished nodes that must be done again, each at the price of one replan."""
@@ -190,11 +201,23 @@ class Recovery:
         """The child, or first the restoration of what it needs and an earlier node had achieved."""
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
             return self.submit_child(child, reasons)
+        if restores and bundle.after is not None:
+            needy = [child, bundle.session] if child.skill == bundle.session.skill else [child]
+            lost = {predicate.text for each in needy for predicate in find_lost_preconditions(each, bundle.after)}
+            restorers = self._find_restorers(child.node, lost)
+            if restorers:
+                return self.reopen(restorers)  # the child is paid for when its turn comes
         spent = self.say_of(child.node, GoalEvent.BUDGET_SPENT, f"{attempt.cause}: {bundle.session.id}")
-        restorers = self._find_restorers(child, bundle) if restores and self.policy.restores else {}
-        if restorers:
-            return [spent, *self.reopen(restorers)]
         return [spent, *self.submit_child(child, reasons)]
+
+    def _restore_for(self, refused: SessionStatus) -> list[Entry]:
+        """Nodes that are opened again for a session that preflight refused, and its own; empty when none can help."""
+        node, world = refused.contract.node, self.evidence.find_latest()
+        if world is None or "PRECONDITION_UNMET" not in refused.reason or not self.facts.has_replans(node):
+            return []
+        lost = {each.text for each in find_lost_preconditions(refused.contract, world) if each.is_lasting}
+        restorers = self._find_restorers(node, lost)
+        return self.reopen({**restorers, node: refused.reason}) if restorers else []
 
     def _follow_preparation(
         self, status: SessionStatus, bundle: Bundle, attempt: Attempt
@@ -209,7 +232,7 @@ class Recovery:
             revision = Revision(
                 parent=status.contract.id,
                 strategy=subject.contract.strategy,
-                requires=revise_requires(joint)[0],
+                requires=revise_requires(joint, find_of_skill(joint.session, self.compiler.catalogue))[0],
                 choice=keep_means(self.facts.graph.choices[node], subject.contract),
                 reasons=(f"{decided.cause}: {decided.reason}", f"{status.contract.id} has prepared it"),
             )
@@ -277,14 +300,11 @@ class Recovery:
             time_of=facts.compute_times(),
         )
 
-    def _find_restorers(self, child: Session, bundle: Bundle) -> dict[str, str]:
-        """Finished nodes before this one that had achieved what the child needs and lacks now -> the lack."""
-        if bundle.after is None:
-            return {}
-        lost = {predicate.text for predicate in find_lost_preconditions(child, bundle.after)}
-        before = nx.ancestors(self.facts.graph.dag, child.node)
+    def _find_restorers(self, node: str, lost: Set[str]) -> dict[str, str]:
+        """Finished nodes before one that had achieved what it needs and lacks now -> the lack."""
+        before = nx.ancestors(self.facts.graph.dag, node) if self.restores and lost else ()
         return {
-            name: f"{child.node} needs {', '.join(sorted(lost & set(session.accept)))} again"
+            name: f"{node} needs {', '.join(sorted(lost & set(session.accept)))} again"
             for name, session in self.facts.find_finished().items()
             if name in before and lost & set(session.accept) and self.facts.has_replans(name)
         }

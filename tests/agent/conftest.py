@@ -205,7 +205,7 @@ Script = dict[str, Callable[[Environment, Session], Play]]
 
 
 class ScriptedRuntime:
-    """Claims, starts and finishes pending sessions in order, in the thread that told it of a change.
+    """Claims, starts and finishes pending sessions, urgent ones first, in the thread that told it of a change.
 
     Args:
         workspace: Where the bundles go.
@@ -236,8 +236,9 @@ class ScriptedRuntime:
     def on_change(self, goal: Any, ledger: Ledger) -> None:
         for record in self._journal.read_new():
             self._ledger.apply(record)
-        for status in [] if self.paused else list(self._ledger.iter_pending()):
-            self._run(status.contract)
+        pending = [] if self.paused else [status.contract for status in self._ledger.iter_pending()]
+        for session in sorted(pending, key=lambda session: -session.priority):
+            self._run(session)
 
     def _run(self, session: Session) -> None:
         id = session.id

@@ -49,8 +49,8 @@ def test_a_world_that_began_anew_is_later_though_its_clock_shows_less(evidence):
     for id in ("a", "b"):
         evidence.read(make_status(id))
 
-    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)
-    assert evidence.now_file.startswith("evidence/b/")
+    assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)
+    assert evidence.all.now_file.startswith("evidence/b/")
 
 
 @pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
@@ -59,14 +59,14 @@ def test_what_an_earlier_agent_judged_is_ordered_by_its_verdicts(evidence, order
     for id in order:
         evidence.take_in(make_status(id, SessionState.SUCCEEDED, at[id]))
 
-    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)
+    assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)
 
 
 def test_what_an_earlier_agent_judged_is_older_than_what_is_judged_now(evidence):
     evidence.read(make_status("b"))
     evidence.take_in(make_status("a", SessionState.SUCCEEDED, "2026-01-01T10:00:00Z"))
 
-    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)
+    assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)
 
 
 def test_a_session_that_is_read_again_is_no_older_for_it(evidence):
@@ -74,4 +74,4 @@ def test_a_session_that_is_read_again_is_no_older_for_it(evidence):
         evidence.read(make_status(id))
     evidence.read(make_status("b", SessionState.REPLANNED, "2026-01-01T10:00:00Z"))
 
-    assert (evidence.initial.time_s, evidence.now.time_s) == (0.0, 4.0)
+    assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)

@@ -29,7 +29,7 @@ def find_expected(stage, graph, **more):
     """The mission waits for a runtime that does nothing, until it gives up."""
     stage.runtime.paused = True
     with pytest.raises(ExecutionError, match="RUNTIME_LOST"):
-        stage.make_mission(is_runtime_alive=lambda: False, **more).run(graph, seed=7)
+        stage.make_mission(is_runtime_alive=lambda _: False, **more).run(graph, seed=7)
     stage.runtime.paused = False
     return Outlook(stage.workspace.cache).find("panda")
 

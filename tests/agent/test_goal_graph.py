@@ -169,6 +169,14 @@ def test_overrides_replace_single_values_and_are_checked_like_the_file(write_gra
         read_goal_graph(write_graph(GOOD), catalogue, {"targets.arm": "ur5"})
 
 
+def test_an_override_of_a_role_that_the_graph_has_not_names_the_nearest(write_graph, catalogue):
+    told = r"targets.amr: INVALID_OVERRIDE: found 'amr'; expected arm, someone. Did you mean 'arm'\?"
+    with pytest.raises(DefinitionError, match=told):
+        read_goal_graph(write_graph(GOOD), catalogue, {"targets.amr": "panda"})
+    with pytest.raises(DefinitionError, match="INVALID_OVERRIDE"):
+        read_goal_graph(write_graph(GOOD), catalogue, {"targets.arm.left": "panda"})
+
+
 def test_mermaid_shows_edges_outputs_and_states(write_graph, catalogue):
     drawing = render_mermaid(read_goal_graph(write_graph(GOOD), catalogue), {"red": "done"})
     assert 'n0 -- "place_site" --> n1' in drawing
@@ -191,3 +199,24 @@ def test_every_shipped_goal_graph_is_free_of_problems(monkeypatch):
     files = sorted((root / "goal_graphs").glob("*.yaml"))
     assert files
     assert [str(p) for file in files for p in check_goal_graph(file, catalogue)] == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("goal: good", f"goal: {'g' * 81}", r"1:1: INVALID_NAME: found 'g{81}'; expected at most 80 letters"),
+        ("  last:", f"  {'n' * 81}:", r"20:3: INVALID_NAME: found 'n{81}'; expected at most 80 lower-case letters"),
+        ("yellow_cube]", f"{'v' * 100}]", r"15:5: INVALID_NAME: found 'each-v{100}'; expected values that make"),
+        ("skill: pick\n", "skill: pick\n        priority: 1000001\n", r"23:5: INVALID_VALUE: found 1000001"),
+        ("objective: Everything at once.", "objective: 2001-99-99", r"2:12: YAML_SYNTAX: found '2001-99-99' is no"),
+    ],
+)
+def test_what_the_planes_could_not_take_is_a_problem_of_the_file(write_graph, catalogue, old, new, message):
+    assert old in GOOD
+    problems = "\n".join(map(str, check_goal_graph(write_graph(GOOD.replace(old, new)), catalogue)))
+    assert re.search(rf"yaml:{message}", problems), problems
+
+
+def test_an_override_that_is_no_yaml_is_told_with_its_place(write_graph, catalogue):
+    with pytest.raises(DefinitionError, match=r"--set objective:\d+:\d+: YAML_SYNTAX"):
+        read_goal_graph(write_graph(GOOD), catalogue, {"objective": "["})

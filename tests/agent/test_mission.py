@@ -318,7 +318,7 @@ def test_a_dead_runtime_ends_the_mission_and_a_later_one_continues(make_stage, t
     stage = make_stage()
     stage.runtime.paused = True
     with pytest.raises(ExecutionError, match=r"nobody runs tidy-7\.red, tidy-7\.green"):
-        stage.make_mission(is_runtime_alive=lambda: False).run(tidy, seed=7)
+        stage.make_mission(is_runtime_alive=lambda _: False).run(tidy, seed=7)
     stage.runtime.paused = False
     stage.runtime.on_change(None, None)
     assert stage.pursue(tidy).verdict == Verdict.SUCCESS

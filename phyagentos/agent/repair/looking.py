@@ -6,14 +6,18 @@ the child saw. It goes before everything else that waits for the target.
 
 from collections.abc import Iterator
 
+import msgspec
+
 from phyagentos.agent.causes import Cause
 from phyagentos.agent.compiler import Revision
-from phyagentos.agent.diagnosis import find_object
+from phyagentos.agent.diagnosis import diagnose_after_looking, find_object
 from phyagentos.agent.goal_spec import Promise
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.selector import select
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.evidence import Bundle
+from phyagentos.protocol.verdicts import Attempt, Verdict
 
 PURPOSE = "inspect"
 LOOKS_MAX = 2  # for one session
@@ -48,4 +52,23 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
             purpose=PURPOSE,
             lead=LEAD,
         ),
+    )
+
+
+def settle(bundle: Bundle, attempt: Attempt) -> Attempt:
+    """The same judgement when no look is left: the cause is what can be told without one.
+
+    Args:
+        bundle: What it rests on.
+        attempt: That still wants a look.
+    """
+    diagnosis = diagnose_after_looking(bundle, attempt.criteria)
+    return msgspec.structs.replace(
+        attempt,
+        verdict=Verdict.FAILURE if diagnosis.is_hopeless else attempt.verdict,
+        cause=diagnosis.cause.value,
+        kind=diagnosis.kind.value,
+        support=diagnosis.support,
+        reason=f"{attempt.reason} It was looked for {LOOKS_MAX} times: {diagnosis.fact}.",
+        wants=(),
     )

@@ -9,7 +9,7 @@ from phyagentos.agent.causes import Cause
 from phyagentos.agent.compiler import Revision
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
 from phyagentos.agent.repair.case import Case
-from phyagentos.agent.repair.retrying import revise_requires
+from phyagentos.agent.repair.retrying import find_of_skill, revise_requires
 from phyagentos.agent.selector import Choice, find_lacks
 
 _CHANCE = 0.5
@@ -37,7 +37,7 @@ def propose_other_target(case: Case) -> Iterator[Alternative]:
             revision=Revision(
                 parent=case.latest.id,
                 strategy=dict(case.session.strategy),
-                requires=revise_requires(case.bundle)[0],
+                requires=revise_requires(case.bundle, find_of_skill(case.session, case.catalogue))[0],
                 reasons=(f"{case.cause}: {case.attempt.reason}", because),
                 choice=Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(because,)),
             ),

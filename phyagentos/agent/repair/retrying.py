@@ -4,9 +4,10 @@ Upstream: the cause, and the trace that tells what was tried. Downstream: `polic
 child begins with the world as it is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
+from phyagentos.agent.catalogue import Catalogue
 from phyagentos.agent.causes import Cause
 from phyagentos.agent.compiler import Revision
 from phyagentos.agent.diagnosis import find_object
@@ -16,7 +17,7 @@ from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.undone import find_lost_preconditions
 from phyagentos.agent.selector import Choice, begins_with_holding
 from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.predicates.predicate import substitute
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions import INTERRUPTED, Session
 from phyagentos.protocol.verdicts import Attempt
 
@@ -49,7 +50,7 @@ _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts ha
 
 def propose_retry(case: Case) -> Iterator[Alternative]:
     """One way: the same skill, as its cause asks for."""
-    revision = revise(case.bundle, case.attempt)
+    revision = revise(case.bundle, case.attempt, find_of_skill(case.session, case.catalogue))
     chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN ** case.count_same()
     if case.cause is Cause.NO_PLAN and any(case.session.strategy.get(key) for key in ("avoid_grasps", "avoid_sites")):
         chance = _CHANCE_OF_RETURN
@@ -68,12 +69,13 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     )
 
 
-def revise(bundle: Bundle, attempt: Attempt) -> Revision:
+def revise(bundle: Bundle, attempt: Attempt, of_skill: Collection[str] = ()) -> Revision:
     """The revision that answers a cause with the same skill.
 
     Args:
         bundle: Evidence of the session that is continued.
         attempt: Its judgement.
+        of_skill: What it requires because its skill does.
     """
     parent, cause = bundle.session, Cause(attempt.cause)
     strategy: dict[str, Any] = dict(parent.strategy)
@@ -91,7 +93,7 @@ def revise(bundle: Bundle, attempt: Attempt) -> Revision:
     if cause is Cause.NO_PLAN:
         given_up = [key for key in ("avoid_grasps", "avoid_sites") if strategy.pop(key, None)]
         reasons += [f"{key} given up: nothing else was found" for key in given_up]
-    requires, changes = revise_requires(bundle)
+    requires, changes = revise_requires(bundle, of_skill)
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
 
 
@@ -112,11 +114,18 @@ def find_label(bundle: Bundle, planner: str) -> str | None:
     return chosen
 
 
-def revise_requires(bundle: Bundle) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Preconditions of the child: where things stood before no longer matters, that the object is seen does."""
+def revise_requires(bundle: Bundle, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Preconditions of the child, and why they changed: where things stood before no longer matters to the skill.
+
+    What the node itself requires stays, and that the object is seen is required anew.
+
+    Args:
+        bundle: Evidence of the session that is continued.
+        of_skill: What it requires because its skill does.
+    """
     session = bundle.session
     lost = find_lost_preconditions(session, bundle.after) if bundle.after else ()
-    dropped = tuple(predicate.text for predicate in lost if predicate.is_lasting)
+    dropped = tuple(predicate.text for predicate in lost if predicate.is_lasting and predicate.text in of_skill)
     reasons = [f"{text} is no longer required: it was true before the parent and is not now" for text in dropped]
     requires = [text for text in session.requires if text not in dropped]
     name = find_object(bundle)
@@ -128,9 +137,18 @@ def revise_requires(bundle: Bundle) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def keep_requires(case: Case) -> tuple[str, ...]:
     """Preconditions of the node that are still worth asking for, whatever skill comes next."""
-    own = case.catalogue.skills[case.session.skill].requires
-    of_skill = {substitute(text, {**case.session.parameters, "target": case.session.target}) for text in own}
-    return tuple(text for text in revise_requires(case.bundle)[0] if text not in of_skill)
+    of_skill = find_of_skill(case.session, case.catalogue)
+    return tuple(text for text in revise_requires(case.bundle, of_skill)[0] if text not in of_skill)
+
+
+def find_of_skill(session: Session, catalogue: Catalogue) -> frozenset[str]:
+    """What a contract requires because its skill does, the target by its own name or called `target`."""
+    values = {**session.parameters, "target": session.target}
+    texts = (substitute(text, values) for text in catalogue.skills[session.skill].requires)
+    bound = [parse_predicate(text, template=True) for text in texts]
+    return frozenset(
+        text for each in bound for text in (each.text, each.rename_targets({"target": session.target}).text)
+    )
 
 
 def keep_means(own: Choice, session: Session) -> Choice | None:

@@ -110,13 +110,7 @@ SABOTAGES = (
     Sabotage(
         name="undone_node_stays_done",
         lie="What the world has undone since counts as done.",
-        edits=(
-            Edit(
-                "phyagentos.agent.progress",
-                "undone = find_undone(self.facts.find_finished(), self.graph.order, outcome.now, outcome.initial)",
-                "undone = {}",
-            ),
-        ),
+        edits=(Edit("phyagentos.agent.progress", "undone = self.recovery.find_undone()", "undone = {}"),),
         tests=(
             "tests/agent/test_mission.py::test_a_finished_node_that_the_world_undid_is_done_again_before_the_verdict",
         ),

@@ -1,0 +1,269 @@
+"""What the world has undone: when it counts, which nodes are opened again for it, and what waits for them."""
+
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from phyagentos.agent.repair.policies import NoRetry
+from phyagentos.agent.repair.undone import find_undone
+from phyagentos.agent.verifier import SessionVerifier
+from phyagentos.protocol.sessions import Ended, Session
+from phyagentos.protocol.verdicts import VerificationMode
+from tests.contracts import make_contract
+
+from .conftest import Play, hold, make_world, put, succeed
+
+HEAD = """
+    goal: again
+    objective: What is done stays done.
+    scene: table
+    sessions:
+"""
+ROW = """
+      green: {skill: pick_and_place, with: {object: green_cube, destination: green_tray}, max_replans: REPLANS}
+      blue: {skill: pick_and_place, with: {object: blue_cube, destination: blue_tray}, after: [green]}
+      red:
+        skill: pick_and_place
+        with: {object: red_cube, destination: red_tray}
+        after: [blue]
+        priority: 5
+        requires: ["inside(green_cube, green_tray)"]
+"""
+AWAY = (0.45, 0.1, 0.02)
+SKILLS = {
+    "inspect": """
+        description: Looks at an object.
+        tree: inspect
+        parameters: {object: {type: entity}}
+        guarantees: ["visible(${object})"]
+        needs: {actions: [joint_position], capabilities: [manipulation]}
+        """,
+    "put_after_green": """
+        description: Puts an object into a container once the green one is in its own.
+        tree: pick_and_place
+        parameters: {object: {type: entity}, destination: {type: place}}
+        requires: ["inside(green_cube, green_tray)"]
+        guarantees: ["inside(${object}, ${destination})"]
+        needs: {actions: [joint_position], capabilities: [manipulation]}
+        """,
+}
+
+
+@pytest.fixture
+def library(library):
+    for name, front in SKILLS.items():
+        folder = library.roots[0] / "skills" / name
+        folder.mkdir(parents=True)
+        (folder / "SKILL.md").write_text(f"---\nskill: {name}\n{dedent(front).strip()}\n---\n\n# {name}\n")
+    return library
+
+
+@pytest.fixture
+def row(write_graph) -> Path:
+    return write_graph(HEAD + ROW.replace("REPLANS", "2"))
+
+
+def take_out(name):
+    """The skill succeeds, and meanwhile somebody takes a thing out of its tray."""
+
+    def play(world, session):
+        done = succeed(world, session)
+        return Play(world=put(done.world, name, AWAY), outputs=done.outputs)
+
+    return play
+
+
+def slip_and_take_out(name):
+    def play(world, session):
+        lost = put(put(world, session.parameters["object"], (0.5, 0.1, 0.02)), name, AWAY)
+        return Play(world=lost, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="pick_and_place/verify_grasp")
+
+    return play
+
+
+def tell(report) -> list[tuple[str, str]]:
+    return [(session.id.split(".", 1)[1], session.state) for session in report.sessions]
+
+
+def get_order(stage) -> list[str]:
+    return [session.id.split(".", 1)[1] for session in stage.runtime.ran]
+
+
+def make_session(skill: str, *accept: str, **parameters: str) -> Session:
+    return make_contract(skill=skill, accept=accept, parameters=parameters)
+
+
+def see(now):
+    return {"panda": (now, make_world())}
+
+
+# -- what counts as undone ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("later", "is_undone"),
+    [
+        (make_session("photograph", "visible(red_cube)", object="red_cube"), True),
+        (make_session("photograph", "upright(red_cube)", "visible(red_cube)", object="red_cube"), True),
+        (make_session("pick_and_place", "inside(green_cube, green_tray)", object="green_cube"), True),
+        (make_session("pick_and_place", object="green_cube", destination="green_tray", near="red_cube"), True),
+        (make_session("pick_and_place", object="red_cube", destination="green_tray"), False),
+        (make_session("pick", object="red_cube"), False),
+        (make_session("learned", "inside(red_cube, green_tray)", thing="red_cube"), False),
+        (make_session("learned", "moved(red_cube)", thing="red_cube"), False),
+        (make_session("learned", "not moved(red_cube)", thing="red_cube"), True),
+        (make_session("learned", "visible(red_cube)", thing="red_cube"), True),
+        (make_session("learned", "upright(red_cube)", thing="green_cube"), True),
+    ],
+)
+def test_a_later_node_takes_a_thing_up_again_by_what_it_is_to_bring_about(catalogue, later, is_undone):
+    promises = {name: skill.guarantees for name, skill in catalogue.skills.items()} | {"learned": ()}
+    finished = {"red": make_session("pick_and_place", "inside(red_cube, red_tray)", object="red_cube"), "later": later}
+    now = put(hold(make_world()), "red_cube", AWAY)
+    after = {"red": frozenset({"later"}), "later": frozenset()}
+    assert ("red" in find_undone(finished, after.__getitem__, promises, see(now))) == is_undone
+
+
+def test_only_a_node_that_comes_after_takes_a_thing_up_again(catalogue):
+    promises = {name: skill.guarantees for name, skill in catalogue.skills.items()}
+    finished = {
+        tray: make_session("pick_and_place", f"inside(red_cube, {tray})", object="red_cube", destination=tray)
+        for tray in ("red_tray", "green_tray")
+    }
+    now = put(make_world(), "red_cube", (0.6, 0.0, 0.03))
+    assert list(find_undone(finished, lambda _: frozenset(), promises, see(now))) == ["red_tray"]
+    after = {"red_tray": frozenset({"green_tray"}), "green_tray": frozenset()}
+    assert find_undone(finished, after.__getitem__, promises, see(now)) == {}
+
+
+def test_only_lasting_facts_are_undone(catalogue):
+    finished = {"pick": make_session("pick", "holding(panda, red_cube)", object="red_cube")}
+    assert find_undone(finished, lambda _: frozenset(), {"pick": ()}, see(hold(make_world()))) == {}
+
+
+LOOKED_AT = """
+      red: {skill: pick_and_place, with: {object: red_cube, destination: red_tray}}
+      check: {skill: inspect, with: {object: red_cube}, after: [red]}
+"""
+
+
+def test_what_was_taken_away_while_it_was_looked_at_is_done_again(make_stage, write_graph):
+    stage = make_stage({"check": take_out("red_cube")})
+    report = stage.pursue(write_graph(HEAD + LOOKED_AT))
+    assert (report.verdict, get_order(stage), report.replans) == ("success", ["red", "check", "red.r1"], 1)
+
+
+@pytest.mark.parametrize("more", [{"policy": NoRetry()}, {"verifier": SessionVerifier(mode=VerificationMode.ENFORCE)}])
+def test_what_was_taken_away_and_may_not_be_restored_is_a_goal_not_met(make_stage, write_graph, more):
+    stage = make_stage({"check": take_out("red_cube")})
+    report = stage.make_mission(**more).run(write_graph(HEAD + LOOKED_AT), seed=7)
+    assert (report.verdict, get_order(stage)) == ("failure", ["red", "check"])
+    assert "inside(red_cube, red_tray) no longer holds" in report.reason
+
+
+CARRY = "      {0}: {{skill: pick_and_place, with: {{object: red_cube, destination: {0}}}, after: {1}}}\n"
+
+
+def test_two_nodes_that_contradict_each_other_are_a_goal_not_met(make_stage, write_graph):
+    graph = write_graph(HEAD + CARRY.format("red_tray", "[]") + CARRY.format("green_tray", "[]"))
+    report = make_stage().pursue(graph)
+    assert report.verdict == "failure"
+    assert "no longer holds" in report.reason
+
+
+def test_a_thing_that_a_later_node_carries_on_is_where_it_was_wanted(make_stage, write_graph):
+    graph = write_graph(HEAD + CARRY.format("red_tray", "[]") + CARRY.format("green_tray", "[red_tray]"))
+    report = make_stage().pursue(graph)
+    assert (report.verdict, report.replans) == ("success", 0)
+
+
+# -- what a later node needs -------------------------------------------------------------------------------------------
+
+
+def test_a_child_waits_for_what_is_restored_however_far_back_and_whatever_its_priority(make_stage, row):
+    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    report = stage.pursue(row)
+    assert report.verdict == "success"
+    assert get_order(stage) == ["green", "blue", "red", "green.r1", "red.r1"]
+    assert "rejected" not in dict(tell(report)).values()
+    assert report.replans == 2  # one child each
+
+
+def test_what_the_skill_requires_and_an_earlier_node_had_achieved_is_restored_for_its_child(make_stage, write_graph):
+    by_skill = """
+      green: {skill: pick_and_place, with: {object: green_cube, destination: green_tray}}
+      red: {skill: put_after_green, with: {object: red_cube, destination: red_tray}, after: [green]}
+    """
+    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    report = stage.pursue(write_graph(HEAD + by_skill))
+    assert (report.verdict, get_order(stage)) == ("success", ["green", "red", "green.r1", "red.r1"])
+
+
+def test_a_child_keeps_what_the_node_itself_requires_and_is_refused_when_nobody_can_restore_it(make_stage, write_graph):
+    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    report = stage.pursue(write_graph(HEAD + ROW.replace("REPLANS", "0")))
+    assert report.verdict == "failure"
+    assert tell(report)[-1] == ("red.r1", "rejected")
+    assert get_order(stage) == ["green", "blue", "red"]
+
+
+def test_what_a_node_requires_and_one_before_it_had_achieved_is_restored_before_its_first_session(make_stage, row):
+    stage = make_stage({"blue": take_out("green_cube")})
+    report = stage.pursue(row)
+    assert report.verdict == "success"
+    assert tell(report) == [
+        ("green", "succeeded"),
+        ("blue", "succeeded"),
+        ("red", "rejected"),
+        ("green.r1", "succeeded"),
+        ("red.r1", "succeeded"),
+    ]
+    assert report.replans == 2
+
+
+def test_a_refusal_that_no_restoration_mends_ends_the_node(make_stage, row):
+    told = "PRECONDITION_UNMET: inside(green_cube, green_tray)"
+    report = make_stage({"blue": take_out("green_cube")}, refuse={"red": told}).pursue(row)
+    assert report.verdict == "failure"
+    assert [id for id, _ in tell(report)] == ["green", "blue", "red", "green.r1", "red.r1"]
+
+
+def test_what_is_undone_again_and_again_is_restored_no_more_often_than_its_node_may_have_children(make_stage, row):
+    class Thief:
+        def on_change(self, goal, ledger):
+            if any(status.contract.node == "red" for status in ledger.iter_pending()):
+                stage.runtime.world = put(stage.runtime.world, "green_cube", AWAY)
+            stage.runtime.on_change(goal, ledger)
+
+    stage = make_stage({"blue": take_out("green_cube")})
+    report = stage.make_mission(observers=[Thief()]).run(row, seed=7)
+    assert report.verdict == "failure"
+    assert len([id for id, _ in tell(report) if id.startswith("green")]) <= 3
+
+
+def test_what_waits_for_a_restoration_that_fails_is_blocked_and_says_by_whom(make_stage, row):
+    lose = slip_and_take_out("green_cube")
+    stage = make_stage({"red": lose, "green.r1": lose, "green.r2": lose})
+    report = stage.pursue(row)
+    assert report.verdict == "failure"
+    assert report.nodes == {"green": "blocked", "blue": "done", "red": "blocked"}
+    reason = stage.make_mission().ledger.goals["again-7"].nodes["red"].reason
+    assert reason == "it waits for green, which is blocked"
+
+
+def test_an_agent_that_died_while_something_was_restored_comes_to_the_same_end(make_stage, row):
+    class Killed(Exception):
+        pass
+
+    class Killer:
+        def on_change(self, goal, ledger):
+            if any(status.contract.id.endswith("green.r1") for status in ledger.iter_pending()):
+                raise Killed
+
+    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    with pytest.raises(Killed):
+        stage.make_mission(observers=[stage.runtime, Killer()]).run(row, seed=7)
+    report = stage.pursue(row)
+    assert report.verdict == "success"
+    assert get_order(stage) == ["green", "blue", "red", "green.r1", "red.r1"]
