@@ -18,13 +18,12 @@ from pathlib import Path
 from phyagentos.clock import Clock
 from phyagentos.protocol.library import Library
 from phyagentos.protocol.sessions import SessionStatus
+from phyagentos.protocol.sole_process import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.store.follower import Follower
 from phyagentos.protocol.store.journal import choose_lane
 from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.tasks import GoalStatus
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.sole_process import is_held
-from phyagentos.runtime.world_process import WATCHDOG_LOCK
 
 MARKS = {
     "agent": "phyagentos\0agent\0",

@@ -85,7 +85,7 @@ def planes(root: Path) -> Iterator[tuple[Workspace, Mission]]:
     try:
         yield (
             workspace,
-            Mission(workspace, journal, clock=SystemClock(), is_runtime_alive=lambda: process.poll() is None),
+            Mission(workspace, journal, clock=SystemClock(), is_runtime_alive=lambda _: process.poll() is None),
         )
     finally:
         process.terminate()

@@ -16,7 +16,7 @@ FRONT_MATTER_MISSING A document does not begin with its front matter.
 INVALID_CONTRACT     A session's contract lacks something or holds a value of the wrong kind.
 INVALID_ID           An imported entry has no id, or one that is no text.
 INVALID_LINE         A line of LOG.md is no event.
-INVALID_NAME         A name holds signs that names may not have.
+INVALID_NAME         A name holds signs that names may not have, or too many.
 INVALID_OVERRIDE     `--set` names a place that is not in the file.
 INVALID_PARAMETER    An argument is of the wrong type or out of range.
 INVALID_VALUE        A value is of the wrong type or out of range.
@@ -71,11 +71,12 @@ WRONG_DOCUMENT       The front matter names another document.
 WRONG_LENGTH         A list has not one value per joint.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
 WRONG_UNIT           A limit is given in another unit than its check uses.
-YAML_SYNTAX          The text is not YAML.
+YAML_SYNTAX          The text is not YAML, or holds a value that is not what its form or tag says.
 """
 
 OPERATION = """
 ALREADY_IMPORTED  An earlier import stands in the folder.
+GOAL_DIFFERS      A goal of this name was begun with another graph.
 NOTHING_TO_IMPORT The sources hold no document of the 0.1.x system.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       A field that a hand edit may not change.
@@ -93,7 +94,6 @@ UNKNOWN_REQUEST   No request of this kind can be dropped into the inbox.
 UNKNOWN_SCHEMA    No schema of this name.
 WATCHED_ALREADY   Another watchdog supervises the workspace.
 WOULD_OVERWRITE   A file stands where one was to be written.
-YAML_VALUE        A block of a document is not YAML.
 """
 
 STORE = """
@@ -115,7 +115,7 @@ JOURNAL_WRITE_FAILED The disk took no record, and none was acknowledged.
 LANE_UNCLEAR         Several hosts have written here; name a lane.
 MANIFEST_DAMAGED     A manifest of evidence does not hold what it should.
 MISMATCH             A file of evidence has another hash than its manifest says.
-MISSING              A file of evidence is gone, and its manifest does not say so.
+MISSING              A bundle of evidence is gone, or a file of one whose manifest does not say so.
 NOTHING_OBSERVED     ENVIRONMENT.md holds no snapshot yet.
 RECORDS_MISSING      Records that were given a number are gone.
 RECORD_DAMAGED       A record is not as it was written.

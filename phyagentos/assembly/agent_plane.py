@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import FrameType
 
@@ -15,6 +15,7 @@ from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.sessions import GoalId
+from phyagentos.protocol.sole_process import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.store.journal import Journal
 from phyagentos.protocol.verdicts import VerificationMode
 
@@ -57,16 +58,23 @@ def run_agent(
         verifier=verifier,
         advisor=remembering.advisor,
         observers=(remembering.keeper,),
+        # a watchdog may come later; only of one that is there can a cancelled session expect its end
+        is_runtime_alive=lambda goal: not goal.is_cancelled or is_held(workspace.root / WATCHDOG_LOCK),
     )
 
     def on_signal(_number: int, _frame: FrameType | None) -> None:
         mission.cancel()
+        _handle_end(signal.default_int_handler)  # who asks again is not kept waiting
 
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, on_signal)
+    _handle_end(on_signal)
     collect_rarely()
     try:
         return mission.run(graph, seed=seed, overrides=overrides, goal=GoalId(goal) if goal else None)
     finally:
         remembering.memory.close()
         journal.close()
+
+
+def _handle_end(handler: Callable[[int, FrameType | None], None]) -> None:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, handler)

@@ -43,7 +43,7 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
     """
-    from phyagentos.runtime.sole_process import become_sole
+    from phyagentos.protocol.sole_process import become_sole
     from phyagentos.runtime.workers import end_with_parent
     from phyagentos.runtime.world_process import end_when_unwatched, get_lock
 

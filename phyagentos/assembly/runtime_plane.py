@@ -1,5 +1,6 @@
 """The runtime plane: what `paos watch` starts. Loads neither the agent nor a simulator: bodies are child processes."""
 
+import contextlib
 import shutil
 import signal
 from pathlib import Path
@@ -9,21 +10,23 @@ from phyagentos.assembly.garbage import collect_rarely
 from phyagentos.assembly.places import FAULTS, make_socket_folder, open_project
 from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.edits.desk import Desk
 from phyagentos.protocol.edits.signal_desk import SignalDesk
+from phyagentos.protocol.evidence_manifest import Sealer
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.perception import Sensing, declare_sensing
 from phyagentos.protocol.registries import read_target_registry
 from phyagentos.protocol.runtime_contract import RuntimeContract, WorldMode, declare_world_mode, read_runtime_contract
+from phyagentos.protocol.sole_process import WATCHDOG_LOCK, become_sole
 from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.store.ledger import Ledger
 from phyagentos.protocol.views.renderer import Views
 from phyagentos.protocol.views.runtime_signal import RuntimeSignal
 from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.sole_process import become_sole
 from phyagentos.runtime.watchdog import Watchdog
 from phyagentos.runtime.workers import Worker
-from phyagentos.runtime.world_process import WATCHDOG_LOCK, end_worlds, get_lock
+from phyagentos.runtime.world_process import end_worlds, get_lock
 
 _MODULE = ("-m", "phyagentos.assembly.processes")
 
@@ -132,10 +135,20 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         ask_for_prompt_wakeups()
     watchdog.run()
     views.close()
+    seal_rest(workspace, views.ledger)
     desk.close()
     signals.close()
     signal_desk.close()
     journal.close()
+
+
+def seal_rest(workspace: Workspace, ledger: Ledger) -> None:
+    """Record the hashes of bundles whose worker was lost, or ended in the middle of the next session."""
+    sealer = Sealer(workspace.evidence)
+    for status in ledger.sessions.values():
+        if status.execution is not None and status.execution.evidence:
+            with contextlib.suppress(OSError, ExecutionError):  # then the next clean-up does
+                sealer.seal(workspace.root / status.execution.evidence, late=True)
 
 
 def _read_rules(workspace: Workspace) -> RuntimeContract:

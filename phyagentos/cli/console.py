@@ -45,6 +45,7 @@ class RunConsole:
         self._live = Live(console=self._console, auto_refresh=False, transient=True) if self.is_live else None
         self._title = title
         self._told: dict[str, str] = {}
+        self._notes: set[str] = set()
 
     @property
     def is_live(self) -> bool:
@@ -73,6 +74,12 @@ class RunConsole:
     def tell(self, text: str, style: str = "") -> None:
         """One line above the table."""
         self._console.print(Text(text, style=style))
+
+    def tell_once(self, text: str, style: str = "") -> None:
+        """The same, unless it has been said."""
+        if text not in self._notes:
+            self._notes.add(text)
+            self.tell(text, style)
 
     def _tell(self, row: Row) -> None:
         """Say what changed about a row since the last call."""

@@ -5,6 +5,9 @@ end by a signal file, as any tool could. Upstream: the command line. Downstream:
 """
 
 import math
+import os
+import select
+import shutil
 import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -25,6 +28,7 @@ from phyagentos.cli.projects import get_file, open_library
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.estop import read_latch
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.perception import Sensing, declare_sensing
 from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode
@@ -37,6 +41,7 @@ from phyagentos.protocol.verdicts import VerificationMode
 from phyagentos.protocol.workspace import Workspace
 
 VIEW_PERIOD_S = 0.1  # ten pictures a second are enough for people
+FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
 
 
@@ -59,24 +64,41 @@ class Order:
 
 
 class Interrupts:
-    """Counts Ctrl-C instead of raising: the first asks, the second insists."""
+    """Counts Ctrl-C instead of raising: the first asks, the second insists. A terminal that hangs up only asks."""
 
     def __init__(self) -> None:
         self.count = 0
 
     @contextmanager
     def counted(self) -> Iterator["Interrupts"]:
-        """Take over SIGINT and SIGTERM while the block runs."""
+        """Take over SIGINT, SIGTERM and, unless it is ignored (`nohup`), SIGHUP while the block runs."""
 
         def note(*_: object) -> None:
             self.count += 1
 
-        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+        def ask(*_: object) -> None:
+            self.count = max(self.count, 1)  # both the kernel and the shell tell it
+            for descriptor in (1, 2):
+                mute_if_gone(descriptor)
+
+        handlers = {signal.SIGINT: note, signal.SIGTERM: note, signal.SIGHUP: ask}
+        if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+            del handlers[signal.SIGHUP]
+        before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
         try:
             yield self
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+
+def mute_if_gone(descriptor: int) -> None:
+    """Let what is written to a terminal that has hung up go nowhere, instead of failing."""
+    poll = select.poll()
+    poll.register(descriptor, 0)  # a hang-up is told unasked
+    if poll.poll(0):
+        with Path(os.devnull).open("wb") as nowhere:
+            os.dup2(nowhere.fileno(), descriptor)
 
 
 def run_mission(order: Order, clock: Clock | None = None) -> int:
@@ -207,11 +229,12 @@ def follow_run(
             ]  # before reading: nothing is missed
             fold.apply(journal.read_new())
             console.show(fold)
+            tell_stop(workspace, console)
             if interrupts.count and asked_at_s is None:
                 asked_at_s = clock.now_s()
                 console.tell("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")
                 ask_for_end(fold, journal, workspace, clock)
-            is_quiet = not fold.ledger.live_sessions()
+            is_quiet = not has_live(fold)
             if fold.goal is not None and fold.goal.verdict and is_quiet:
                 return
             is_patience_spent = interrupts.count > 1 or clock.now_s() > (asked_at_s or math.inf) + CANCEL_PATIENCE_S
@@ -219,6 +242,20 @@ def follow_run(
                 return
             if ended:
                 raise_for(ended[0])
+
+
+def has_live(fold: RunFold) -> bool:
+    """Whether a session is live: of the goal, where there is one. What earlier goals have left is not waited for."""
+    goal = fold.goal
+    return any(goal is None or each.contract.goal == goal.id for each in fold.ledger.live_sessions())
+
+
+def tell_stop(workspace: Workspace, console: RunConsole) -> None:
+    """Say why nothing moves under a latched emergency stop."""
+    latch = read_latch(workspace.signals.parent)
+    if latch is not None:
+        why = f"emergency stop latched by {latch.by or '?'} ({latch.reason or 'no reason told'})"
+        console.tell_once(f"{why}; paos estop -w {workspace.root} --reset --reason ... lets it go on.", "red")
 
 
 def ask_for_end(fold: RunFold, journal: Journal, workspace: Workspace, clock: Clock) -> None:
@@ -244,4 +281,6 @@ def raise_for(plane: Plane) -> None:
     if code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
         raise Exit(ExitCode(code), "\n".join(printed))
     last = printed[-1] if printed else "it printed nothing."
+    if not printed and (room := shutil.disk_usage(plane.log.parent).free) < FULL_BYTES:
+        last = f"it printed nothing, and its disk is full ({room} bytes are free): make room and run it again."
     raise Exit(ExitCode.INTERNAL_ERROR, f"the {plane.name} plane ended with code {code}: {last} Log: {plane.log}")

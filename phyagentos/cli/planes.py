@@ -30,7 +30,7 @@ class Plane:
         with self.log.open("ab") as output:
             self._begin = output.tell()  # what an earlier run printed is not ours
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "phyagentos", name, *arguments, "--with-parent"],
+                [sys.executable, "-m", "phyagentos", name, *arguments, "--with-parent", str(os.getpid())],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,

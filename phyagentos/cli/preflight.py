@@ -36,7 +36,7 @@ def preflight(
     workspace: Annotated[
         Path | None, typer.Option("--workspace", "-w", help="Whose settings count; needed for a session.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the scene.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Of the scene.", min=0, max=2**63 - 1)] = 0,
     set_: Overrides = None,
     as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
 ) -> int:

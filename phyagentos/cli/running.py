@@ -18,10 +18,10 @@ from phyagentos.protocol.verdicts import VerificationMode
 
 Graph = Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
-Seed = Annotated[int, typer.Option(help="Root of every random choice.", min=0)]
+Seed = Annotated[int, typer.Option(help="Root of every random choice.", min=0, max=2**63 - 1)]
 NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")]
 FaultFile = Annotated[Path | None, typer.Option("--faults", help="What shall go wrong in the simulated world.")]
-WithParent = Annotated[bool, typer.Option("--with-parent", hidden=True)]
+WithParent = Annotated[int | None, typer.Option("--with-parent", hidden=True)]  # its process id: it may be gone
 Mode = Annotated[
     WorldMode | None,
     typer.Option(help="How simulated time advances; declared in the workspace's runtime_contract.yaml."),
@@ -100,7 +100,7 @@ def agent(
             help="Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
         ),
     ] = None,
-    with_parent: WithParent = False,
+    with_parent: WithParent = None,
     verify: Verify = None,
     memory: SharedMemory = None,
 ) -> int:
@@ -120,7 +120,7 @@ def watch(
     faults: FaultFile = None,
     no_pictures: NoPictures = False,
     once_idle: Annotated[bool, typer.Option(help="End when no goal and no session is left.")] = False,
-    with_parent: WithParent = False,
+    with_parent: WithParent = None,
     world_mode: Mode = None,
     sense: Sense = None,
 ) -> None:
@@ -136,19 +136,18 @@ def watch(
         once_idle=once_idle,
         world_mode=world_mode,
         sense=sense,
-        outlived=not with_parent,  # with a parent there is nobody who would start another one
+        outlived=with_parent is None,  # with a parent there is nobody who would start another one
     )
 
 
-def _prepare(with_parent: bool) -> None:
+def _prepare(parent: int | None) -> None:
     """Let `terminate` be a Ctrl-C, so that both end the same way; and, when asked, end with the parent."""
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, interrupt)
-    if with_parent and sys.platform == "linux":
-        parent = os.getppid()
+    if parent is not None and sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
         if os.getppid() != parent:

@@ -5,7 +5,7 @@ This is the only place where untyped data (`Any`) enters the project. Models are
 """
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +15,9 @@ import yaml
 
 from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint, format_names
 
-Loader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+Loader: type[yaml.SafeLoader] = type("Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
+DEPTH_MAX = 200  # levels of lists and mappings
+SHORT = 10_000  # letters: too few to nest so deep that the stack of the C library overflows
 Address = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound="Authored")
 SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
@@ -84,12 +86,14 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
         first_line: Line of the file on which `text` begins (for YAML embedded in Markdown).
 
     Raises:
-        DefinitionError: On a syntax error or a key written twice.
+        DefinitionError: On a syntax error, a value that is not what its form or tag says, or a key written twice.
     """
     offset = first_line - 1
     marks: dict[Address, tuple[int, int]] = {}
     problems: list[Problem] = []
     try:
+        if len(text) > SHORT:
+            _check_depth(text)
         loader = Loader(text)
         try:
             node = loader.get_single_node()
@@ -108,6 +112,41 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
     return Located(data=data, source=source, marks=marks)
 
 
+def _tell_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable[[Any, Any], Any]:
+    """As `construct`; a scalar that it trips over is told like any other error of the text, with its place."""
+
+    def construct_or_tell(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
+        try:
+            value = construct(loader, node)
+            if not isinstance(value, int) or -(2**63) <= value < 2**64:  # more the journal does not take
+                return value
+        except (ArithmeticError, AttributeError, LookupError, ValueError):
+            pass
+        problem = f"{node.value[:40]!r} is no {kind}; quote it where it is text"
+        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+
+    return construct_or_tell
+
+
+for _tag, _kind in {"bool": "truth value", "float": "number", "int": "integer of 64 bits", "timestamp": "date"}.items():
+    _construct = yaml.SafeLoader.yaml_constructors[f"tag:yaml.org,2002:{_tag}"]
+    Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _tell_failure(_construct, _kind))
+
+
+def _check_depth(text: str) -> None:
+    """Refuse what composing, which recurs in C, would not survive."""
+    depth = 0
+    for event in yaml.parse(text, Loader=Loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEPTH_MAX:
+            raise _refuse_depth(event.start_mark)
+
+
+def _refuse_depth(mark: Any) -> yaml.YAMLError:
+    problem = f"more than {DEPTH_MAX} levels, or an alias inside of what it stands for"
+    return yaml.composer.ComposerError(None, None, problem, mark)
+
+
 def _collect_marks(
     node: yaml.Node,
     path: Address,
@@ -116,6 +155,8 @@ def _collect_marks(
     marks: dict[Address, tuple[int, int]],
     problems: list[Problem],
 ) -> None:
+    if len(path) > DEPTH_MAX:
+        raise _refuse_depth(node.start_mark)
     marks.setdefault(path, (node.start_mark.line + 1 + offset, node.start_mark.column + 1))
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
@@ -123,6 +164,8 @@ def _collect_marks(
     elif isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
         for key, child in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue  # refused when it is constructed
             line, column = key.start_mark.line + 1 + offset, key.start_mark.column + 1
             if key.value in seen:
                 problems.append(

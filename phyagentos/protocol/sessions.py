@@ -5,17 +5,38 @@ the `submit` record; a person may amend limits and priority while it is pending,
 it is told by later records (see `lifecycle`). Paper sections 3.1 and 3.5.
 """
 
+import re
 from enum import StrEnum
 from typing import Annotated, Any, NewType
 
 import msgspec
 
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.document import Document, DocumentFormat, FrontMatter, read_document
 from phyagentos.protocol.lookahead import LookaheadRequest
 from phyagentos.protocol.verdicts import Attempt
 
 SessionId = NewType("SessionId", str)
 GoalId = NewType("GoalId", str)
+GOAL_ID_MAX, NODE_MAX = 100, 100  # letters: `<goal>.<node>.r<k>` names a folder, so with more 255 must be enough
+PRIORITY_MAX = 1_000_000
+_GOAL_ID = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{GOAL_ID_MAX - 1}}}")
+
+
+def check_goal_id(id: str, address: str) -> GoalId:
+    """The id of a goal, which names a file and begins the names of folders.
+
+    Args:
+        id: As a person wrote it.
+        address: Where, for messages.
+
+    Raises:
+        DefinitionError: `INVALID_NAME`.
+    """
+    if _GOAL_ID.fullmatch(id) is None:
+        expected = f"letters, digits, '.', '_', '-', the first a letter or digit, at most {GOAL_ID_MAX}"
+        raise DefinitionError(Problem(code="INVALID_NAME", address=address, found=repr(id), expected=expected))
+    return GoalId(id)
 
 
 class Ended(StrEnum):

@@ -286,7 +286,7 @@ class SessionRunner:
             return outcome, ()
         run.pulse.say("observing", run.loop.ticks, run.context.time_s)
         try:
-            return outcome, self._write_end(run.context.session, run.recorder)
+            return outcome, self._write_end(run.context.session, run.recorder, run.holds)
         except ExecutionError as error:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error)), ()
 
@@ -308,10 +308,15 @@ class SessionRunner:
         self._write_end(session, recorder)
         return _finish(recorder, _report(outcome, evidence))
 
-    def _write_end(self, session: Session, recorder: Recorder) -> tuple[FaultStruck, ...]:
+    def _write_end(
+        self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None
+    ) -> tuple[FaultStruck, ...]:
+        """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
         observation = self._handle.observe()
         after = self._perception.perceive(observation, session.scene)
         recorder.write_terminal(observation, after)
+        if holds is not None:
+            holds.sample(after)
         self._undecided = find_undecided(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults

@@ -16,9 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.runtime.sole_process import find_sole, is_held
+from phyagentos.protocol.sole_process import WATCHDOG_LOCK, find_sole, is_held
 
-WATCHDOG_LOCK = Path(".world") / "watchdog.lock"
 ORPHAN_S = 60.0  # a world that nobody supervises waits so long for the next watchdog
 LOOK_PERIOD_S = 1.0
 

@@ -82,11 +82,11 @@ class Run:
         self.write(Side.AGENT, session.id, "submit", **msgspec.to_builtins(session))
         return session.id
 
-    def execute(self, id: str) -> None:
+    def execute(self, id: str, ended: Ended = Ended.SKILL_FAILED) -> None:
         self.write(Side.RUNTIME, id, "claim")
         self.write(Side.RUNTIME, id, "start", 1)
         execution = Execution(
-            ended=Ended.SKILL_FAILED,
+            ended=ended,
             evidence=f"evidence/{id}",
             code="GRASP_LOST",
             leaf="pick_and_place/place/lower",

@@ -8,6 +8,7 @@ import pytest
 
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.past import read_ledger
+from phyagentos.protocol.edits import desk
 
 
 @pytest.fixture
@@ -38,6 +39,29 @@ def test_what_is_refused_is_told_with_its_line(pending, paos):
     assert "state: a state is told by what happens, and a verdict by evidence. Possible: state: cancelled" in result.err
     assert "1 refused; every word of it is in" in result.err
     assert "state: succeeded" in pending.workspace.rejected_document.read_text()
+
+
+@pytest.mark.parametrize("value", ["!!bool x", "!!timestamp x", "*none", "[" * 300])
+def test_a_section_that_cannot_be_read_is_kept_word_for_word(pending, paos, tmp_path, value):
+    addition = tmp_path / "addition"
+    addition.write_text(f"\n## mine\n\n```yaml\nobjective: {value}\n```\n")
+    result = paos("edit", pending.workspace.root, "--editor", f"sh -c 'sed -i \"/end of view/e cat {addition}\" $0'")
+
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"objective: {value}\n" in pending.workspace.rejected_document.read_text()
+    assert "YAML_SYNTAX" in result.err
+
+
+def test_what_this_program_fails_on_is_kept_too(pending, paos, monkeypatch):
+    def fail(*_):
+        raise KeyError("odd")
+
+    monkeypatch.setattr(desk, "merge", fail)
+    result = paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'")
+
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "this program failed on it (KeyError: 'odd')" in result.err
+    assert "timeout_s: 75" in pending.workspace.rejected_document.read_text()
 
 
 @pytest.mark.parametrize(

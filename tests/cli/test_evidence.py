@@ -9,6 +9,8 @@ import pytest
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol import evidence
 from phyagentos.protocol.evidence_manifest import Sealer, read_manifest
+from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.sessions import Ended
 from phyagentos.protocol.verdicts import Truth, Verdict
 
 PROTOCOL = Path(__file__).resolve().parents[2] / "protocol"
@@ -51,6 +53,30 @@ def test_each_mismatch_is_named_with_its_path(paos, run, bundles):
     assert f"{bundles[0] / evidence.HOLDS}: MISMATCH" in result.err
     assert f"{bundles[1] / evidence.TRACE}: MISSING" in result.err
     assert result.out == "2 bundles checked: 2 problems\n"
+
+
+def test_a_bundle_that_is_gone_as_a_whole_is_named_with_its_session(paos, run, bundles):
+    shutil.rmtree(bundles[0])
+    bundles[1].rename(bundles[1].with_name("elsewhere.blue"))
+    bundles[1].write_text("no folder")
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+
+    assert result.code == ExitCode.GOAL_NOT_MET
+    for folder in bundles:
+        assert f"{folder}: MISSING: found no such folder; expected the bundle of {folder.name}" in result.err
+    assert result.out == "3 bundles checked: 2 problems\n"
+
+
+def test_a_session_that_left_no_bundle_misses_none(paos, run):
+    run.begin()
+    id = run.submit("red")
+    run.execute(id, Ended.TARGET_LOST)
+    run.judge(id, Verdict.FAILURE, Truth.FALSE)
+    run.write(Side.AGENT, run.submit("blue"), "cancel")
+    run.end("failure")
+
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert (result.code, result.out) == (ExitCode.GOAL_MET, "0 bundles checked: as recorded\n")
 
 
 def test_a_damaged_large_file_is_named_in_every_bundle_that_shares_it(paos, run, bundles):

@@ -36,6 +36,22 @@ def test_an_unknown_override_is_invalid_input(paos):
     assert "--set arm: expected targets.ROLE=NAME" in result.err
 
 
+@pytest.mark.parametrize("command", ["compile", "run"])
+def test_an_override_without_effect_is_invalid_input(paos, command, tmp_path):
+    place = () if command == "compile" else ("-w", tmp_path / "w")
+    result = paos(command, "tidy_table", "--set", "targets.amr=panda", *place)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "targets.amr: INVALID_OVERRIDE: found 'amr'; expected arm. Did you mean 'arm'?" in result.err
+
+
+@pytest.mark.parametrize("command", ["run", "agent", "preflight"])
+def test_a_seed_that_no_record_can_hold_is_invalid_input(paos, command, tmp_path):
+    result = paos(command, "tidy_table", "--seed", 2**63, "-w", tmp_path / "w")
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "9223372036854775807" in result.err
+    assert not (tmp_path / "w").exists()
+
+
 def fail() -> None:
     raise ZeroDivisionError("planted")
 

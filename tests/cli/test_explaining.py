@@ -1,10 +1,13 @@
-"""`paos why` and `paos cancel`: from the records of a workspace, without writing a record."""
+"""`paos why` and `paos cancel`: from the records of a workspace."""
 
 import pytest
 
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.past import read_ledger
 from phyagentos.protocol.environment import Entity, Environment, Pose
+from phyagentos.protocol.estop import is_latched
 from phyagentos.protocol.evidence import AFTER, BEFORE, TRACE, TraceEvent, write_json, write_lines
+from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.store.mailbox import take_signals
 
 
@@ -85,8 +88,50 @@ def test_cancel_all_needs_no_session(run, paos):
     assert [signal.session for signal in take_signals(run.workspace.signals)] == ["*"]
 
 
+def test_a_damaged_journal_holds_up_no_stop(run, paos):
+    run.begin()
+    for path in run.workspace.sessions.rglob("*.md"):
+        path.write_bytes(path.read_bytes().replace(b"goal_submitted", b"goal_submittex"))
+    assert paos("cancel", "tidy-7", "--workspace", run.workspace.root).code != ExitCode.GOAL_MET
+    assert paos("cancel", "all", "--workspace", run.workspace.root).code == ExitCode.GOAL_MET
+    assert [signal.session for signal in take_signals(run.workspace.signals)] == ["*"]
+
+
+@pytest.mark.parametrize("reason", ["too close\x7f", "one \x9b, two \ufffe", "Gef\udce4\udcdf"])
+def test_a_stop_is_heard_whatever_its_reason_holds(run, paos, reason):
+    place = ("--workspace", run.workspace.root, "--reason", reason)
+    assert paos("cancel", "all", *place).code == ExitCode.GOAL_MET
+    assert [signal.kind for signal in take_signals(run.workspace.signals)] == ["cancel"]
+
+    run.begin()
+    assert paos("cancel", "tidy-7", *place).code == ExitCode.GOAL_MET
+
+    assert paos("estop", *place).code == ExitCode.GOAL_MET
+    assert is_latched(run.workspace.signals.parent)
+    assert paos("estop", "--reset", *place).code == ExitCode.GOAL_MET
+    assert not is_latched(run.workspace.signals.parent)
+
+
 def test_looking_changes_nothing(replanned, paos):
     leave_evidence(replanned, "tidy-7.red")
     before = {path: path.read_bytes() for path in replanned.workspace.root.rglob("*") if path.is_file()}
     paos("why", "red", "--workspace", replanned.workspace.root)
     assert {path: path.read_bytes() for path in replanned.workspace.root.rglob("*") if path.is_file()} == before
+
+
+def test_cancelling_a_goal_is_recorded_and_asks_for_the_end_of_its_sessions(run, paos):
+    run.begin()
+    run.submit("red")
+    result = paos("cancel", "tidy-7", "--workspace", run.workspace.root, "--reason", "another graph")
+
+    assert result.code == ExitCode.GOAL_MET
+    goal = read_ledger(run.workspace.root).goals["tidy-7"]
+    assert (goal.is_cancelled, goal.reason) == (True, "another graph")
+    assert [signal.session for signal in take_signals(run.workspace.signals)] == ["tidy-7.red"]
+
+
+def test_a_goal_that_has_its_verdict_cannot_be_cancelled(replanned, paos):
+    replanned.write(Side.AGENT, "goal:tidy-7", "goal_verdict", verdict="success")
+    result = paos("cancel", "tidy-7", "--workspace", replanned.workspace.root)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "tidy-7: its verdict 'success' is final" in result.err

@@ -2,8 +2,11 @@
 
 import io
 import json
+import os
 import signal
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -11,10 +14,11 @@ from rich.console import Console
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
 from phyagentos.cli.console import RunConsole, build_progress_table
-from phyagentos.cli.mission_run import Interrupts, ask_for_end, choose_workspace
-from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.mission_run import Interrupts, ask_for_end, choose_workspace, follow_run, mute_if_gone, raise_for
+from phyagentos.cli.outcome import Exit, ExitCode
 from phyagentos.cli.progress import compute_depth
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
+from phyagentos.protocol.estop import Latch, latch
 from phyagentos.protocol.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.lifecycle import Side
 from phyagentos.protocol.store.ledger import Ledger
@@ -164,6 +168,95 @@ def test_interrupts_are_counted_and_the_handlers_given_back():
         signal.raise_signal(signal.SIGINT)
         assert interrupts.count == 2
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_terminal_that_hangs_up_asks_and_never_insists():
+    before = signal.getsignal(signal.SIGHUP)
+    with Interrupts().counted() as interrupts:
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)  # the kernel says it, and then the shell
+        assert interrupts.count == 1
+    assert signal.getsignal(signal.SIGHUP) is before
+
+
+def test_what_is_written_to_a_terminal_that_is_gone_goes_nowhere():
+    screen, terminal = os.openpty()
+    os.close(screen)
+    with pytest.raises(OSError, match="Input/output"):
+        os.write(terminal, b"cancelling")
+    mute_if_gone(terminal)
+    assert os.write(terminal, b"cancelling") == 10
+    os.close(terminal)
+
+
+def test_a_run_that_was_told_to_outlive_its_terminal_does():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with Interrupts().counted() as interrupts:
+        signal.raise_signal(signal.SIGHUP)
+        assert interrupts.count == 0
+    signal.signal(signal.SIGHUP, before)
+
+
+@dataclass
+class EndedPlane:
+    """Printed what it was told to print, and ended."""
+
+    log: Path
+    printed: list[str] = field(default_factory=list)
+    name: str = "agent"
+
+    def find_exit_code(self):
+        return 0
+
+    def read_printed(self):
+        return self.printed
+
+
+def follow(run, monkeypatch, tmp_path):
+    stream = io.StringIO()
+    monkeypatch.setattr(console_module.sys, "stderr", stream)
+    with RunConsole("tidy") as console:
+        place, pen = run.workspace, run.pens[Side.OPERATOR]
+        follow_run(run.fold, pen, place, [EndedPlane(tmp_path)], Interrupts(), console, run.clock)
+    return stream.getvalue()
+
+
+def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, monkeypatch, tmp_path):
+    run.begin()
+    run.write(Side.RUNTIME, run.submit("red"), "claim")
+    run.write(Side.OPERATOR, f"goal:{GOAL}", "goal_cancelled", reason="twice")
+    run.fold.forget_finished_goals()
+    run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
+    run.write(Side.AGENT, "goal:tidy-8", "goal_verdict", verdict="success", criteria=[], reason="because")
+
+    follow(run, monkeypatch, tmp_path)
+
+    assert compute_exit_code(run.fold) is ExitCode.GOAL_MET
+
+
+def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, monkeypatch, tmp_path):
+    latch(run.workspace.signals.parent, Latch(by="paos estop", reason="a hand in the cell"))
+    run.begin()
+    run.end("success")
+
+    told = follow(run, monkeypatch, tmp_path)
+
+    assert told.count("emergency stop latched by paos estop (a hand in the cell)") == 1
+    assert f"paos estop -w {run.workspace.root} --reset --reason ... lets it go on" in told
+
+
+@pytest.mark.parametrize(
+    ("free_bytes", "printed", "said"),
+    [
+        (0, [], "it printed nothing, and its disk is full"),
+        (10**9, [], "it printed nothing. Log"),
+        (0, ["a defect"], "a defect Log"),
+    ],
+)
+def test_a_plane_that_ended_without_a_word_on_a_full_disk_says_so(tmp_path, monkeypatch, free_bytes, printed, said):
+    monkeypatch.setattr(mission_run.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
+    with pytest.raises(Exit, match=said):
+        raise_for(EndedPlane(tmp_path, printed))
 
 
 def test_a_new_workspace_is_chosen_every_time(tmp_path, monkeypatch):

@@ -1,17 +1,24 @@
 """Both planes by hand, in either order, and what Ctrl-C does to a run."""
 
+import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.past import read_ledger
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.library import Library
+from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAPH = ROOT / "examples/01_yaml_skill/goal_graphs/show.yaml"
+COUNT = ROOT / "benchmarks/library/goal_graphs/count.yaml"
 LIMIT_S = 300
 
 pytestmark = pytest.mark.journey
@@ -81,4 +88,41 @@ def test_a_second_interrupt_ends_at_once(begin, tmp_path):
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=LIMIT_S)
+    assert process.returncode == ExitCode.INTERRUPTED
+
+
+@pytest.mark.parametrize(
+    ("lost", "asked", "code"),
+    [(signal.SIGKILL, 1, ExitCode.INTERNAL_ERROR), (signal.SIGSTOP, 2, ExitCode.INTERRUPTED)],
+    ids=["the watch is gone", "asked twice"],
+)
+def test_an_agent_that_is_asked_to_end_waits_only_for_a_watch_that_holds_its_lock(begin, tmp_path, lost, asked, code):
+    place = ("--workspace", Workspace.create(tmp_path / "w", Library.open(COUNT.parents[1])).root)
+    watch, agent = begin("watch", *place, "--no-pictures"), begin("agent", COUNT, *place)
+    wait_until(tmp_path / "w", lambda ledger: any(each.state == "running" for each in ledger.sessions.values()))
+    watch.send_signal(lost)
+    agent.send_signal(signal.SIGTERM)
+    wait_until(tmp_path / "w", lambda ledger: ledger.goals["count-0"].is_cancelled)
+    if asked == 2:
+        with pytest.raises(subprocess.TimeoutExpired):
+            agent.wait(1.0)
+        agent.send_signal(signal.SIGTERM)
+    _, err = agent.communicate(timeout=20)
+    assert agent.returncode == code, err
+    assert ("no watchdog brings count-0.a to rest" in err) == (asked == 1)
+
+
+def wait_until(root: Path, condition: Callable[[Ledger], bool]) -> None:
+    clock = SystemClock()
+    deadline_s = clock.now_s() + 60.0
+    while not condition(read_ledger(root)):
+        assert clock.now_s() < deadline_s
+        clock.sleep(0.01)
+
+
+@pytest.mark.parametrize("plane", ["agent", "watch"])
+def test_a_plane_whose_parent_died_before_it_could_look_ends(begin, tmp_path, plane):
+    graph = [COUNT] if plane == "agent" else []
+    process = begin(plane, *graph, "--workspace", tmp_path / "w", "--with-parent", os.getppid())
+    process.communicate(timeout=20)
     assert process.returncode == ExitCode.INTERRUPTED

@@ -43,3 +43,5 @@ def test_it_runs_to_a_met_goal_and_json_is_all_that_stdout_holds(tmp_path):
     assert "red: running" in done.stderr
     checked = paos("evidence", "verify", "-w", tmp_path / "w")
     assert (checked.returncode, checked.stdout) == (0, "1 bundle checked: as recorded\n"), checked.stderr
+    repeated = paos("rerun", "show-0.red", "-w", tmp_path / "w")
+    assert repeated.returncode == 0, repeated.stdout + repeated.stderr

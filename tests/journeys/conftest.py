@@ -30,7 +30,7 @@ class Plane:
             self.workspace,
             self.journal,
             clock=SystemClock(),
-            is_runtime_alive=lambda: self.process.poll() is None,
+            is_runtime_alive=lambda _: self.process.poll() is None,
         )
 
     def run(self, name: str, graph: str = "goal.yaml", seed: int = 1):

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from phyagentos.protocol.edits import desk
 from phyagentos.protocol.store.journal import Entry
 
 from .edit_stand import EditStand
@@ -95,8 +96,8 @@ def test_a_request_that_stands_already_is_done(stand):
         (CONTRACT.replace("upright(bottle)", "upright("), r"r.yaml:6:\d+: PREDICATE_SYNTAX"),
         (CONTRACT.replace("  objective", "  id: a\n  objective"), r"another session is called a"),
         ("kind: cancel\nsession: !!binary x\n", r"YAML_SYNTAX|INVALID_VALUE"),
-        ("kind: cancel\nsession: a\nreason: 2026-99-99\n", r"YAML_VALUE|INVALID_VALUE"),
-        ("? [a]\n: b\n", r"YAML_SYNTAX|YAML_VALUE|UNKNOWN_REQUEST"),
+        ("kind: cancel\nsession: a\nreason: 2026-99-99\n", r"r.yaml:3:9: YAML_SYNTAX"),
+        ("? [a]\n: b\n", r"r.yaml:1:3: YAML_SYNTAX"),
     ],
 )
 def test_a_request_that_cannot_be_done_is_put_aside_with_the_reason(stand, text, reason):
@@ -109,6 +110,59 @@ def test_a_request_that_cannot_be_done_is_put_aside_with_the_reason(stand, text,
     assert "Nothing was done." in told
     kept = (stand.workspace.inbox / "refused" / "r.yaml").read_bytes()
     assert kept == (text if isinstance(text, bytes) else text.encode())
+
+
+ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{n + 1}: &a{n + 1} [{', '.join([f'*a{n}'] * 9)}]\n" for n in range(8)
+)
+MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{n + 1}: &a{n + 1} {{<<: [{', '.join([f'*a{n}'] * 9)}]}}\n" for n in range(8))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("kind: submit\na: !!bool x\n", r"r.yaml:2:4: YAML_SYNTAX"),
+        ("kind: submit\na: !!timestamp x\n", r"r.yaml:2:4: YAML_SYNTAX"),
+        (f"kind: submit\n{ALIASES}", r"r.yaml:.*aliases"),
+        (f"kind: submit\n{MERGES}", r"r.yaml:.*aliases"),
+        (CONTRACT + f"  parameters:\n{ALIASES}".replace("\n", "\n    ").rstrip(), r"r.yaml:.*aliases"),
+        ("kind: submit\na: &a [*a]\n", r"r.yaml:.*alias"),
+        ("[" * 100_000 + "]" * 100_000, r"r.yaml:.*levels"),
+    ],
+)
+def test_no_file_holds_up_who_reads_it(stand, text, reason):
+    drop(stand, "r.yaml", text)
+    drop(stand, "s.yaml", "{kind: cancel, session: a}")
+
+    assert re.search(reason, (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text())
+    assert stand.sessions["a"].state == "cancelled"
+
+
+def test_a_few_aliases_are_read(stand):
+    drop(stand, "wave-1.yaml", CONTRACT.replace("wave", "&w wave", 1).replace("skill: wave", "skill: *w"))
+
+    assert stand.sessions["wave-1"].contract.skill == "wave"
+
+
+@pytest.mark.parametrize("name", ["n" * 255, "n" * 250 + ".yaml", "n" * 246])
+def test_a_long_name_is_refused_as_any_other(stand, name):
+    for _ in range(2):
+        drop(stand, name, "kind: submitt\n")
+
+    assert names(stand, "new") == []
+    assert len(names(stand, "refused")) == 4
+    assert sum(each.endswith(".reason.md") for each in names(stand, "refused")) == 2
+
+
+def test_what_this_program_fails_on_is_refused_with_the_error(stand, monkeypatch):
+    def fail(*_):
+        raise KeyError("odd")
+
+    monkeypatch.setattr(desk, "plan_request", fail)
+    drop(stand, "r.yaml", "{kind: cancel, session: a}")
+
+    told = (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text()
+    assert "this program failed on it (KeyError: 'odd')" in told
 
 
 def test_a_claimed_session_keeps_its_limits(stand):

@@ -71,8 +71,8 @@ def problems_of(*paths):
         ("```yaml\nsessions: []\n```\n", "UNKNOWN_VERSION", ":2:1"),
         ("```yaml\nversion: runtime_sessions_v9\nsessions: []\n```\n", "UNKNOWN_VERSION", ":2:1"),
         ("```yaml\nversion: runtime_sessions_v1\nversion: runtime_sessions_v1\n```\n", "DUPLICATE_KEY", ":3:1"),
-        ("```yaml\nversion: runtime_sessions_v1\nat: 2026-13-45T00:00:00Z\n```\n", "YAML_SYNTAX", ":2:1"),
-        ("```yaml\nversion: runtime_sessions_v1\nsessions: &a [*a]\n```\n", "YAML_SYNTAX", ":2:1"),
+        ("```yaml\nversion: runtime_sessions_v1\nat: 2026-13-45T00:00:00Z\n```\n", "YAML_SYNTAX", ":3:5"),
+        ("```yaml\nversion: runtime_sessions_v1\nsessions: &a [*a]\n```\n", "YAML_SYNTAX", ":3:11"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_refused_with_its_place(tmp_path, text, code, place):

@@ -120,6 +120,12 @@ def test_existence_and_visibility():
     assert truth("visible(a)", now) is Truth.TRUE
     assert truth("visible(hidden)", now) is Truth.FALSE
     assert truth("visible(gone)", now) is Truth.FALSE
+
+
+def test_what_is_fixed_stays_visible_and_what_can_move_does_not():
+    now = world(tray("fixed", observed_at_s=0.0), cube("loose", observed_at_s=0.0))
+    assert truth("visible(fixed)", now) is Truth.TRUE
+    assert truth("visible(loose)", now) is Truth.FALSE
     assert truth("exists(gone)", now) is Truth.FALSE
     assert truth("exists(gone)", world(cube("a"), sensing="perceived")) is Truth.UNKNOWN
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.environment import Pose, TargetState
+from phyagentos.protocol.environment import Mechanism, Pose, TargetState
 from phyagentos.protocol.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.verdicts import Truth
@@ -54,6 +54,24 @@ def test_a_change_is_compared_with_the_uncertainty_of_both_snapshots():
     barely = MOVED_M - PERCEIVED_STD_M * DOUBT_STDS
     assert truth("not moved(a)", seen(0.5 + barely), seen(0.5)) is Truth.UNKNOWN
     assert truth("not moved(a)", seen(0.505), seen(0.5)) is Truth.TRUE
+
+
+@pytest.mark.parametrize(
+    ("kind", "travel", "joint", "closed", "opened"),
+    [
+        ("slide", 0.13, 0.02, Truth.TRUE, Truth.FALSE),
+        ("slide", 0.13, 0.11, Truth.UNKNOWN, Truth.FALSE),
+        ("slide", 0.13, 0.89, Truth.FALSE, Truth.UNKNOWN),
+        ("hinge", 1.5, 0.11, Truth.UNKNOWN, Truth.FALSE),
+        ("hinge", 1.5, 0.2, Truth.FALSE, Truth.FALSE),
+    ],
+)
+def test_an_opening_is_as_doubtful_as_the_pose_that_it_follows_from(kind, travel, joint, closed, opened):
+    mechanism = Mechanism(kind, (1.0, 0.0, 0.0), travel, Pose())
+    drawer = cube("drawer", mechanism=mechanism, joint=joint)
+    now = world(drawer, sensing="perceived")
+    assert (truth("closed(drawer)", now), truth("open(drawer)", now)) == (closed, opened)
+    assert Truth.UNKNOWN not in {truth(f"{text}(drawer)", world(drawer)) for text in ("closed", "open")}
 
 
 def holding(touching: int, **more):

@@ -1,5 +1,7 @@
 """Reading authored files: every problem at once, each at its place."""
 
+from datetime import date
+
 import pytest
 
 from phyagentos.errors import DefinitionError
@@ -75,3 +77,36 @@ def test_a_sound_file_has_no_problem():
 def test_text_that_is_no_mapping_is_told(text, message):
     with pytest.raises(DefinitionError, match=message):
         validate(Outer, parse_yaml(text, "f.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("2001-99-99", r"'2001-99-99' is no date; quote it where it is text"),
+        ("!!timestamp soon", r"'soon' is no date"),
+        ("!!int abc", r"'abc' is no integer of 64 bits"),
+        ("!!int ''", r"'' is no integer of 64 bits"),
+        ("!!float abc", r"'abc' is no number"),
+        ("!!float ''", r"'' is no number"),
+        ("!!bool abc", r"'abc' is no truth value"),
+        ("9" * 5000, r"'9{40}' is no integer of 64 bits"),
+        ("0x" + "f" * 5000, r"'0xf{38}' is no integer of 64 bits"),
+        ("18446744073709551616", r"is no integer of 64 bits"),
+        ("-9223372036854775809", r"is no integer of 64 bits"),
+        ("{? [p, q] : 1}", r"found unhashable key"),
+        ("{? {p: q} : 1}", r"found unhashable key"),
+        ("&x [1, *x]", r"more than 200 levels, or an alias inside of what it stands for"),
+        ("&x {a: *x}", r"more than 200 levels"),
+        ("[" * 2000 + "]" * 2000, r"more than 200 levels"),
+        ("[" * 200_000 + "]" * 200_000, r"more than 200 levels"),
+    ],
+)
+def test_a_value_that_cannot_be_read_is_told_with_its_place(value, message):
+    with pytest.raises(DefinitionError, match=rf"f\.yaml:3:\d+: YAML_SYNTAX: found .*{message}"):
+        parse_yaml(f"a: 1\nb: {value}\n", "f.yaml", first_line=2)
+
+
+def test_every_integer_that_a_record_can_hold_is_read():
+    text = "[18446744073709551615, -9223372036854775808, yes, 0x10, 1.5, 2001-09-09]"
+    values = parse_yaml(text, "f.yaml").data
+    assert values == [2**64 - 1, -(2**63), True, 16, 1.5, date(2001, 9, 9)]

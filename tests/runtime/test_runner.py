@@ -7,9 +7,10 @@ import yaml
 from py_trees.blackboard import Blackboard
 
 from phyagentos.protocol import evidence
-from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.environment import Environment, Interior
 from phyagentos.protocol.evidence import TraceEvent, read_bundle
 from phyagentos.protocol.sessions import Ended, Limits
+from phyagentos.protocol.verdicts import Truth
 from phyagentos.runtime.execution.leaf import Leaf, Status
 from phyagentos.runtime.targets import wire
 
@@ -284,6 +285,37 @@ def test_a_violated_hold_condition_stops_the_session(build_bench, session, plant
 
     assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED")
     assert (execution.ticks, execution.interventions) == (5, 1)
+
+
+def test_what_happens_while_the_arm_comes_to_rest_counts_for_the_hold_conditions(build_bench, session, plant, doubles):
+    class Robbed(doubles.PerfectTarget):
+        def handle(self, request):
+            if isinstance(request, wire.Settle):
+                self.entities.pop("red_cube")
+            return super().handle(request)
+
+    profile, cube = build_bench().target.profile, doubles.build_cube()
+    bench = build_bench(Robbed(profile, [cube]), library=plant(["wait: {seconds: 0.04}"]))
+    session = msgspec.structs.replace(session, hold=("exists(red_cube)",))
+    execution = bench.run(session)
+
+    (hold,) = read_bundle(bench.workspace / execution.evidence, session, execution).holds
+    assert (execution.ended, hold.truth) == (Ended.COMPLETED, Truth.FALSE)
+
+
+@pytest.mark.parametrize(("taken", "in_the_way"), [("red_cube", True), ("box", False)])
+def test_what_lies_in_a_vessel_is_in_the_way_unless_the_vessel_is_moved(
+    build_bench, build_session, doubles, taken, in_the_way
+):
+    box = doubles.build_cube("box", interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.1)))
+    things = [box, doubles.build_cube(), doubles.build_cube("blue_cube")]
+    planner = doubles.ScriptedPlanner(answer=doubles.refuse)
+    bench = build_bench(doubles.PerfectTarget(build_bench().target.profile, things), planner)
+    bench.run(build_session(skill="pick", parameters={"object": taken}))
+
+    names = {entity.name for entity in planner.requests[0].world.entities}
+    assert ("blue_cube" in names) == in_the_way
+    assert taken in names
 
 
 def test_a_timeout_of_the_tree_interrupts_and_brakes_before_the_next_leaf(build_bench, session, plant):

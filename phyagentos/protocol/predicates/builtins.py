@@ -181,12 +181,12 @@ def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
 
 
 def measure_visible(view: View, a: str) -> Reading:
-    """It was seen not long ago. What was never seen is not visible: this one always knows."""
+    """It was seen, and not long ago where it can move. What was never seen is not visible: this one always knows."""
     entity = view.now.entities.get(a)
     if entity is None:
         return Reading(-1.0, {"visible": False}, f"{a} is not in the snapshot")
     age_s = view.now.time_s - entity.observed_at_s
-    seen = entity.visible and -AHEAD_S <= age_s <= 5.0
+    seen = entity.visible and (not entity.movable or -AHEAD_S <= age_s <= 5.0)
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
     )
@@ -232,14 +232,14 @@ def measure_moved(view: View, a: Entity) -> Reading:
 
 def measure_open(view: View, a: Entity) -> Reading:
     """Its joint is at least 90 % open."""
-    opening = _get_joint(a)
-    return Reading(opening - OPEN_FRACTION, {"opening": opening}, f"{a.name} is {opening:.0%} open")
+    opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
+    return Reading(opening - OPEN_FRACTION, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
 
 
 def measure_closed(view: View, a: Entity) -> Reading:
     """Its joint is at most 10 % open."""
-    opening = _get_joint(a)
-    return Reading(CLOSED_FRACTION - opening, {"opening": opening}, f"{a.name} is {opening:.0%} open")
+    opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
+    return Reading(CLOSED_FRACTION - opening, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
 
 
 def measure_tilt(view: View, a: Entity) -> Reading:
@@ -290,6 +290,14 @@ def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float) -> Reading:
     because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees, the limit is {math.degrees(limit_rad):.0f}"
     doubt = _find_turn_doubt(view, a) / limit_rad
     return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, doubt)
+
+
+def _find_joint_doubt(view: View, a: Entity) -> float:
+    """The same of an opening, as a share of the travel."""
+    if a.mechanism is None:
+        return 0.0
+    find_doubt = _find_turn_doubt if a.mechanism.kind == "hinge" else _find_position_doubt
+    return find_doubt(view, a) / a.mechanism.travel
 
 
 def _get_joint(a: Entity) -> float:

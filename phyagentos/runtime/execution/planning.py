@@ -11,6 +11,7 @@ from phyagentos.runtime.execution.leaf import Leaf, Status
 from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
 
+MOVED = ("object", "drawer")  # parameters that name what a skill moves; elsewhere contents are in the way
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
 
@@ -61,10 +62,11 @@ class PlanningLeaf(Leaf):
             self._ticket = None
 
     def world(self) -> World:
-        """The believed world, as the planner takes it: what is in a movable vessel travels with it, no obstacle."""
+        """The believed world, as the planner takes it: what is in a vessel that is moved goes with it, no obstacle."""
         environment = self.context.environment()
-        entities = environment.entities.values()
-        vessels = [entity for entity in entities if entity.movable and entity.interior is not None]
+        entities, parameters = environment.entities.values(), self.context.session.parameters
+        moved = {parameters.get(name) for name in MOVED}
+        vessels = [each for each in entities if each.interior is not None and (each.held_by or each.name in moved)]
         return World(
             entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),
             regions=tuple(environment.regions.values()),

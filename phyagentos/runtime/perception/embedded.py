@@ -75,10 +75,9 @@ class EmbeddedPerception:
         """Look, unless this moment was looked at already."""
         self._take(scene)
         self.note(observation.time_s, observation.target)
-        before = self._belief
+        before, pipeline = self._belief, self._get_pipeline(scene)  # touch asks it too, of a belief that was restored
         if before is not None and abs(before.looked_at_s - observation.time_s) < SAME_S:
             return before
-        pipeline = self._get_pipeline(scene)
         if focus and before is not None:
             return self._glance(pipeline, before, observation, scene, focus)
         before = self._feel_pulses(observation.time_s, 0.0)

@@ -7,7 +7,7 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.environment import Pose, TargetState
-from phyagentos.protocol.safety import Limit, read_safety
+from phyagentos.protocol.safety import GUARDED, Limit, read_safety
 from phyagentos.runtime.actions.guard import SafetyGuard
 from phyagentos.runtime.actions.interventions import Intervention
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -347,11 +347,30 @@ def test_every_limit_of_unknown_provenance_is_refused_at_load(write_safety, name
         ("workspace_box", "[[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0]]"),
         ("workspace_box", "3.0"),
         ("command_rate_max", ".inf"),
+        ("joint_velocity_max", "[]"),
     ],
 )
 def test_a_limit_that_bounds_nothing_is_refused_at_load(write_safety, name, value):
     with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         read_safety(write_safety(name, value=value))
+
+
+@pytest.mark.parametrize("name", [name for name in FIELDS if not name.startswith(("joint", "workspace"))])
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
+def test_a_list_where_one_number_is_meant_is_refused_at_load(write_safety, name, count):
+    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found \[.*\]; expected one number$"):
+        read_safety(write_safety(name, value=[0.05] * count))
+
+
+def test_a_reaction_to_what_the_guard_never_finds_is_refused_at_load(write_safety):
+    path = write_safety()
+    path.write_text(path.read_text() + "    reactions: {JOINT_VELOCTIY: stop_category_1, DEADMAN: refuse}\n")
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_KEY: found 'JOINT_VELOCTIY'.*Did you mean 'JOINT_VELOCITY'"):
+        read_safety(path)
+
+
+def test_there_is_a_reaction_to_whatever_the_guard_finds():
+    assert set(GUARDED) == set(ViolationCode) - {ViolationCode.DISCONTINUOUS, ViolationCode.ROTATION_INVALID}
 
 
 def test_what_cannot_be_clamped_is_refused_at_load(write_safety):

@@ -138,6 +138,20 @@ def test_pictures_taken_after_the_observation_are_believed_where_time_goes_on_by
 
 
 @pytest.mark.sim
+def test_a_restored_belief_is_felt_though_nothing_has_been_looked_at_since(twins, twins_library):
+    profile, folder = read_profile(twins_library.get_target("panda"))
+    first, second = (
+        EmbeddedPerception("panda", FreezingHandle(twins), twins_library, RobotMask(profile, folder)) for _ in range(2)
+    )
+    belief = first.perceive(observe(twins), twins.scene)
+    second.restore(belief)
+    assert second.perceive(observe(twins), twins.scene).revision == belief.revision
+    can = Pose(belief.entities["can"].pose.position_m, (0.0, 1.0, 0.0, 0.0))
+    gripping = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, fingers_touching=2)
+    assert second.find_held(gripping, twins.time_s) == ("can",)
+
+
+@pytest.mark.sim
 def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_meanwhile(twins, twins_library):
     profile, folder = read_profile(twins_library.get_target("panda"))
     handle = FreezingHandle(twins)

@@ -12,6 +12,7 @@ from pathlib import Path
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 
+WATCHDOG_LOCK = Path(".world") / "watchdog.lock"  # below a workspace
 PATIENCE_S = 2.0  # whoever only asks holds the lock for an instant
 
 

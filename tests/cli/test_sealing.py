@@ -1,0 +1,21 @@
+"""What no worker has sealed is sealed when the runtime plane ends."""
+
+from phyagentos.assembly.runtime_plane import seal_rest
+from phyagentos.cli.past import read_ledger
+from phyagentos.protocol import evidence
+from phyagentos.protocol.evidence_manifest import check_bundle, read_manifest
+
+
+def test_bundles_that_a_worker_left_are_sealed_as_late_and_running_ones_are_not(run):
+    run.begin()
+    ended, running = run.submit("red"), run.submit("blue")
+    run.execute(ended)
+    for id in (ended, running):
+        run.workspace.evidence_of(id).mkdir(parents=True)
+        (run.workspace.evidence_of(id) / evidence.HOLDS).write_bytes(b"[]")
+
+    seal_rest(run.workspace, read_ledger(run.workspace.root))
+
+    assert check_bundle(run.workspace.evidence_of(ended)) == []
+    assert read_manifest(run.workspace.evidence_of(ended)).sealed_late
+    assert read_manifest(run.workspace.evidence_of(running)) is None
