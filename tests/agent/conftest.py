@@ -97,16 +97,20 @@ TRAYS = {"red_tray": 0.3, "green_tray": 0.0, "blue_tray": -0.3}
 CUBES = {"red_cube": 0.3, "green_cube": 0.0, "blue_cube": -0.3, "yellow_cube": -0.1}
 
 
+def add_skills(library: Library, skills: dict[str, str]) -> Library:
+    for name, front in skills.items():
+        folder = library.roots[0] / "skills" / name
+        folder.mkdir(parents=True)
+        (folder / "SKILL.md").write_text(f"---\nskill: {name}\n{dedent(front).strip()}\n---\n\n# {name}\n")
+    return library
+
+
 @pytest.fixture
 def library(tmp_path: Path) -> Library:
     root = tmp_path / "library"
-    for name, front in SKILLS.items():
-        folder = root / "skills" / name
-        folder.mkdir(parents=True)
-        (folder / "SKILL.md").write_text(f"---\nskill: {name}\n{dedent(front).strip()}\n---\n\n# {name}\n")
     (root / "robots" / "panda").mkdir(parents=True)
     (root / "robots" / "panda" / "target.yaml").write_text(dedent(TARGET))
-    return Library((root,))
+    return add_skills(Library((root,)), SKILLS)
 
 
 @pytest.fixture

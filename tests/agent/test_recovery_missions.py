@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from textwrap import dedent
 
 import msgspec
 import pytest
@@ -13,7 +12,7 @@ from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.evidence import TraceEvent
 from phyagentos.protocol.sessions import Ended
 
-from .conftest import Play, hold, make_world, put, succeed
+from .conftest import Play, add_skills, hold, make_world, put, succeed
 
 MORE_SKILLS = {
     "inspect": """
@@ -55,11 +54,7 @@ GRAPH = """
 
 @pytest.fixture
 def library(library):
-    for name, front in MORE_SKILLS.items():
-        folder = library.roots[0] / "skills" / name
-        folder.mkdir(parents=True)
-        (folder / "SKILL.md").write_text(f"---\nskill: {name}\n{dedent(front).strip()}\n---\n\n# {name}\n")
-    return library
+    return add_skills(library, MORE_SKILLS)
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """What the world has undone: when it counts, which nodes are opened again for it, and what waits for them."""
 
 from pathlib import Path
-from textwrap import dedent
 
 import pytest
 
@@ -12,7 +11,7 @@ from phyagentos.protocol.sessions import Ended, Session
 from phyagentos.protocol.verdicts import VerificationMode
 from tests.contracts import make_contract
 
-from .conftest import Play, hold, make_world, put, succeed
+from .conftest import Play, add_skills, hold, make_world, put, succeed
 
 HEAD = """
     goal: again
@@ -52,11 +51,7 @@ SKILLS = {
 
 @pytest.fixture
 def library(library):
-    for name, front in SKILLS.items():
-        folder = library.roots[0] / "skills" / name
-        folder.mkdir(parents=True)
-        (folder / "SKILL.md").write_text(f"---\nskill: {name}\n{dedent(front).strip()}\n---\n\n# {name}\n")
-    return library
+    return add_skills(library, SKILLS)
 
 
 @pytest.fixture
