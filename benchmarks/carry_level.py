@@ -20,12 +20,12 @@ from rich.console import Console
 from rich.table import Table
 from tabletop import ROOT, watching
 
-from phyagentos.agent.mission import Mission
-from phyagentos.assembly.places import open_project
+from phyagentos.agent.mission.mission import Mission
+from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.journal import Journal
 
 GRAPH = ROOT / "goal_graphs" / "carry_cup.yaml"
 METHODS = ("casadi", "toppra")

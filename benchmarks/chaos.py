@@ -37,9 +37,9 @@ from rich.table import Table
 from phyagentos.bench.report import Ask, format_outcome
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.codes import CODES
-from phyagentos.protocol.lifecycle import FINAL_STATES, SessionState
-from phyagentos.protocol.sessions import SessionStatus
-from phyagentos.protocol.tasks import GoalStatus
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # the monitor lies with the tests

@@ -16,14 +16,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.sessions import SessionStatus
-from phyagentos.protocol.sole_process import WATCHDOG_LOCK, is_held
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import choose_lane
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.tasks import GoalStatus
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import choose_lane
+from phyagentos.store.ledger import Ledger
 
 MARKS = {
     "agent": "phyagentos\0agent\0",

@@ -29,16 +29,16 @@ from diagnosis_parts.policies import MANNERS, serve_policies
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.agent.causes import classify_refusal
-from phyagentos.agent.mission import Mission
-from phyagentos.assembly.places import open_project
+from phyagentos.agent.judging.causes import classify_refusal
+from phyagentos.agent.mission.mission import Mission
+from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import SessionState, Side
-from phyagentos.protocol.sessions import GoalId, SessionId
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.protocol.sessions.session import GoalId, SessionId
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 ROOT = Path(__file__).resolve().parents[1]
 ASKED = {"right": Ask(0.85, at_least=True)}

@@ -28,16 +28,16 @@ from rich.table import Table
 
 from phyagentos.bench.report import Ask, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.edits.desk import Desk
-from phyagentos.protocol.edits.reading import decode
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.markdown import publish
-from phyagentos.protocol.sessions import Scene, Session
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.views.history import History
-from phyagentos.protocol.views.sessions import END_MARK
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.edit_intake import EditIntake
+from phyagentos.store.edits.reading import decode
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.views.history import History
+from phyagentos.store.views.sessions import END_MARK
 
 PERIOD_S = 0.01
 THINKING_S = 0.06  # longest time between reading and saving
@@ -116,7 +116,7 @@ class Publisher:
     def __init__(self, workspace: Workspace, lane: Path) -> None:
         self.path = workspace.sessions_document
         self.history = History(lane)
-        self.desk = Desk(workspace, SystemClock())
+        self.desk = EditIntake(workspace, SystemClock())
         self.published = b""
 
     def turn(self) -> None:

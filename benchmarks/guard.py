@@ -19,10 +19,10 @@ from rich.console import Console
 from rich.table import Table
 
 from phyagentos.bench.report import Ask, format_outcome
-from phyagentos.protocol.action_spaces import ActionSpace, GripperRange, describe_target_space
-from phyagentos.protocol.faults import read_faults
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.safety import as_numbers
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.settings.safety import as_numbers
+from phyagentos.protocol.world.faults import read_faults
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.collision import PostureCollision

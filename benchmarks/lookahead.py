@@ -27,11 +27,11 @@ from rich.table import Table
 from scipy.stats import binomtest
 from tabletop import ROOT, watching
 
-from phyagentos.assembly.places import open_project
+from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
 from phyagentos.bench.suite import Episode, run_suite
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lookahead import LookaheadResult, read_lookahead
+from phyagentos.protocol.sessions.lookahead import LookaheadResult, read_lookahead
 
 GRAPHS = Path(__file__).with_name("lookahead_parts")
 COIN_RADIUS_M, COIN_HALF_M, COASTER_M = 0.015, 0.008, (0.03, 0.03, 0.02)

@@ -27,11 +27,11 @@ from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.agent.memory.views import list_facts, list_lessons
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.knowledge import render_knowledge
-from phyagentos.protocol.lessons import read_lessons, render_lessons
-from phyagentos.protocol.memory_entries import Embodiment
-from phyagentos.protocol.seeds import compute_seed
-from phyagentos.protocol.verdicts import Verdict
+from phyagentos.protocol.sessions.knowledge import render_knowledge
+from phyagentos.protocol.sessions.lessons import read_lessons, render_lessons
+from phyagentos.protocol.sessions.memory_entries import Embodiment
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.seeds import compute_seed
 
 EPISODES = 100_000
 KINDS, PLACES, SCENES = 300, 40, 30

@@ -24,14 +24,14 @@ from orchestration_shapes import build_edges
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.agent.mission import Mission
-from phyagentos.assembly.garbage import collect_rarely
-from phyagentos.assembly.places import open_project
+from phyagentos.agent.mission.mission import Mission
+from phyagentos.assembly.gc_tuning import collect_rarely
+from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 HERE = Path(__file__).resolve().parent
 SHAPES = ("layered", "chain")

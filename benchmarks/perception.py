@@ -22,17 +22,17 @@ from rich.console import Console
 from rich.table import Table
 
 from phyagentos.bench.report import Ask, Spread, format_outcome
-from phyagentos.protocol.environment import Entity, Environment, Status
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sensors import Sensors, read_sensors
-from phyagentos.protocol.sessions import Scene
-from phyagentos.runtime.perception.inventory import Form, Thing, build_inventory
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.settings.sensors import Sensors, read_sensors
+from phyagentos.protocol.world.environment import Entity, Environment, Status
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
+from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.perception.inventory import Form, ObjectModel, build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.physics import Physics
-from phyagentos.runtime.targets.robot import read_profile
-from phyagentos.runtime.targets.simulated_camera import open_cameras, pose_state
 from phyagentos.runtime.targets.wire import Frames
 
 ROOT = find_shipped_root()
@@ -167,7 +167,7 @@ def score_scene(stage: Stage, name: str, tally: Tally) -> None:
             tally.mixed_up.append(f"{name}: {thing.name}")
 
 
-def score_pose(entity: Entity, thing: Thing, position: np.ndarray, rotation: np.ndarray, tally: Tally) -> None:
+def score_pose(entity: Entity, thing: ObjectModel, position: np.ndarray, rotation: np.ndarray, tally: Tally) -> None:
     """Add one thing's errors."""
     tally.position_mm.append(1e3 * measure_distance(entity, position))
     believed = np.zeros(9)
@@ -181,7 +181,9 @@ def score_pose(entity: Entity, thing: Thing, position: np.ndarray, rotation: np.
         tally.yaw_deg.append(float(np.degrees(min(angles))))
 
 
-def find_thief(entity: Entity, thing: Thing, things: Iterator[Thing] | Sequence[Thing], stage: Stage) -> bool:
+def find_thief(
+    entity: Entity, thing: ObjectModel, things: Iterator[ObjectModel] | Sequence[ObjectModel], stage: Stage
+) -> bool:
     """Whether a name is on another thing than its own."""
     own_m = measure_distance(entity, stage.find(thing.name)[0])
     others = [each.name for each in things if each.template.movable and each.name != thing.name and each.vessel is None]

@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.table import Table
 
 from phyagentos.bench.report import Ask, Spread, format_outcome
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner, Planner
 

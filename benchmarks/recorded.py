@@ -7,23 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.environment import Entity
-from phyagentos.protocol.faults import FaultFile
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.safety import TargetLimits, read_safety
-from phyagentos.protocol.sessions import Ended, GoalId, Limits, Scene, Session, SessionId
-from phyagentos.protocol.targets import TargetProfile
-from phyagentos.runtime.execution.registry import build_registry
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.session import Ended, GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.settings.safety import TargetLimits, read_safety
+from phyagentos.protocol.world.environment import Entity
+from phyagentos.protocol.world.faults import FaultFile
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.execution.leaf_registry import build_registry
+from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.truth import TruthPerception
-from phyagentos.runtime.runner import SessionRunner
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.robot import read_profile
-from phyagentos.runtime.targets.world import MujocoWorld
+from phyagentos.runtime.worker.runner import SessionRunner
 
 CUBES = ("red", "green", "blue")
 
@@ -59,7 +59,7 @@ class Robot:
 class TappedConnection:
     """Both ends of the wire in one process; keeps what passes."""
 
-    def __init__(self, target: MujocoWorld) -> None:
+    def __init__(self, target: MujocoDriver) -> None:
         self._target = target
         self._replies: deque[bytes] = deque()
         self.commands: list[wire.Command] = []
@@ -112,7 +112,7 @@ def record_tidy_table(robot: Robot, seeds: Sequence[int], faults: FaultFile | No
 
 
 def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFile) -> list[Recording]:
-    world = MujocoWorld(
+    world = MujocoDriver(
         robot.profile,
         robot.folder,
         robot.library,

@@ -24,15 +24,15 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, wilcoxon
 
-from phyagentos.agent.mission import Mission
-from phyagentos.agent.repair.policies import BlindRetry, FullRestart, GraphRepair, NoRetry, RepairPolicy
-from phyagentos.assembly.places import open_project
+from phyagentos.agent.mission.mission import Mission
+from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, GraphRepair, NoRetry, RepairPolicy
+from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import GoalId
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = Path(__file__).resolve().parent / "recovery_parts"

@@ -23,13 +23,13 @@ from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.assembly.places import open_project
+from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
 from phyagentos.bench.suite import Episode, run_suite
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 ROOT = Path(__file__).resolve().parents[1]
 GRAPH = ROOT / "goal_graphs" / "tidy_table.yaml"

@@ -34,7 +34,7 @@ from benchmarks.verdict_parts.sensing import LEVELS, Sensing, make_sensing
 from benchmarks.verdict_parts.table import Outcome, build_figures, show
 from benchmarks.verdict_parts.worlds import World
 from phyagentos.bench.report import Ask, format_outcome
-from phyagentos.protocol.seeds import compute_seed
+from phyagentos.protocol.world.seeds import compute_seed
 
 HELD_OUT_SEED = 20_260_419  # never used while anything was tuned; development uses small numbers
 SCENES = 8  # seeds of the scenes, and rounds of the jobs

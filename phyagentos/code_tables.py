@@ -7,14 +7,13 @@ BROKEN_BEHAVIOURS    A Python package of leaves cannot be imported or registered
 BROKEN_TREE          A tree uses another one that is wrong itself.
 CYCLE                Nodes wait for each other, or trees contain each other.
 DUPLICATE_BLOCK      A document holds the same block twice.
-DUPLICATE_ID         Two imported entries have the same id.
 DUPLICATE_KEY        A mapping holds the same key twice.
 DUPLICATE_LEAF       Two packages offer a leaf of the same name.
 DUPLICATE_VALUE      A `foreach` names the same value twice.
 EMPTY_FOREACH        A `foreach` names no value.
 FRONT_MATTER_MISSING A document does not begin with its front matter.
 INVALID_CONTRACT     A session's contract lacks something or holds a value of the wrong kind.
-INVALID_ID           An imported entry has no id, or one that is no text.
+INVALID_ID           A request names an id with characters that no id may have.
 INVALID_LINE         A line of LOG.md is no event.
 INVALID_NAME         A name holds signs that names may not have, or too many.
 INVALID_OVERRIDE     `--set` names a place that is not in the file.
@@ -37,7 +36,6 @@ NOT_A_WIRING         The ports of a node are no mapping.
 NOT_COMPARED         A number stands without a comparison, or a truth with one.
 NO_CANDIDATE         No skill and target together guarantee what is asked.
 NO_SERIAL_CHAIN      The model's arm is no serial chain from base to tool.
-NO_YAML_BLOCK        An imported document holds no complete fenced block of YAML.
 PREDICATE_SYNTAX     A predicate cannot be parsed.
 RECURSION            A tree contains itself.
 SCENE_OVERFULL       The bodies of a scene find no room without touching.
@@ -60,7 +58,6 @@ UNKNOWN_SENSOR       No sensor of this name in sensors.yaml.
 UNKNOWN_SKILL        No skill of this name.
 UNKNOWN_TARGET       No target of this name.
 UNKNOWN_TREE         No tree of this name.
-UNKNOWN_VERSION      An imported document says a version that nobody knows, or none.
 UNREADABLE_FILE      A file cannot be read, or is no text.
 UNSOURCED_LIMIT      A limit of safety.yaml does not say where its number comes from.
 UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
@@ -75,9 +72,7 @@ YAML_SYNTAX          The text is not YAML, or holds a value that is not what its
 """
 
 OPERATION = """
-ALREADY_IMPORTED  An earlier import stands in the folder.
 GOAL_DIFFERS      A goal of this name was begun with another graph.
-NOTHING_TO_IMPORT The sources hold no document of the 0.1.x system.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       A field that a hand edit may not change.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
@@ -212,7 +207,6 @@ GRASP_MISSED            The fingers closed and do not hold the object.
 HOLD_VIOLATED           A condition that had to hold all through did not.
 LEAF_ERROR              A leaf failed by an error of its own.
 NOT_AT_START            A motion does not begin where the arm stands.
-NOT_IMPORTED            A skill was imported without its behaviour; its tree is a draft.
 NOT_VISIBLE             The object is believed, but was not seen.
 NO_PROGRESS             The tree runs, yet neither commands nor thinks; or longer than the contract allows.
 OUT_OF_TIME             A timeout of the tree ran out, in simulated time.

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from phyagentos.protocol.sessions import Scene, Session
+from phyagentos.protocol.sessions.session import Scene, Session
 
 
 def make_contract(**facts: Any) -> Session:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from phyagentos.protocol.policies import PolicyDescriptor
-from phyagentos.protocol.skill_runtimes import read_skill
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.policies.server import serve_policy
 from phyagentos.runtime.policies.wire import Infer, Start
 

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.channel import Link
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets import wire
 
 Array = NDArray[np.float64]

@@ -14,11 +14,11 @@ import numpy as np
 from benchmarks.recorded import CUBES, Recording, Robot
 from benchmarks.safety_parts.attacker import SCENE, Attacker, Seen, choose, drive_hard
 from benchmarks.safety_parts.hostile import spoil_bytes, spoil_envelope, spoil_points
-from phyagentos.protocol.sessions import Scene
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.runtime.actions.handle import EXPIRY_PERIODS, CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.handle import EXPIRY_PERIODS, CommandRefused, TargetSessionHandle
-from phyagentos.runtime.runner import SETTLE_S
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.worker.runner import SETTLE_S
 
 KINDS = ("noise", "bang", "oscillation", "drift", "slow drift", "full speed", "abandoned")
 DRIVEN_SHARE, GUARDED_SHARE = 0.12, 0.04  # of all hostile commands: motion at the limit, without and with a guard

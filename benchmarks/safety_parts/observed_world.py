@@ -15,16 +15,16 @@ import mujoco
 import numpy as np
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.runtime_contract import WorldMode
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.runtime_contract import WorldMode
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.models.robot import name_actuator, read_profile
+from phyagentos.runtime.supervision.workers import end_with_parent
 from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.robot import name_actuator, read_profile
 from phyagentos.runtime.targets.server import serve
 from phyagentos.runtime.targets.stop_listener import StopListener
-from phyagentos.runtime.targets.world import MujocoWorld
-from phyagentos.runtime.workers import end_with_parent
 
 WIDTH = 26
 BLOCK = 1 << 15  # rows
@@ -91,7 +91,7 @@ def main() -> None:
     mujoco.mj_step = eye.step
     log = ReceiveLog(given.log, clock)
     stops = StopListener(given.signals, clock) if given.signals else None
-    world = MujocoWorld(
+    world = MujocoDriver(
         profile,
         folder,
         library,

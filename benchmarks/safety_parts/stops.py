@@ -22,9 +22,9 @@ import numpy as np
 
 from benchmarks.safety_parts.attacker import SHARE, Array, Attacker, Seen
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.estop import Latch, is_latched, latch, reset
-from phyagentos.protocol.store.mailbox import Signal, drop_signal, take_signals
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.estop import Latch, is_latched, latch, reset
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import Reception
 

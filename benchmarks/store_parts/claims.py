@@ -8,9 +8,9 @@ import sys
 import time
 from pathlib import Path
 
-from phyagentos.protocol.lifecycle import IllegalTransition, Side
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
 
 from .sessions import BATCH, CLOCK, LANE, claim, open_pair, submit
 

@@ -5,7 +5,7 @@ import statistics
 import time
 from pathlib import Path
 
-from phyagentos.protocol.store.segments import SystemIO
+from phyagentos.store.segments import SystemIO
 
 from .sessions import open_pair, prepare_life
 

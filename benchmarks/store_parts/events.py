@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.watch import Watch
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.journal import Journal
+from phyagentos.store.watch import Watch
 
 from .sessions import CLOCK, LANE, claim, open_pair, submit
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended, Execution, Scene, Session
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.segments import FileIO
-from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Execution, Scene, Session
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.segments import FileIO
 
 LANE = "bench"
 CLOCK = SystemClock()
@@ -95,7 +96,7 @@ def verdict(id: str) -> list[Entry]:
 def prepare_life(agent: Journal, runtime: Journal, id: str) -> list[tuple[Journal, list[Entry], bool]]:
     """One session as the two planes record it: six records, four commits, three of them durable.
 
-    The watchdog records a claim together with the start that it leads to (see `runtime.watchdog`).
+    The watchdog records a claim together with the start that it leads to (see `runtime.supervision.watchdog`).
     """
     return [
         (agent, [submit(id)], True),

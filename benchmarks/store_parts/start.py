@@ -13,8 +13,8 @@ _OPEN = """
 import sys
 from pathlib import Path
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.journal import Journal
 journal = Journal(Path(sys.argv[1]), side=Side.RUNTIME, by="start", clock=SystemClock(), lane=sys.argv[2])
 ledger = journal.open_ledger()
 """
@@ -25,7 +25,7 @@ print(json.dumps({"bytes": pages * __import__("os").sysconf("SC_PAGE_SIZE"), "se
 """
 _LIVE = """
 import gc
-from phyagentos.protocol.lifecycle import build_machine
+from phyagentos.protocol.sessions.lifecycle import build_machine
 def measure():
     gc.collect()
     return int(Path("/proc/self/statm").read_text().split()[1]) * __import__("os").sysconf("SC_PAGE_SIZE")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.store.journal import Entry, Journal
 
 from .sessions import claim, finish, open_pair, start, submit, verdict
 

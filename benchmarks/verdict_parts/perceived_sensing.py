@@ -13,17 +13,17 @@ from benchmarks.recorded import Robot
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.truth_sensing import AGE_S
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.agent.verifier import History, SessionVerifier
-from phyagentos.protocol.environment import Environment, TargetState
-from phyagentos.protocol.evidence import TRAJECTORY
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sensors import read_sensors
-from phyagentos.protocol.verdicts import Attempt
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions.evidence import TRAJECTORY
+from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.protocol.world.environment import Environment, TargetState
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.simulated_camera import open_cameras, pose_state
 from phyagentos.runtime.targets.wire import Frame, Frames
 
 LOOKS_BEFORE = 2  # a session is preceded by a look at preflight, and begins with one

@@ -13,23 +13,23 @@ import numpy as np
 
 from benchmarks.recorded import Robot, TappedConnection
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.evidence import INITIAL, TERMINAL, Bundle, read_bundle
-from phyagentos.protocol.faults import FaultFile
-from phyagentos.protocol.predicates.predicate import substitute
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.seeds import compute_seed
-from phyagentos.protocol.sessions import GoalId, Limits, Scene, Session, SessionId
-from phyagentos.protocol.skill_runtimes import read_skill
-from phyagentos.runtime.execution.registry import build_registry
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.protocol.sessions.evidence import INITIAL, TERMINAL, Bundle, read_bundle
+from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.world.faults import FaultFile
+from phyagentos.protocol.world.predicates.predicate import substitute
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.seeds import compute_seed
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.execution.leaf_registry import build_registry
+from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.truth import TruthPerception
-from phyagentos.runtime.runner import SessionRunner
-from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.scene import draw_bodies
-from phyagentos.runtime.targets.world import MujocoWorld
+from phyagentos.runtime.worker.runner import SessionRunner
 
 CUBES = "tabletop/cubes_and_trays"
 BLOCKS = "tabletop/stacking"
@@ -166,7 +166,7 @@ class Studio:
     def _record(self, job: Job, seed: int) -> Recorded:
         robot = self._robot
         spec = FaultFile.model_validate({"version": 1, "faults": list(job.fault)})
-        world = MujocoWorld(
+        world = MujocoDriver(
             robot.profile,
             robot.folder,
             robot.library,

@@ -9,8 +9,8 @@ from benchmarks.recorded import Robot
 from benchmarks.verdict_parts import truth_sensing
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.agent.verifier import History, SessionVerifier
-from phyagentos.protocol.verdicts import Attempt
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.protocol.sessions.verdicts import Attempt
 
 TRUTH = "truth"
 LEVELS = (TRUTH, "none", "nominal", "harsh")

@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from phyagentos.bench.report import Rate
-from phyagentos.protocol.verdicts import Attempt, Truth, Verdict
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.world.truth import Truth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ import numpy as np
 
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.protocol.environment import Environment
+from phyagentos.protocol.world.environment import Environment
 
 AGE_S = (1.5, 8.0)  # of what is stale
 SENSING = "truth"

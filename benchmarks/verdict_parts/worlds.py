@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.recorded import Robot
 from benchmarks.verdict_parts.recordings import Recorded
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.runtime.targets.physics import Physics
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.drivers.mujoco.physics import Physics
 
 REST_S = 0.6  # things of a few centimetres come to rest within this
 MORE_S = 0.3  # longer, a few times, while something still moves

@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import FrameType
 
-from phyagentos.agent.mission import Mission
-from phyagentos.agent.mission_report import MissionReport
+from phyagentos.agent.mission.mission import Mission
+from phyagentos.agent.mission.report import MissionReport
 from phyagentos.assembly.experience import open_memory
-from phyagentos.assembly.garbage import collect_rarely
-from phyagentos.assembly.places import find_project, open_project
+from phyagentos.assembly.gc_tuning import collect_rarely
+from phyagentos.assembly.paths import find_project, open_project
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import GoalId
-from phyagentos.protocol.sole_process import WATCHDOG_LOCK, is_held
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.verdicts import VerificationMode
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
+from phyagentos.store.journal import Journal
 
 
 def run_agent(

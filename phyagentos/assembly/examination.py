@@ -14,11 +14,11 @@ import msgspec
 
 from phyagentos.assembly.runtime_plane import hire_worker
 from phyagentos.errors import ExecutionError, Problem, format_names
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.registries import read_target_registry
-from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.dispatch import Check, Checked
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.worker.orders import Check, Checked
 
 DOCUMENTS = (
     "SKILLRUNTIME.md",

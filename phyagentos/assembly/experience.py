@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.memory.advisor import MemoryAdvisor
+from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
 from phyagentos.agent.memory.features import Surroundings
-from phyagentos.agent.memory.keeper import MemoryKeeper
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.clock import Clock
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.workspace.workspace import Workspace
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +25,7 @@ class Remembering:
 
     memory: Memory
     advisor: MemoryAdvisor
-    keeper: MemoryKeeper
+    keeper: EpisodeRecorder
 
 
 def open_memory(
@@ -50,5 +50,5 @@ def open_memory(
     return Remembering(
         memory=memory,
         advisor=MemoryAdvisor(memory, surroundings),
-        keeper=MemoryKeeper(memory, surroundings, workspace, clock=clock, report=report, is_shared=is_shared),
+        keeper=EpisodeRecorder(memory, surroundings, workspace, clock=clock, report=report, is_shared=is_shared),
     )

@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from phyagentos.assembly.garbage import collect_rarely
-from phyagentos.assembly.places import FAULTS, STRIKES
+from phyagentos.assembly.gc_tuning import collect_rarely
+from phyagentos.assembly.paths import FAULTS, STRIKES
 from phyagentos.assembly.rehearsal import make_command
 from phyagentos.assembly.scheduling import ask_for_precedence
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.cameras import WORLD
-from phyagentos.protocol.channel import Channel, Link
-from phyagentos.protocol.estop import is_latched
-from phyagentos.protocol.perception import Sensing
-from phyagentos.protocol.registries import read_skill_registry, read_target_registry
-from phyagentos.protocol.safety import TargetLimits, as_numbers
-from phyagentos.protocol.targets import TargetProfile
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.settings.cameras import WORLD
+from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.channel import Channel, Link
 
 if TYPE_CHECKING:
-    from phyagentos.runtime.handle import TargetSessionHandle
+    from phyagentos.runtime.actions.handle import TargetSessionHandle
     from phyagentos.runtime.perception.detection.detector import Detector
     from phyagentos.runtime.perception.port import Perception
     from phyagentos.runtime.preflight.settings import Settings
@@ -43,9 +43,9 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
     """
-    from phyagentos.protocol.sole_process import become_sole
-    from phyagentos.runtime.workers import end_with_parent
-    from phyagentos.runtime.world_process import end_when_unwatched, get_lock
+    from phyagentos.protocol.workspace.process_lock import become_sole
+    from phyagentos.runtime.supervision.workers import end_with_parent
+    from phyagentos.runtime.supervision.world_process import end_when_unwatched, get_lock
 
     workspace, clock = Workspace.open(root), SystemClock()
     become_sole(get_lock(workspace.root, target), clock, "TARGET_BUSY", f"another world process has {target}")
@@ -56,17 +56,17 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     Path(socket).unlink(missing_ok=True)  # of a world that was killed: this is the only one
     if not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
-    from phyagentos.protocol.faults import read_faults
-    from phyagentos.protocol.runtime_contract import WorldMode, read_runtime_contract
-    from phyagentos.protocol.sensors import read_sensors
-    from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule, read_strikes
+    from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
+    from phyagentos.protocol.settings.sensors import read_sensors
+    from phyagentos.protocol.world.faults import read_faults
+    from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule, read_strikes
+    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+    from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
-    from phyagentos.runtime.targets.robot import read_profile
     from phyagentos.runtime.targets.server import serve
     from phyagentos.runtime.targets.stop_listener import StopListener
     from phyagentos.runtime.targets.wire import FaultStruck
-    from phyagentos.runtime.targets.world import MujocoWorld
 
     library = workspace.library()
     profile, folder = read_profile(library.get_target(target))
@@ -82,7 +82,7 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     stops = StopListener(workspace.signals.parent, clock)
     mode = read_runtime_contract(workspace.runtime_contract).world_mode
     sensors = read_sensors(workspace.sensors)
-    world = MujocoWorld(profile, folder, library, log, make_faults, stops.is_latched, mode, sensors, stops.keep)
+    world = MujocoDriver(profile, folder, library, log, make_faults, stops.is_latched, mode, sensors, stops.keep)
     if mode is WorldMode.REALTIME:
         ask_for_precedence()
         serve_realtime(world, socket, clock)
@@ -92,26 +92,26 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
 
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
     """The worker process of one target: serve the watchdog until it is gone."""
-    from phyagentos.protocol.runtime_contract import WorldMode
-    from phyagentos.runtime.blanks import Blanks
-    from phyagentos.runtime.execution.registry import build_registry
-    from phyagentos.runtime.heartbeat import HeartbeatWriter
+    from phyagentos.protocol.settings.runtime_contract import WorldMode
+    from phyagentos.runtime.drivers.debug import DebugDriver
+    from phyagentos.runtime.execution.leaf_registry import build_registry
     from phyagentos.runtime.lookahead.gate import LookaheadGate
     from phyagentos.runtime.lookahead.process import RehearsalProcess
     from phyagentos.runtime.motion.process import NoPlanner, Planner, PlannerProcess
     from phyagentos.runtime.policies.client import ask_policy
-    from phyagentos.runtime.policies.policies import Policies
+    from phyagentos.runtime.policies.policy_skills import Policies
     from phyagentos.runtime.preflight.compatibility import Preflight
     from phyagentos.runtime.preflight.examination import Examiner
     from phyagentos.runtime.preflight.settings import read_settings
-    from phyagentos.runtime.recorder import WRITTEN
-    from phyagentos.runtime.refusal import serve_refusals
-    from phyagentos.runtime.runner import SessionRunner
+    from phyagentos.runtime.supervision.workers import end_with_parent
     from phyagentos.runtime.targets.receive_log import ReceiveLog
-    from phyagentos.runtime.targets.scripted import ScriptedWorld
     from phyagentos.runtime.targets.server import Loopback
-    from phyagentos.runtime.worker import WorkerLoop
-    from phyagentos.runtime.workers import end_with_parent
+    from phyagentos.runtime.worker.blanks import Blanks
+    from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
+    from phyagentos.runtime.worker.recorder import WRITTEN
+    from phyagentos.runtime.worker.refusal import serve_refusals
+    from phyagentos.runtime.worker.runner import SessionRunner
+    from phyagentos.runtime.worker.worker import WorkerLoop
 
     end_with_parent()
     workspace, clock = Workspace.open(root), SystemClock()
@@ -130,7 +130,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     connection: Channel
     if profile.kind == "debug":  # no physics, so nothing that a process of its own would protect
         log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
-        planner, connection = NoPlanner(), Loopback(ScriptedWorld(profile, library, log))
+        planner, connection = NoPlanner(), Loopback(DebugDriver(profile, library, log))
     else:
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
     handle = open_handle(connection, settings.limits, workspace, profile_path)
@@ -216,7 +216,7 @@ def open_perception(
 
 def open_detector(settings: "Settings") -> "Detector | None":
     """The detector that perception.yaml names; None where colours tell things apart."""
-    from phyagentos.runtime.perception.detection.registry import build_detector_registry
+    from phyagentos.runtime.perception.detection.detector_registry import build_detector_registry
 
     chosen = settings.perception.detector
     if chosen is None:
@@ -232,8 +232,8 @@ def open_handle(
     Postures are tested on the robot as its own `description` gives it; whether TARGETS.md agrees, preflight tells.
     """
     from phyagentos.runtime.actions.collision import PostureCollision
-    from phyagentos.runtime.handle import TargetSessionHandle
-    from phyagentos.runtime.targets.robot import read_profile
+    from phyagentos.runtime.actions.handle import TargetSessionHandle
+    from phyagentos.runtime.models.robot import read_profile
 
     signals, limit = workspace.signals.parent, limits.collision_depth_max
     collision = None

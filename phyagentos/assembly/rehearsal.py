@@ -9,7 +9,7 @@ from pathlib import Path
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.workspace.workspace import Workspace
 
 
 def make_command(root: Path, target: str) -> list[str]:
@@ -19,15 +19,15 @@ def make_command(root: Path, target: str) -> list[str]:
 
 def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
     """Answer the worker until it is gone."""
-    from phyagentos.runtime.execution.registry import build_registry
+    from phyagentos.runtime.execution.leaf_registry import build_registry
     from phyagentos.runtime.lookahead.forecast import Forecaster
     from phyagentos.runtime.lookahead.process import serve
     from phyagentos.runtime.lookahead.rehearsal import Rehearser
+    from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.motion.planner import MotionPlanner
     from phyagentos.runtime.motion.process import LocalPlanner
     from phyagentos.runtime.preflight.settings import read_settings
-    from phyagentos.runtime.targets.robot import read_profile
-    from phyagentos.runtime.workers import end_with_parent
+    from phyagentos.runtime.supervision.workers import end_with_parent
 
     end_with_parent()
     workspace = Workspace.open(root)

@@ -6,27 +6,32 @@ import signal
 from pathlib import Path
 from types import FrameType
 
-from phyagentos.assembly.garbage import collect_rarely
-from phyagentos.assembly.places import FAULTS, make_socket_folder, open_project
+from phyagentos.assembly.gc_tuning import collect_rarely
+from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project
 from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.edits.desk import Desk
-from phyagentos.protocol.edits.signal_desk import SignalDesk
-from phyagentos.protocol.evidence_manifest import Sealer
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.perception import Sensing, declare_sensing
-from phyagentos.protocol.registries import read_target_registry
-from phyagentos.protocol.runtime_contract import RuntimeContract, WorldMode, declare_world_mode, read_runtime_contract
-from phyagentos.protocol.sole_process import WATCHDOG_LOCK, become_sole
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.views.renderer import Views
-from phyagentos.protocol.views.runtime_signal import RuntimeSignal
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.watchdog import Watchdog
-from phyagentos.runtime.workers import Worker
-from phyagentos.runtime.world_process import end_worlds, get_lock
+from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.protocol.sessions.evidence_manifest import Sealer
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.settings.perception import Sensing, declare_sensing
+from phyagentos.protocol.settings.runtime_contract import (
+    RuntimeContract,
+    WorldMode,
+    declare_world_mode,
+    read_runtime_contract,
+)
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.supervision.watchdog import Watchdog
+from phyagentos.runtime.supervision.workers import Worker
+from phyagentos.runtime.supervision.world_process import end_worlds, get_lock
+from phyagentos.store.edits.edit_intake import EditIntake
+from phyagentos.store.edits.signal_intake import SignalDesk
+from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.renderer import Views
+from phyagentos.store.views.runtime_signal import RuntimeSignal
 
 _MODULE = ("-m", "phyagentos.assembly.processes")
 
@@ -93,7 +98,7 @@ def _read_terms(workspace: Workspace) -> tuple[WorldMode, bytes]:
 def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:
     sockets = make_socket_folder(workspace.root)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
-    desk = Desk(workspace, clock)
+    desk = EditIntake(workspace, clock)
     views = Views(workspace, journal.folder, clock, desk=desk)
     signal_desk = SignalDesk(workspace, clock)
     signals = RuntimeSignal(workspace, clock, desk=signal_desk)

@@ -3,21 +3,20 @@
 import os
 from collections.abc import Sequence
 
-from phyagentos.agent.judges.holds import HoldJudge
-from phyagentos.agent.judges.judge import Judge
-from phyagentos.agent.judges.lookahead import LookaheadJudge
-from phyagentos.agent.judges.metrics import MetricJudge
-from phyagentos.agent.judges.predicates import PredicateJudge
-from phyagentos.agent.judges.registry import JudgeDefinition, JudgeRegistry, JudgeSettings
-from phyagentos.agent.judges.vision import VisionJudge
-from phyagentos.agent.judges.vision_endpoint import OpenAiEndpoint
-from phyagentos.agent.verifier import SessionVerifier
+from phyagentos.agent.judging.judges.holds import HoldJudge
+from phyagentos.agent.judging.judges.judge import Judge
+from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, JudgeRegistry, JudgeSettings
+from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
+from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.judges.vision import VisionJudge
+from phyagentos.agent.judging.judges.vision_endpoint import OpenAiEndpoint
+from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.runtime_contract import read_runtime_contract
-from phyagentos.protocol.verdicts import JudgeName, VerificationMode
-from phyagentos.protocol.verification import Verification
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
+from phyagentos.protocol.settings.verification import JudgeName, Verification, VerificationMode
+from phyagentos.protocol.workspace.workspace import Workspace
 
 
 def build_verifier(

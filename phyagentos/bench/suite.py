@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.agent.mission import Mission
-from phyagentos.agent.mission_report import MissionReport
+from phyagentos.agent.mission.mission import Mission
+from phyagentos.agent.mission.report import MissionReport
 from phyagentos.clock import Clock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from phyagentos.cli.outcome import ExitCode, print_note, print_problems, print_r
 from phyagentos.cli.overrides import Overrides, parse_overrides
 
 if TYPE_CHECKING:
-    from phyagentos.agent.goal_graph import GoalGraph
+    from phyagentos.agent.goals.graph import GoalGraph
 
 
 def register(app: typer.Typer) -> None:
@@ -43,8 +43,8 @@ def compile_graph(
     as_json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
 ) -> None:
     """Show the DAG and the sessions that a goal graph would make; start nothing."""
-    from phyagentos.agent.catalogue import Catalogue
-    from phyagentos.agent.goal_graph import read_goal_graph, render_mermaid
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.goals.graph import read_goal_graph, render_mermaid
     from phyagentos.cli.projects import get_file, open_library
 
     path = get_file(graph, "goal_graphs")

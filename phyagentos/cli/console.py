@@ -12,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from phyagentos.cli.progress import Row, RunFold
-from phyagentos.protocol.verdicts import Criterion, Truth, Verdict
+from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
+from phyagentos.protocol.world.truth import Truth
 
 STYLES = {
     "succeeded": "green",

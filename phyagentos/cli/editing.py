@@ -12,9 +12,9 @@ import typer
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 
 if TYPE_CHECKING:
-    from phyagentos.protocol.edits.desk import Desk
-    from phyagentos.protocol.edits.merge import Merge
-    from phyagentos.protocol.views.history import History
+    from phyagentos.store.edits.edit_intake import EditIntake
+    from phyagentos.store.edits.merge import Merge
+    from phyagentos.store.views.history import History
 
 DEFAULT_EDITOR = "vi"
 
@@ -33,15 +33,15 @@ def edit(
 ) -> int:
     """Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions."""
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.edits.desk import Desk
-    from phyagentos.protocol.store.journal import choose_lane
-    from phyagentos.protocol.views.history import History
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.store.edits.edit_intake import EditIntake
+    from phyagentos.store.journal import choose_lane
+    from phyagentos.store.views.history import History
 
     place = Workspace.open(workspace)
     lane = place.sessions / choose_lane(place.sessions)
     lane.mkdir(parents=True, exist_ok=True)
-    desk, history = Desk(place, SystemClock(), adopts=False), History(lane)
+    desk, history = EditIntake(place, SystemClock(), adopts=False), History(lane)
     try:
         merged = _edit_copy(desk, history, place.sessions_document.name, _choose_editor(editor))
         _publish(desk, history)
@@ -53,13 +53,13 @@ def edit(
 
 def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
     """Judge the sessions by hand that have run: those that serve no goal, which no agent looks at."""
-    from phyagentos.agent.by_hand import judge_by_hand
+    from phyagentos.agent.mission.goalless_sessions import judge_by_hand
     from phyagentos.assembly.verification import build_verifier
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.lifecycle import Side
-    from phyagentos.protocol.store.journal import Journal
-    from phyagentos.protocol.verdicts import Verdict
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.sessions.lifecycle import Side
+    from phyagentos.protocol.sessions.verdicts import Verdict
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.store.journal import Journal
 
     place, clock = Workspace.open(workspace), SystemClock()
     verifier = build_verifier(place, clock)
@@ -76,7 +76,7 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
     return int(ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET)
 
 
-def _edit_copy(desk: "Desk", history: "History", name: str, command: list[str]) -> "Merge":
+def _edit_copy(desk: "EditIntake", history: "History", name: str, command: list[str]) -> "Merge":
     """Let a person change a fresh rendering; nobody swaps the file meanwhile."""
     with desk.file.hold(wait=False) as is_free:
         if not is_free:
@@ -97,7 +97,7 @@ def _edit_copy(desk: "Desk", history: "History", name: str, command: list[str]) 
 
 
 def _read(copy: Path) -> str:
-    from phyagentos.protocol.edits.reading import decode
+    from phyagentos.store.edits.reading import decode
 
     try:
         return decode(copy.read_bytes())
@@ -105,7 +105,7 @@ def _read(copy: Path) -> str:
         raise Exit(ExitCode.INVALID_INPUT, f"the editor left no file: {error.strerror}; nothing was changed") from error
 
 
-def _publish(desk: "Desk", history: "History") -> None:
+def _publish(desk: "EditIntake", history: "History") -> None:
     """Show the result, where no runtime does; what came out may be an edit that was saved without `paos edit`."""
     for _ in range(2):
         desk.put(history.render(history.build_page(desk.notes)))
@@ -114,7 +114,7 @@ def _publish(desk: "Desk", history: "History") -> None:
 
 
 def _report(merged: "Merge", name: str, rejected: Path) -> ExitCode:
-    from phyagentos.protocol.edits.rejections import format_refusal
+    from phyagentos.store.edits.rejections import format_refusal
 
     for change in merged.accepted:
         print_result(f"{name}:{change.line}: {change.told}")

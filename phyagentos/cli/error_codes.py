@@ -8,7 +8,7 @@ import typer
 from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.codes import CODES, Actor, Code, Phase, Retry
 from phyagentos.errors import DefinitionError, Problem, format_hint
-from phyagentos.protocol.markdown import publish
+from phyagentos.protocol.documents.markdown import publish
 
 _HEAD = """# Error codes
 

@@ -10,9 +10,9 @@ from phyagentos.cli.outcome import ExitCode, print_problems, print_result
 
 if TYPE_CHECKING:
     from phyagentos.errors import Problem
-    from phyagentos.protocol.retention import RetentionReport
-    from phyagentos.protocol.sessions import SessionStatus
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.sessions.session import SessionStatus
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.store.retention import RetentionReport
 
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
 AsJson = Annotated[bool, typer.Option("--json", help="The report as JSON on stdout.")]
@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
 
 def verify(workspace: Space, as_json: AsJson = False) -> int:
     """Hash every bundle of an ended session again and compare it with its manifest."""
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.workspace.workspace import Workspace
 
     checked, problems = _verify(Workspace.open(workspace))
     if as_json:
@@ -47,8 +47,8 @@ def prune(
 ) -> None:
     """Thin bundles of succeeded sessions, as `evidence` in runtime_contract.yaml says; all others stay whole."""
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.retention import apply_retention, read_retention
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.store.retention import apply_retention, read_retention
 
     place = Workspace.open(workspace)
     report = apply_retention(place, read_retention(place), SystemClock(), dry_run=dry_run)
@@ -62,10 +62,10 @@ def prune(
 
 def _verify(workspace: "Workspace") -> tuple[int, "list[Problem]"]:
     """How many bundles there are, and what is wrong with them; a session that has not ended may be half written."""
-    from phyagentos.cli.past import read_ledger
-    from phyagentos.protocol.evidence_manifest import MANIFEST, check_bundle, check_objects, iter_bundles
-    from phyagentos.protocol.lifecycle import FINAL_STATES
-    from phyagentos.protocol.sessions import SessionId
+    from phyagentos.cli.history import read_ledger
+    from phyagentos.protocol.sessions.evidence_manifest import MANIFEST, check_bundle, check_objects, iter_bundles
+    from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
+    from phyagentos.protocol.sessions.session import SessionId
 
     sessions = read_ledger(workspace.root).sessions
     problems: list[Problem] = []
@@ -83,8 +83,8 @@ def _verify(workspace: "Workspace") -> tuple[int, "list[Problem]"]:
 def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem | None":
     """The bundle that an ended session left and that is gone; a lost target may have left none."""
     from phyagentos.errors import Problem
-    from phyagentos.protocol.lifecycle import FINAL_STATES
-    from phyagentos.protocol.sessions import Ended
+    from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
+    from phyagentos.protocol.sessions.session import Ended
 
     done = status.execution
     if status.state not in FINAL_STATES or done is None or not done.evidence or done.ended is Ended.TARGET_LOST:

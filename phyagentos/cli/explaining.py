@@ -8,7 +8,7 @@ import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.errors import format_hint, format_names
-from phyagentos.protocol.sessions import SessionId
+from phyagentos.protocol.sessions.session import SessionId
 
 Id = Annotated[str, typer.Argument(metavar="SESSION", help="A session id; the part after the goal is enough.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
@@ -22,9 +22,9 @@ def register(app: typer.Typer) -> None:
 
 def why(session: Id, workspace: Space) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it."""
-    from phyagentos.cli.past import read_ledger
+    from phyagentos.cli.history import read_ledger
     from phyagentos.cli.why import explain_session
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.workspace.workspace import Workspace
 
     ledger = read_ledger(workspace, session)
     print_result(explain_session(Workspace.open(workspace), ledger, get_session(session, ledger.sessions)))
@@ -32,8 +32,8 @@ def why(session: Id, workspace: Space) -> None:
 
 def rerun(session: Id, workspace: Space) -> int:
     """Run a session once more from its own documents and compare the bits of the terminal state."""
-    from phyagentos.assembly.repetition import rerun_session
-    from phyagentos.cli.past import read_ledger
+    from phyagentos.assembly.rerun import rerun_session
+    from phyagentos.cli.history import read_ledger
 
     id = get_session(session, read_ledger(workspace, session).sessions)
     repetition = rerun_session(workspace, id)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.cli.schemas import build_schema
-from phyagentos.protocol.markdown import render_table
+from phyagentos.protocol.documents.markdown import render_table
 
 BEGIN, END = "<!-- fields -->\n", "<!-- /fields -->\n"
 _PLAIN = {

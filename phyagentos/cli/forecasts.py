@@ -11,7 +11,7 @@ from typing import Any
 from phyagentos.bench.report import Rate
 from phyagentos.cli.outcome import print_note
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lookahead import Alternative, LookaheadResult, read_lookahead
+from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult, read_lookahead
 
 
 def find_forecast(folder: Path) -> dict[str, Any] | None:

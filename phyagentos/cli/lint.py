@@ -10,10 +10,10 @@ from typing import Any
 
 from phyagentos.cli.projects import FOLDERS, open_library
 from phyagentos.errors import DefinitionError, Problem, find_nearest
-from phyagentos.protocol.formats import FORMATS, check_document
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.schema import read_text, read_yaml
-from phyagentos.protocol.settings import SETTINGS_FILES, check_settings
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.schema import read_text, read_yaml
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
+from phyagentos.store.document_registry import FORMATS, check_document
 
 
 class FileKind(StrEnum):
@@ -130,8 +130,8 @@ def _check_settings(path: Path, _: Library) -> None:
 
 
 def _check_goal_graph(path: Path, library: Library) -> None:
-    from phyagentos.agent.catalogue import Catalogue
-    from phyagentos.agent.goal_graph import check_goal_graph
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.goals.graph import check_goal_graph
 
     problems = check_goal_graph(path, Catalogue.read(library))
     if problems:
@@ -145,8 +145,8 @@ def _check_skill(path: Path, library: Library) -> None:
 
 
 def _check_tree(path: Path, library: Library) -> None:
-    from phyagentos.protocol.trees import load_tree
-    from phyagentos.runtime.execution.registry import build_registry
+    from phyagentos.protocol.capabilities.trees import load_tree
+    from phyagentos.runtime.execution.leaf_registry import build_registry
     from phyagentos.runtime.execution.tree_check import check_loaded_tree
 
     tree, problems = load_tree(path)
@@ -156,19 +156,19 @@ def _check_tree(path: Path, library: Library) -> None:
 
 
 def _check_scene(path: Path, _: Library) -> None:
-    from phyagentos.protocol.scenes import read_scene
+    from phyagentos.protocol.world.scenes import read_scene
 
     read_scene(path)
 
 
 def _check_target(path: Path, _: Library) -> None:
-    from phyagentos.protocol.registries import read_target
+    from phyagentos.protocol.capabilities.registries import read_target
 
     read_target(path)
 
 
 def _check_faults(path: Path, _: Library) -> None:
-    from phyagentos.protocol.faults import read_faults
+    from phyagentos.protocol.world.faults import read_faults
 
     read_faults(path)
 

@@ -11,9 +11,9 @@ from phyagentos.cli.outcome import print_note, print_result
 
 if TYPE_CHECKING:
     from phyagentos.agent.memory.episodes import Episode
-    from phyagentos.agent.memory.lane import Edit
+    from phyagentos.agent.memory.experience_log import Edit
     from phyagentos.agent.memory.memory import Memory
-    from phyagentos.protocol.memory_entries import MemoryEntry
+    from phyagentos.protocol.sessions.memory_entries import MemoryEntry
 
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run, or of `paos run --memory`.")]
 Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.md and KNOWLEDGE.md give it.")]
@@ -37,7 +37,7 @@ def show(
 ) -> None:
     """Lessons in force and what was counted, the most useful first."""
     from phyagentos.agent.memory.views import list_facts, list_lessons
-    from phyagentos.protocol.memory_entries import Standing
+    from phyagentos.protocol.sessions.memory_entries import Standing
 
     with _opened(workspace) as memory:
         entries: list[MemoryEntry] = [*list_lessons(memory.experience), *list_facts(memory.experience)]
@@ -91,7 +91,7 @@ def forget(
     """Retract an entry: it is kept with the reason, and used no more."""
     import getpass
 
-    from phyagentos.agent.memory.lane import Edit
+    from phyagentos.agent.memory.experience_log import Edit
 
     with _opened(workspace) as memory:
         _find(memory, entry, workspace)
@@ -106,8 +106,8 @@ def forget(
 def _opened(root: Path) -> "Iterator[Memory]":
     from phyagentos.agent.memory.memory import Memory
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.lifecycle import Side
-    from phyagentos.protocol.workspace import MARKER, Workspace
+    from phyagentos.protocol.sessions.lifecycle import Side
+    from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
     shared = root / "memory"
     is_shared = shared.is_dir() and not (root / MARKER).exists()

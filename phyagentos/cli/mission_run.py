@@ -16,8 +16,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from phyagentos.agent.catalogue import Catalogue
-from phyagentos.agent.goal_graph import read_goal_graph
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.cli.console import RunConsole
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
@@ -28,17 +28,17 @@ from phyagentos.cli.projects import get_file, open_library
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.estop import read_latch
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.perception import Sensing, declare_sensing
-from phyagentos.protocol.runtime_contract import WorldMode, declare_world_mode
-from phyagentos.protocol.schema import Address, read_yaml
-from phyagentos.protocol.store.admission import GOAL_PREFIX, GoalEvent
-from phyagentos.protocol.store.journal import Entry, IllegalEvent, Journal
-from phyagentos.protocol.store.mailbox import Signal, drop_signal
-from phyagentos.protocol.store.watch import Watch
-from phyagentos.protocol.verdicts import VerificationMode
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.documents.schema import Address, read_yaml
+from phyagentos.protocol.sessions.estop import read_latch
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
+from phyagentos.protocol.settings.perception import Sensing, declare_sensing
+from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_world_mode
+from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
+from phyagentos.store.journal import Entry, IllegalEvent, Journal
+from phyagentos.store.watch import Watch
 
 VIEW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records

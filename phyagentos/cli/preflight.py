@@ -17,10 +17,10 @@ from phyagentos.cli.overrides import Overrides, parse_overrides
 
 if TYPE_CHECKING:
     from phyagentos.errors import Problem
-    from phyagentos.protocol.library import Library
-    from phyagentos.protocol.sessions import Session
-    from phyagentos.protocol.workspace import Workspace
-    from phyagentos.runtime.dispatch import Checked
+    from phyagentos.protocol.capabilities.library import Library
+    from phyagentos.protocol.sessions.session import Session
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.runtime.worker.orders import Checked
 
 OPEN = "${"  # begins a reference to an output that does not exist yet
 OF_THE_MOMENT = frozenset({"PRECONDITION_UNMET", "NO_FREE_SITE", "OUT_OF_REACH"})  # earlier sessions may change it
@@ -77,12 +77,12 @@ class _Order:
 
 
 def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str, str]) -> _Order:
-    from phyagentos.agent.catalogue import Catalogue
-    from phyagentos.agent.compiler import SessionCompiler
-    from phyagentos.agent.goal_graph import read_goal_graph
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.goals.compiler import SessionCompiler
+    from phyagentos.agent.goals.graph import read_goal_graph
     from phyagentos.cli.projects import get_file, open_library
-    from phyagentos.protocol.sessions import GoalId
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.sessions.session import GoalId
+    from phyagentos.protocol.workspace.workspace import Workspace
 
     file = get_file(path, "goal_graphs")
     source = Workspace.open(root) if root is not None else None
@@ -99,8 +99,8 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
     from phyagentos.cli.explaining import get_session
     from phyagentos.cli.forecasts import find_forecast
-    from phyagentos.cli.past import read_ledger
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.cli.history import read_ledger
+    from phyagentos.protocol.workspace.workspace import Workspace
 
     if root is None:
         return None

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.protocol.heartbeats import Heartbeat, find_heartbeat
-from phyagentos.protocol.lifecycle import FINAL_STATES
-from phyagentos.protocol.sessions import SessionStatus
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.store.records import Record
-from phyagentos.protocol.tasks import GoalStatus
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, find_heartbeat
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import Record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ comes first, then the working directory, then installed libraries and what ships
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.library import Library
+from phyagentos.protocol.capabilities.library import Library
 
 FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
 

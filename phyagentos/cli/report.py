@@ -11,12 +11,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from phyagentos.agent.mission_report import MissionReport
-from phyagentos.agent.mission_report import build_report as build_mission_report
+from phyagentos.agent.mission.report import MissionReport
+from phyagentos.agent.mission.report import build_report as build_mission_report
 from phyagentos.cli.console import STYLES, build_criterion_line, summarise
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.progress import Row, RunFold
-from phyagentos.protocol.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 
 PIPE_WIDTH = 160  # characters of a table that no terminal bounds
 

@@ -11,50 +11,50 @@ from pathlib import Path
 from typing import Any
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.schema import Authored
+from phyagentos.protocol.documents.schema import Authored
 
 BASE = "https://json-schema.org/draft/2020-12/schema"
 
 
 def _goal_graph() -> type[Authored]:
-    from phyagentos.agent.goal_spec import GoalSpec
+    from phyagentos.agent.goals.spec import GoalSpec
 
     return GoalSpec
 
 
 def _tree() -> type[Authored]:
-    from phyagentos.protocol.trees import TreeHeader
+    from phyagentos.protocol.capabilities.trees import TreeHeader
 
     return TreeHeader
 
 
 def _scene() -> type[Authored]:
-    from phyagentos.protocol.scenes import SceneSpec
+    from phyagentos.protocol.world.scenes import SceneSpec
 
     return SceneSpec
 
 
 def _faults() -> type[Authored]:
-    from phyagentos.protocol.faults import FaultFile
+    from phyagentos.protocol.world.faults import FaultFile
 
     return FaultFile
 
 
 def _skill() -> type[Authored]:
-    from phyagentos.protocol.skill_runtimes import SkillRuntime
+    from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 
     return SkillRuntime
 
 
 def _target() -> type[Authored]:
-    from phyagentos.protocol.targets import TargetProfile
+    from phyagentos.protocol.capabilities.targets import TargetProfile
 
     return TargetProfile
 
 
 def _setting(name: str) -> Callable[[], type[Authored]]:
     def model() -> type[Authored]:
-        from phyagentos.protocol.settings import SETTINGS_FILES
+        from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 
         return SETTINGS_FILES[f"{name}.yaml"]
 
@@ -122,7 +122,7 @@ def write_schemas(folder: Path) -> list[Path]:
 
 def write_documents(folder: Path) -> list[Path]:
     """Write every document as it is in a new workspace; returns the paths."""
-    from phyagentos.protocol.views.pristine import render_pristine
+    from phyagentos.store.views.pristine import render_pristine
 
     paths = []
     for name, text in render_pristine().items():
@@ -133,8 +133,8 @@ def write_documents(folder: Path) -> list[Path]:
 
 
 def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
-    from phyagentos.protocol.document import build_schema as build_document_schema
-    from phyagentos.protocol.formats import FORMATS
+    from phyagentos.protocol.documents.document import build_schema as build_document_schema
+    from phyagentos.store.document_registry import FORMATS
 
     authored = {kind: partial(_build_authored, model) for kind, model in _MODELS.items()}
     documents = {each.name: partial(build_document_schema, each) for each in FORMATS.values()}
@@ -142,7 +142,7 @@ def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
 
 
 def _build_authored(model: Callable[[], type[Authored]]) -> dict[str, Any]:
-    from phyagentos.protocol.struct_schema import build_authored_schema
+    from phyagentos.protocol.documents.struct_schema import build_authored_schema
 
     schema, definitions = build_authored_schema(model())
     return {"$defs": definitions, **schema} if definitions else schema

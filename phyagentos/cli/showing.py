@@ -10,7 +10,7 @@ import typer
 from phyagentos.cli.outcome import print_note, print_result
 
 
-class Kind(StrEnum):
+class Listing(StrEnum):
     """What `paos list` lists."""
 
     GRAPHS = "graphs"
@@ -32,7 +32,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(trees, name="tree")
 
 
-def list_names(kind: Kind) -> None:
+def list_names(kind: Listing) -> None:
     """Print the names that can be used here, one a line."""
     for name in _NAMES[kind]():
         print_result(name)
@@ -72,7 +72,7 @@ def show_lifecycle(
     mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid statechart.")] = False,
 ) -> None:
     """Print the session statechart: the table that is also the code."""
-    from phyagentos.protocol.lifecycle import SESSION_TRANSITIONS, render_mermaid
+    from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
 
     if mermaid:
         print_result(render_mermaid())
@@ -101,14 +101,14 @@ def show_tree(
 
 
 def _names_of_leaves() -> list[str]:
-    from phyagentos.protocol.library import Library
-    from phyagentos.runtime.execution.registry import build_registry
+    from phyagentos.protocol.capabilities.library import Library
+    from phyagentos.runtime.execution.leaf_registry import build_registry
 
     return build_registry(Library.open(Path.cwd())).names()
 
 
 def _names_of_predicates() -> list[str]:
-    from phyagentos.protocol.predicates.library import get_predicate_library
+    from phyagentos.protocol.world.predicates.library import get_predicate_library
 
     library = get_predicate_library()
     return [definition.signature for name in library.names() if (definition := library.find(name))]
@@ -116,7 +116,7 @@ def _names_of_predicates() -> list[str]:
 
 def _from_library(method: str) -> Callable[[], list[str]]:
     def names() -> list[str]:
-        from phyagentos.protocol.library import Library
+        from phyagentos.protocol.capabilities.library import Library
 
         found: list[str] = getattr(Library.open(Path.cwd()), method)()
         return found
@@ -124,12 +124,12 @@ def _from_library(method: str) -> Callable[[], list[str]]:
     return names
 
 
-_NAMES: dict[Kind, Callable[[], list[str]]] = {
-    Kind.GRAPHS: _from_library("names_of_goal_graphs"),
-    Kind.LEAVES: _names_of_leaves,
-    Kind.PREDICATES: _names_of_predicates,
-    Kind.SCENES: _from_library("names_of_scenes"),
-    Kind.SKILLS: _from_library("names_of_skills"),
-    Kind.TARGETS: _from_library("names_of_targets"),
-    Kind.TREES: _from_library("names_of_trees"),
+_NAMES: dict[Listing, Callable[[], list[str]]] = {
+    Listing.GRAPHS: _from_library("names_of_goal_graphs"),
+    Listing.LEAVES: _names_of_leaves,
+    Listing.PREDICATES: _names_of_predicates,
+    Listing.SCENES: _from_library("names_of_scenes"),
+    Listing.SKILLS: _from_library("names_of_skills"),
+    Listing.TARGETS: _from_library("names_of_targets"),
+    Listing.TREES: _from_library("names_of_trees"),
 }

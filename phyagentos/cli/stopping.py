@@ -13,16 +13,16 @@ from phyagentos.cli.explaining import Space, get_session
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, format_names
-from phyagentos.protocol import estop as latches
-from phyagentos.protocol.lifecycle import FINAL_STATES, Side
-from phyagentos.protocol.plain_text import clean
-from phyagentos.protocol.sessions import GoalId
-from phyagentos.protocol.store.admission import GOAL_PREFIX, Entry, GoalEvent
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.store.mailbox import EVERY_SESSION, Signal, drop_signal
-from phyagentos.protocol.tasks import GoalStatus
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.documents.plain_text import clean
+from phyagentos.protocol.sessions import estop as latches
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
+from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.sessions.stop_signals import EVERY_SESSION, Signal, drop_signal
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.admission import GOAL_PREFIX, Entry, GoalEvent
+from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
 
 Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
@@ -38,7 +38,7 @@ def cancel(
     session: Annotated[str, typer.Argument(metavar="SESSION|GOAL|all")], workspace: Space, reason: Reason = ""
 ) -> None:
     """Ask for an end: the robot is halted, then the session is cancelled; of a goal, every session of it."""
-    from phyagentos.cli.past import read_ledger
+    from phyagentos.cli.history import read_ledger
 
     ledger = Ledger() if session == "all" else read_ledger(workspace)  # a damaged journal must not hold up a stop
     if (goal := ledger.goals.get(GoalId(session))) is not None:
@@ -93,7 +93,7 @@ def _cancel_goal(goal: GoalStatus, workspace: Path, reason: str) -> None:
 
 
 def _find(session: str, workspace: Path) -> str:
-    from phyagentos.cli.past import read_ledger
+    from phyagentos.cli.history import read_ledger
 
     if session == "all":
         return EVERY_SESSION

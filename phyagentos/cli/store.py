@@ -11,8 +11,8 @@ import typer
 from phyagentos.cli.outcome import ExitCode, print_note, print_result
 
 if TYPE_CHECKING:
-    from phyagentos.protocol.store.repair import Repair
-    from phyagentos.protocol.store.statistics import Statistics
+    from phyagentos.store.repair import Repair
+    from phyagentos.store.statistics import Statistics
 
 _BY = "paos store"
 _LOOK_AGAIN_S = 0.2  # longer than a writer needs to cut a torn end
@@ -36,7 +36,7 @@ def register(app: typer.Typer) -> None:
 def check(workspace: Space, lane: Lane = None, as_json: Json = False) -> int:
     """Read every byte, archive included, and tell every problem; changes nothing. Exit code 1 when there is damage."""
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.store.inspection import inspect_lane
+    from phyagentos.store.inspection import inspect_lane
 
     folder = _find_lane(workspace, lane)
     found = inspect_lane(folder)
@@ -65,8 +65,8 @@ def repair(
 ) -> int:
     """Cut a torn end; mend damage where --accept-loss is given. Damaged files are kept beside. See docs/journal.md."""
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.store.repair import repair_lane
-    from phyagentos.protocol.store.segments import SystemIO
+    from phyagentos.store.repair import repair_lane
+    from phyagentos.store.segments import SystemIO
 
     folder = _find_lane(workspace, lane)
     done = repair_lane(folder, accept_loss=accept_loss, by=_BY, clock=SystemClock(), file_io=SystemIO())
@@ -90,8 +90,8 @@ def repair(
 def compact(workspace: Space, lane: Lane = None, as_json: Json = False) -> None:
     """Seal and archive every segment that nothing alive needs, and write a fresh checkpoint."""
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.store.compaction import compact_lane
-    from phyagentos.protocol.store.segments import SystemIO
+    from phyagentos.store.compaction import compact_lane
+    from phyagentos.store.segments import SystemIO
 
     folder = _find_lane(workspace, lane)
     done = compact_lane(folder, by=_BY, clock=SystemClock(), file_io=SystemIO())
@@ -113,7 +113,7 @@ def stats(
     import msgspec
 
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.store.statistics import compute_statistics, measure_sync
+    from phyagentos.store.statistics import compute_statistics, measure_sync
 
     folder = _find_lane(workspace, lane)
     found = compute_statistics(folder)
@@ -132,8 +132,8 @@ def stats(
 
 def _find_lane(workspace: Path, lane: str | None) -> Path:
     from phyagentos.errors import DefinitionError, Problem
-    from phyagentos.protocol.store.journal import choose_lane
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.store.journal import choose_lane
 
     sessions = Workspace.open(workspace).sessions
     folder = sessions / (lane or choose_lane(sessions))
@@ -151,14 +151,14 @@ def _find_lane(workspace: Path, lane: str | None) -> Path:
 def _cut_end(folder: Path) -> None:
     """Every writer that opens the journal cuts a torn end and records it."""
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.lifecycle import Side
-    from phyagentos.protocol.store.journal import Journal
+    from phyagentos.protocol.sessions.lifecycle import Side
+    from phyagentos.store.journal import Journal
 
     Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), lane=folder.name).close()
 
 
 def _describe_repair(done: "Repair") -> Iterator[str]:
-    from phyagentos.protocol.store.inspection import describe_lost
+    from phyagentos.store.inspection import describe_lost
 
     if not done.is_needed:
         yield "nothing to repair"

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from phyagentos.cli.projects import find_project
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.markdown import escape_label
-from phyagentos.protocol.trees import Kind, Node, Reference, Tree, read_tree
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
+from phyagentos.protocol.documents.markdown import escape_label
 
 SYMBOLS = {
     "sequence": "→",
@@ -84,7 +84,7 @@ def _draw_tree(tree: Tree, library: Library, inside: tuple[str, ...]) -> Drawing
 
 def _draw_node(node: Node, tree: Tree, library: Library, inside: tuple[str, ...]) -> Drawing:
     ports = tuple(f"{port} = {_show(value)}" for port, value in node.wiring.items())
-    if node.kind is Kind.SUBTREE:
+    if node.kind is NodeKind.SUBTREE:
         if node.type in inside:
             way = " -> ".join((*inside, node.type))
             raise DefinitionError(
@@ -93,20 +93,20 @@ def _draw_node(node: Node, tree: Tree, library: Library, inside: tuple[str, ...]
         below = _draw_tree(read_tree(library.get_tree(node.type)), library, (*inside, node.type))
         return Drawing(kind="subtree", name=node.name, ports=ports, children=below.children)
     children = tuple(_draw_node(child, tree, library, inside) for child in node.children)
-    kind = node.type if node.kind is Kind.LEAF else node.kind.value
+    kind = node.type if node.kind is NodeKind.LEAF else node.kind.value
     return Drawing(kind=kind, name=_name_of(node), ports=ports, children=children)
 
 
 def _name_of(node: Node) -> str:
     """The node's name with what its kind adds: attempts, seconds, policy, predicate."""
     match node.kind:
-        case Kind.RETRY:
+        case NodeKind.RETRY:
             return f"{node.name} × {node.amount:.0f}"
-        case Kind.TIMEOUT:
+        case NodeKind.TIMEOUT:
             return f"{node.name} {node.amount:g} s"
-        case Kind.PARALLEL:
+        case NodeKind.PARALLEL:
             return f"{node.name} ({node.policy})"
-        case Kind.CONDITION:
+        case NodeKind.CONDITION:
             return node.text
         case _:
             return node.name

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.outcome import ExitCode, print_result
-from phyagentos.protocol.verdicts import JudgeName, VerificationMode
+from phyagentos.protocol.settings.verification import JudgeName, VerificationMode
 
 
 def register(app: typer.Typer) -> None:
@@ -31,15 +31,15 @@ def verify(
     """Add a judgement to a session that has its verdict; erases none and changes no state."""
     import msgspec
 
-    from phyagentos.agent.review import review_session
+    from phyagentos.agent.judging.review import review_session
     from phyagentos.assembly.verification import build_verifier
     from phyagentos.cli.explaining import get_session
-    from phyagentos.cli.past import read_ledger
+    from phyagentos.cli.history import read_ledger
     from phyagentos.clock import SystemClock
-    from phyagentos.protocol.lifecycle import Side
-    from phyagentos.protocol.store.journal import Journal
-    from phyagentos.protocol.verdicts import Verdict
-    from phyagentos.protocol.workspace import Workspace
+    from phyagentos.protocol.sessions.lifecycle import Side
+    from phyagentos.protocol.sessions.verdicts import Verdict
+    from phyagentos.protocol.workspace.workspace import Workspace
+    from phyagentos.store.journal import Journal
 
     place, clock = Workspace.open(workspace), SystemClock()
     verifier = build_verifier(place, clock, mode=mode, judges=_parse_judges(with_))

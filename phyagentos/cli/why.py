@@ -6,14 +6,15 @@ Upstream: ledger and evidence bundle. It judges nothing again: the diagnosis is 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from phyagentos.agent.course import find_failed_leaf
-from phyagentos.agent.diagnosis import diagnose
-from phyagentos.protocol.evidence import Bundle, read_bundle
-from phyagentos.protocol.evidence_manifest import read_manifest
-from phyagentos.protocol.sessions import Execution, SessionId, SessionStatus
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.verdicts import Attempt, Truth, Verdict
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.agent.judging.diagnosis import diagnose
+from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
+from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
+from phyagentos.protocol.sessions.evidence_manifest import read_manifest
+from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.ledger import Ledger
 
 _MARKS = {Truth.TRUE: "✓", Truth.FALSE: "✗", Truth.UNKNOWN: "?"}
 

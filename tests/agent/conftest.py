@@ -9,11 +9,17 @@ from typing import Any
 import msgspec
 import pytest
 
-from phyagentos.agent.catalogue import Catalogue
-from phyagentos.agent.mission import Mission
-from phyagentos.agent.mission_report import MissionReport
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.mission.mission import Mission
+from phyagentos.agent.mission.report import MissionReport
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.environment import (
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, HOLDS, TRACE, TraceEvent, write_json, write_lines
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import (
     Entity,
     Environment,
     Interior,
@@ -22,16 +28,10 @@ from phyagentos.protocol.environment import (
     ShapeKind,
     TargetState,
 )
-from phyagentos.protocol.evidence import AFTER, BEFORE, HOLDS, TRACE, TraceEvent, write_json, write_lines
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
-from phyagentos.protocol.sessions import Ended, Execution, Session
-from phyagentos.protocol.store.admission import Entry
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.verdicts import Criterion
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.store.admission import Entry
+from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
 
 SKILLS = {
     "pick_and_place": """
@@ -127,7 +127,7 @@ def known_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     """The scene `table` without a file: its names are those of the synthetic world."""
     names = frozenset((*TRAYS, *CUBES, "bottle"))
     monkeypatch.setattr(Catalogue, "find_scene_names", lambda self, scene: names if scene == "table" else None)
-    monkeypatch.setattr("phyagentos.agent.catalogue._find_scenes", lambda library: {"table": Path("table.yaml")})
+    monkeypatch.setattr("phyagentos.agent.goals.catalogue._find_scenes", lambda library: {"table": Path("table.yaml")})
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@
 
 import pytest
 
-from phyagentos.agent.agenda import Agenda
-from phyagentos.agent.progress import GoalRun
+from phyagentos.agent.mission.goal_controller import GoalController
+from phyagentos.agent.mission.worklist import Worklist
 
 from .conftest import Play, put, succeed
 from .test_mission import CHAIN, TIDY, slip
@@ -21,7 +21,7 @@ def compare(monkeypatch):
     def take_in_and_compare(run, record):
         run.agenda.take_in(record, run.ledger)
         if run.goal in run.ledger.goals and run.status.nodes:
-            anew = Agenda(run.graph, run.goal, run.ledger)
+            anew = Worklist(run.graph, run.goal, run.ledger)
             assert read_all(run.agenda)[:2] == read_all(anew)[:2], record
             assert sorted(read_all(run.agenda)[2]) == sorted(read_all(anew)[2]), record
             assert sorted(read_all(run.agenda)[3]) == sorted(read_all(anew)[3]), record
@@ -29,7 +29,7 @@ def compare(monkeypatch):
             assert run.agenda.count_waiting() == anew.count_waiting() == len(pending), record
             compared.append(record.ev)
 
-    monkeypatch.setattr(GoalRun, "take_in", take_in_and_compare)
+    monkeypatch.setattr(GoalController, "take_in", take_in_and_compare)
     return compared
 
 
@@ -70,7 +70,7 @@ def test_a_long_row_of_nodes_behind_a_blocked_one_is_blocked(make_stage, write_g
 
 
 def test_a_graph_too_large_for_one_record_takes_several(make_stage, write_graph, monkeypatch):
-    monkeypatch.setattr("phyagentos.agent.progress.NODES_A_RECORD", 1)
+    monkeypatch.setattr("phyagentos.agent.mission.goal_controller.NODES_A_RECORD", 1)
     report = make_stage().pursue(write_graph(TIDY))
     assert report.verdict == "success"
     assert list(report.nodes) == ["red", "green"]

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from phyagentos.protocol.evidence import FAULTS, write_json
-from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.sessions.evidence import FAULTS, write_json
+from phyagentos.protocol.sessions.session import Ended
 
 from .conftest import Play, ScriptedRuntime, put
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from phyagentos.agent.by_hand import judge_by_hand
+from phyagentos.agent.mission.goalless_sessions import judge_by_hand
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.edits.desk import Desk
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.views.renderer import Views
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.edits.edit_intake import EditIntake
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.views.renderer import Views
 
 from .conftest import Play, put
 
@@ -26,7 +26,7 @@ class ByHand:
     def __init__(self, stage) -> None:
         self.stage, self.workspace = stage, stage.workspace
         self.agent = Journal(self.workspace.root, side=Side.AGENT, by="judge", clock=SystemClock(), durable=False)
-        self.desk = Desk(self.workspace, SystemClock(), durable=False)
+        self.desk = EditIntake(self.workspace, SystemClock(), durable=False)
         self.views = Views(self.workspace, self.agent.folder, SystemClock(), desk=self.desk)
 
     def drop(self, name):

@@ -2,11 +2,11 @@
 
 import pytest
 
-from phyagentos.agent.compiler import Revision, SessionCompiler
-from phyagentos.agent.goal_graph import read_goal_graph
+from phyagentos.agent.goals.compiler import Revision, SessionCompiler
+from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.seeds import compute_seed
-from phyagentos.protocol.sessions import GoalId, ResetPolicy, SessionId
+from phyagentos.protocol.sessions.session import GoalId, ResetPolicy, SessionId
+from phyagentos.protocol.world.seeds import compute_seed
 
 GRAPH = """
     goal: g

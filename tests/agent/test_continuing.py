@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.store import ledger as ledger_module
+from phyagentos.store import ledger as ledger_module
 
 from .conftest import put
 from .test_mission import TIDY, slip

@@ -6,14 +6,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from phyagentos.agent.causes import Cause, CauseClass, classify_refusal
-from phyagentos.agent.course import Course, Stage
-from phyagentos.agent.diagnosis import diagnose, diagnose_after_looking
-from phyagentos.agent.judges.predicates import evaluate_criterion
-from phyagentos.protocol.environment import Status
-from phyagentos.protocol.evidence import Bundle, TraceEvent
-from phyagentos.protocol.sessions import Ended, Execution
-from phyagentos.protocol.verdicts import Criterion, Truth
+from phyagentos.agent.judging.causes import Cause, CauseClass, classify_refusal
+from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
+from phyagentos.agent.judging.judges.predicates import evaluate_criterion
+from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage
+from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.environment import Status
+from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
 
 from .conftest import make_world, put, remove
@@ -59,7 +60,7 @@ def moved(x: float = 0.4, y: float = 0.2, z: float = 0.02, **more: Any):
 
 @pytest.mark.parametrize("stage", list(Stage))
 def test_the_stage_is_read_off_the_leaves(stage):
-    assert Course.of(make_bundle(make_world(), stage), "red_cube").stage is stage
+    assert ManipulationTimeline.of(make_bundle(make_world(), stage), "red_cube").stage is stage
 
 
 @pytest.mark.parametrize(

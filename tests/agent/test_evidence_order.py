@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.agent.goal_judgement import Evidence
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
+from phyagentos.protocol.world.environment import Environment
 from tests.contracts import make_contract
 
 

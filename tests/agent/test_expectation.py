@@ -2,9 +2,9 @@
 
 import pytest
 
-from phyagentos.agent.advice import Advice
+from phyagentos.agent.memory.advice import Advice
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.outlook import Outlook
+from phyagentos.protocol.sessions.outlook import Outlook
 
 CHAIN = """
     goal: chain

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from phyagentos.agent.catalogue import Catalogue
-from phyagentos.agent.goal_graph import check_goal_graph, read_goal_graph, render_mermaid
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph, render_mermaid
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 
 GOOD = """
     goal: good

@@ -2,14 +2,15 @@
 
 import pytest
 
-from phyagentos.agent.judges.registry import JudgeDefinition, JudgeRegistry
+from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition, JudgeRegistry
 from phyagentos.assembly.verification import build_judge_registry, build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.runtime_contract import read_runtime_contract
-from phyagentos.protocol.verdicts import Truth, Verdict
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.truth import Truth
 
 from .conftest import make_world, put
 from .test_verifier import BUDGET, IN_TRAY, make_bundle
@@ -25,8 +26,9 @@ sampling_hz: 10
 """
 DONE = put(make_world(), "red_cube", IN_TRAY)
 HASTE = """
-from phyagentos.agent.judges.registry import JudgeDefinition
-from phyagentos.protocol.verdicts import Criterion, Truth
+from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.protocol.sessions.verdicts import Criterion
 
 
 class Haste:

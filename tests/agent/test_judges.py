@@ -6,16 +6,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.agent.judges.holds import HoldJudge
-from phyagentos.agent.judges.lookahead import LookaheadJudge
-from phyagentos.agent.judges.metrics import MetricJudge
-from phyagentos.agent.judges.predicates import PredicateJudge
-from phyagentos.agent.verifier import SessionVerifier
-from phyagentos.protocol.environment import FRESH_S
-from phyagentos.protocol.evidence import TRAJECTORY, Event, TraceEvent, read_bundle, write_json
-from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadRequest, LookaheadResult
-from phyagentos.protocol.sessions import Ended, Execution
-from phyagentos.protocol.verdicts import Criterion, Truth, Verdict
+from phyagentos.agent.judging.judges.holds import HoldJudge
+from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
+from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, TraceEvent, read_bundle, write_json
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadRequest, LookaheadResult
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
+from phyagentos.protocol.world.environment import FRESH_S
+from phyagentos.protocol.world.truth import Truth
 
 from .conftest import make_world, put
 from .test_verifier import BUDGET, IN_TRAY, make_bundle, make_session

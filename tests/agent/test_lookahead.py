@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 import msgspec
 import pytest
 
-from phyagentos.agent.lookahead import LookaheadForesight
-from phyagentos.protocol.evidence import write_json
-from phyagentos.protocol.lookahead import LOOKAHEAD, Alternative, LookaheadResult
-from phyagentos.protocol.sessions import Session, SessionStatus
-from phyagentos.protocol.store.admission import Entry
+from phyagentos.agent.repair.foresight import LookaheadForesight
+from phyagentos.protocol.sessions.evidence import write_json
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
+from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.store.admission import Entry
 from tests.contracts import make_contract
 
 from .conftest import ScriptedRuntime

@@ -5,15 +5,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from phyagentos.agent.mission import SYNC_AFTER_S, WAIT_S
+from phyagentos.agent.mission.mission import SYNC_AFTER_S, WAIT_S
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import Pose
-from phyagentos.protocol.lifecycle import SessionState, Side
-from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.store.admission import Entry
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.verdicts import Verdict
+from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.environment import Pose
+from phyagentos.store.admission import Entry
+from phyagentos.store.journal import Journal
 
 from .conftest import Play, hold, make_world, put, remove, succeed
 

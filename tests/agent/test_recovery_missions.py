@@ -6,11 +6,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from phyagentos.agent.advice import Advice
-from phyagentos.agent.repair.policies import BlindRetry, FullRestart, NoRetry
-from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.protocol.evidence import TraceEvent
-from phyagentos.protocol.sessions import Ended
+from phyagentos.agent.memory.advice import Advice
+from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, NoRetry
+from phyagentos.protocol.sessions.evidence import TraceEvent
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 
 from .conftest import Play, add_skills, hold, make_world, put, succeed
 

@@ -6,22 +6,22 @@ from typing import Any
 import msgspec
 import pytest
 
-from phyagentos.agent.catalogue import Catalogue
-from phyagentos.agent.causes import Cause
-from phyagentos.agent.goal_spec import Budget
-from phyagentos.agent.repair.alternative import Kind
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.selector import Choice
+from phyagentos.agent.goals.spec import Budget
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.repair.alternative import AlternativeKind
 from phyagentos.agent.repair.budget import Left, compute_left
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
-from phyagentos.agent.repair.policies import BlindRetry, FullRestart, GraphRepair, NoRetry
-from phyagentos.agent.repair.remainder import propose_remainder
+from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, GraphRepair, NoRetry
+from phyagentos.agent.repair.resume_held import propose_remainder
 from phyagentos.agent.repair.retrying import propose_retry
-from phyagentos.agent.selector import Choice
-from phyagentos.protocol.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
-from phyagentos.protocol.evidence import Bundle, TraceEvent
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.sessions import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
-from phyagentos.protocol.verdicts import Attempt, Verdict
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
+from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.world.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
 
 ROOT = Path(__file__).resolve().parents[2]
 BASE = (0.0, 0.0, 0.0)
@@ -121,7 +121,11 @@ HEMMED_IN: dict[str, Any] = {"trace": met("post"), "world": HEMMED, "contract": 
 def test_what_is_in_the_way_is_moved_away_first_by_a_skill_that_promises_a_place(shipped):
     decision = GraphRepair().choose(make_case(shipped, Cause.NO_PLAN, **HEMMED_IN))
     revision = decision.chosen.revision
-    assert (decision.chosen.kind, revision.purpose, revision.choice.skill) == (Kind.CLEAR, "clear", "set_aside")
+    assert (decision.chosen.kind, revision.purpose, revision.choice.skill) == (
+        AlternativeKind.CLEAR,
+        "clear",
+        "set_aside",
+    )
     assert revision.choice.parameters["object"] == "post"
     assert revision.choice.parameters["support"] == "table"
     assert any("the planner met post in the way" in reason for reason in decision.reasons)
@@ -130,7 +134,7 @@ def test_what_is_in_the_way_is_moved_away_first_by_a_skill_that_promises_a_place
 
 def test_what_a_finished_node_has_put_there_is_left_alone(shipped):
     case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, protected=frozenset({"post"}))
-    assert GraphRepair().choose(case).chosen.kind is Kind.RETRY
+    assert GraphRepair().choose(case).chosen.kind is AlternativeKind.RETRY
 
 
 def test_another_way_to_clear_is_taken_when_the_first_one_did_not_help(shipped):
@@ -140,13 +144,13 @@ def test_another_way_to_clear_is_taken_when_the_first_one_did_not_help(shipped):
     later = (SessionStatus(contract=tried, state="verifying"),)
     case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, later=later)
     chosen = GraphRepair().choose(case).chosen
-    assert (chosen.kind, chosen.revision.choice.skill) == (Kind.CLEAR, "push")
+    assert (chosen.kind, chosen.revision.choice.skill) == (AlternativeKind.CLEAR, "push")
     assert chosen.revision.parent == "g.red.r1"
 
 
 def test_a_thing_too_wide_for_the_hand_is_pushed_into_the_region(shipped):
     chosen = GraphRepair().choose(make_case(shipped, Cause.IMPOSSIBLE)).chosen
-    assert (chosen.kind, chosen.revision.choice.skill) == (Kind.OTHER_SKILL, "push")
+    assert (chosen.kind, chosen.revision.choice.skill) == (AlternativeKind.OTHER_SKILL, "push")
     assert chosen.revision.choice.parameters == {"object": "red_cube", "to": [0.5, -0.3, 0.04]}
     assert "which covers inside(red_cube, zone)" in chosen.because
 
@@ -155,7 +159,7 @@ def test_a_push_does_not_cover_a_region_smaller_than_its_tolerance(shipped):
     world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)))
     small = {"zone": Region(name="zone", pose=Pose(position_m=(0.5, -0.3, 0.04)), half_m=(0.04, 0.04, 0.06))}
     case = make_case(shipped, Cause.IMPOSSIBLE, world=msgspec.structs.replace(world, regions=small))
-    assert GraphRepair().choose(case).chosen.kind is Kind.GIVE_UP
+    assert GraphRepair().choose(case).chosen.kind is AlternativeKind.GIVE_UP
 
 
 def test_the_same_that_failed_with_the_same_cause_is_worth_half(shipped):
@@ -174,9 +178,9 @@ def test_the_same_that_failed_with_the_same_cause_is_worth_half(shipped):
 
 def test_a_grasp_that_keeps_failing_gives_way_to_another_skill(shipped):
     earlier = tuple(failed_before(make_contract(), number, Cause.GRASP_MISSED) for number in (1, 2))
-    assert GraphRepair().choose(make_case(shipped, Cause.GRASP_MISSED)).chosen.kind is Kind.RETRY
+    assert GraphRepair().choose(make_case(shipped, Cause.GRASP_MISSED)).chosen.kind is AlternativeKind.RETRY
     case = make_case(shipped, Cause.GRASP_MISSED, earlier=earlier)
-    assert GraphRepair().choose(case).chosen.kind is Kind.OTHER_SKILL
+    assert GraphRepair().choose(case).chosen.kind is AlternativeKind.OTHER_SKILL
 
 
 def hold(world: Environment, name: str) -> Environment:
@@ -201,7 +205,7 @@ def test_what_a_lost_runner_left_in_the_hand_is_put_down_by_the_skill_that_begin
 @pytest.mark.parametrize("world", [HEMMED, hold(HEMMED, "post")])
 def test_what_it_does_not_hold_is_fetched_again(shipped, world):
     chosen = GraphRepair().choose(make_case(shipped, Cause.RUNNER_LOST, world=world)).chosen
-    assert (chosen.kind, chosen.revision.choice) == (Kind.RETRY, None)
+    assert (chosen.kind, chosen.revision.choice) == (AlternativeKind.RETRY, None)
 
 
 def test_only_a_lost_runner_is_no_fault_of_the_way_in_which_it_is_held(shipped):
@@ -225,7 +229,11 @@ def test_a_remainder_that_fails_gives_the_node_back_to_its_own_skill(shipped, ca
 def test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice(shipped):
     case = make_case(shipped, Cause.EVIDENCE_MISSING, wants=("red_cube",))
     chosen = GraphRepair().choose(case).chosen
-    assert (chosen.kind, chosen.revision.purpose, chosen.revision.choice.skill) == (Kind.LOOK, "inspect", "inspect")
+    assert (chosen.kind, chosen.revision.purpose, chosen.revision.choice.skill) == (
+        AlternativeKind.LOOK,
+        "inspect",
+        "inspect",
+    )
     assert chosen.revision.lead > 0
     looks = tuple(
         SessionStatus(
@@ -234,7 +242,7 @@ def test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice(shipped):
         for n in (1, 2)
     )
     case = make_case(shipped, Cause.EVIDENCE_MISSING, wants=("red_cube",), later=looks)
-    assert GraphRepair().choose(case).chosen.kind is Kind.RETRY
+    assert GraphRepair().choose(case).chosen.kind is AlternativeKind.RETRY
 
 
 def test_a_broken_arm_is_replaced_by_one_that_stands_in_the_same_world(shipped):
@@ -245,16 +253,16 @@ def test_a_broken_arm_is_replaced_by_one_that_stands_in_the_same_world(shipped):
     both = msgspec.structs.replace(world, targets={**world.targets, "twin": world.targets["panda"]})
     earlier = (failed_before(make_contract(), 1, Cause.TARGET_LOST),)
     chosen = GraphRepair().choose(make_case(catalogue, Cause.TARGET_LOST, world=both, earlier=earlier)).chosen
-    assert (chosen.kind, chosen.revision.choice.target) == (Kind.OTHER_TARGET, "twin")
+    assert (chosen.kind, chosen.revision.choice.target) == (AlternativeKind.OTHER_TARGET, "twin")
     alone = make_case(catalogue, Cause.TARGET_LOST, world=world, earlier=earlier)
-    assert GraphRepair().choose(alone).chosen.kind is Kind.RETRY
+    assert GraphRepair().choose(alone).chosen.kind is AlternativeKind.RETRY
 
 
 def test_a_way_that_the_budget_cannot_pay_is_passed_over_with_the_reason(shipped):
     left = Left(sessions=2, needed=1)
     case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, left=left)
     decision = GraphRepair().choose(case)
-    assert decision.chosen.kind is Kind.RETRY
+    assert decision.chosen.kind is AlternativeKind.RETRY
     assert any(
         "BUDGET: 2 sessions are left, it takes 2 more and 1 for nodes not yet begun" in r for r in decision.reasons
     )
@@ -263,14 +271,14 @@ def test_a_way_that_the_budget_cannot_pay_is_passed_over_with_the_reason(shipped
 def test_nothing_is_tried_that_cannot_be_paid_at_all(shipped):
     case = make_case(shipped, Cause.OBJECT_MOVED, left=Left(sessions=1, needed=1))
     chosen = GraphRepair().choose(case).chosen
-    assert chosen.kind is Kind.GIVE_UP
+    assert chosen.kind is AlternativeKind.GIVE_UP
     assert "BUDGET" in chosen.because
 
 
 def test_the_four_policies_answer_the_same_case_each_in_its_own_way(shipped):
     case = make_case(shipped, Cause.GRASP_LOST, session=make_contract(strategy={"speed": 0.5}))
     kinds = [policy.choose(case).chosen.kind for policy in (NoRetry(), BlindRetry(), FullRestart(), GraphRepair())]
-    assert kinds == [Kind.GIVE_UP, Kind.RETRY, Kind.RESTART, Kind.RETRY]
+    assert kinds == [AlternativeKind.GIVE_UP, AlternativeKind.RETRY, AlternativeKind.RESTART, AlternativeKind.RETRY]
     assert BlindRetry().choose(case).chosen.revision.strategy == {"speed": 0.5}
     assert GraphRepair().choose(case).chosen.revision.strategy == {"speed": 0.25}
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.agent.repair.policies import NoRetry
-from phyagentos.agent.repair.undone import find_undone
-from phyagentos.agent.verifier import SessionVerifier
-from phyagentos.protocol.sessions import Ended, Session
-from phyagentos.protocol.verdicts import VerificationMode
+from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.agent.repair.recovery_policies import NoRetry
+from phyagentos.agent.repair.regressions import find_undone
+from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.settings.verification import VerificationMode
 from tests.contracts import make_contract
 
 from .conftest import Play, add_skills, hold, make_world, put, succeed

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from phyagentos.agent.goal_spec import Promise
-from phyagentos.agent.selector import select, unify
+from phyagentos.agent.goals.selector import select, unify
+from phyagentos.agent.goals.spec import Promise
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.predicates.language import parse
+from phyagentos.protocol.world.predicates.language import parse
 
 
 @pytest.mark.parametrize(

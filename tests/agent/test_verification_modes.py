@@ -3,10 +3,12 @@
 import msgspec
 import pytest
 
-from phyagentos.agent.judges.predicates import PredicateJudge
-from phyagentos.agent.verifier import History, SessionVerifier
-from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.verdicts import Criterion, Truth, Verdict, VerificationMode
+from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
+from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.world.truth import Truth
 
 from .conftest import Play, make_world, put, succeed
 from .test_verifier import AWAY, BUDGET, IN_TRAY, make_bundle, make_session

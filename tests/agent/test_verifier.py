@@ -5,16 +5,17 @@ from typing import Any
 
 import pytest
 
-from phyagentos.agent.causes import Cause
-from phyagentos.agent.diagnosis import Layer, diagnose
-from phyagentos.agent.judges.holds import HoldJudge
-from phyagentos.agent.judges.metrics import MetricJudge
-from phyagentos.agent.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.diagnosis import Layer, diagnose
+from phyagentos.agent.judging.judges.holds import HoldJudge
+from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.repair.retrying import find_label, revise
-from phyagentos.agent.verifier import History, SessionVerifier
-from phyagentos.protocol.evidence import Bundle, TraceEvent
-from phyagentos.protocol.sessions import Ended, Execution, Session
-from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
+from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
+from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
 
 from .conftest import make_world, put, remove

@@ -7,16 +7,18 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from phyagentos.agent.judges.vision import VisionJudge
-from phyagentos.agent.judges.vision_endpoint import MAX_BYTES, OpenAiEndpoint
-from phyagentos.agent.verifier import SessionVerifier
+from phyagentos.agent.judging.judges.vision import VisionJudge
+from phyagentos.agent.judging.judges.vision_endpoint import MAX_BYTES, OpenAiEndpoint
+from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.evidence import PICTURE_AFTER, PICTURE_BEFORE
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.verdicts import JudgeName, Truth, Verdict
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.settings.verification import JudgeName
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.truth import Truth
 
 from .conftest import make_world, put
 from .test_verifier import BUDGET, IN_TRAY, make_bundle, make_session

@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from phyagentos.agent.goal_judgement import Evidence, judge_goal
-from phyagentos.protocol.environment import Entity, Environment, Pose, TargetState
-from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
-from phyagentos.protocol.verdicts import Truth, Verdict
+from phyagentos.agent.judging.goal_judgement import Evidence, judge_goal
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.environment import Entity, Environment, Pose, TargetState
+from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
 
 

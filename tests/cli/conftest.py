@@ -9,12 +9,13 @@ import pytest
 from phyagentos.cli.app import main
 from phyagentos.cli.progress import RunFold
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended, Execution, Scene
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.verdicts import Attempt, Criterion, Truth, Verdict
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Execution, Scene
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.journal import Entry, Journal
 from tests.contracts import make_contract
 
 

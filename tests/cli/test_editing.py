@@ -6,9 +6,9 @@ import threading
 
 import pytest
 
+from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.past import read_ledger
-from phyagentos.protocol.edits import desk
+from phyagentos.store.edits import edit_intake as desk
 
 
 @pytest.fixture

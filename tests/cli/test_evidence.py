@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.protocol import evidence
-from phyagentos.protocol.evidence_manifest import Sealer, read_manifest
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.verdicts import Truth, Verdict
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence_manifest import Sealer, read_manifest
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.truth import Truth
 
 PROTOCOL = Path(__file__).resolve().parents[2] / "protocol"
 POLICY = "evidence:\n  keep_last: 0\n  keep_days: 1\n"

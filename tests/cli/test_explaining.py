@@ -2,13 +2,13 @@
 
 import pytest
 
+from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.past import read_ledger
-from phyagentos.protocol.environment import Entity, Environment, Pose
-from phyagentos.protocol.estop import is_latched
-from phyagentos.protocol.evidence import AFTER, BEFORE, TRACE, TraceEvent, write_json, write_lines
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.mailbox import take_signals
+from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, TraceEvent, write_json, write_lines
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.stop_signals import take_signals
+from phyagentos.protocol.world.environment import Entity, Environment, Pose
 
 
 def observe(time_s: float, x_m: float) -> Environment:

@@ -1,6 +1,6 @@
 from phyagentos.cli.forecasts import find_forecast, render_forecast
-from phyagentos.protocol.evidence import write_json
-from phyagentos.protocol.lookahead import LOOKAHEAD, Alternative, LookaheadResult
+from phyagentos.protocol.sessions.evidence import write_json
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
 
 SLOWER = Alternative(strategy={"speed": 0.5}, samples=8, succeeded=8)
 RISKY = LookaheadResult(

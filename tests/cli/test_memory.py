@@ -6,8 +6,8 @@ import pytest
 
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.workspace import Workspace
 from tests.agent.memory.conftest import make_correction, make_episode
 
 

@@ -18,11 +18,11 @@ from phyagentos.cli.mission_run import Interrupts, ask_for_end, choose_workspace
 from phyagentos.cli.outcome import Exit, ExitCode
 from phyagentos.cli.progress import compute_depth
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
-from phyagentos.protocol.estop import Latch, latch
-from phyagentos.protocol.heartbeats import Heartbeat, write_heartbeat
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.store.mailbox import take_signals
+from phyagentos.protocol.sessions.estop import Latch, latch
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.stop_signals import take_signals
+from phyagentos.store.ledger import Ledger
 
 GOAL = "tidy-7"
 

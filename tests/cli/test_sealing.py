@@ -1,9 +1,9 @@
 """What no worker has sealed is sealed when the runtime plane ends."""
 
 from phyagentos.assembly.runtime_plane import seal_rest
-from phyagentos.cli.past import read_ledger
-from phyagentos.protocol import evidence
-from phyagentos.protocol.evidence_manifest import check_bundle, read_manifest
+from phyagentos.cli.history import read_ledger
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence_manifest import check_bundle, read_manifest
 
 
 def test_bundles_that_a_worker_left_are_sealed_as_late_and_running_ones_are_not(run):

@@ -13,7 +13,7 @@ import yaml
 
 from phyagentos.cli import schemas
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.protocol.lifecycle import SESSION_TRANSITIONS
+from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = ROOT / "protocol" / "schemas"

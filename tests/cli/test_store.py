@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from phyagentos.protocol.lifecycle import Side
+from phyagentos.protocol.sessions.lifecycle import Side
 
 
 def segment_of(run):

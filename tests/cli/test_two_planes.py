@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.past import read_ledger
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.ledger import Ledger
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAPH = ROOT / "examples/01_yaml_skill/goal_graphs/show.yaml"

@@ -6,14 +6,15 @@ import json
 import msgspec
 import pytest
 
+from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.past import read_ledger
-from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind
-from phyagentos.protocol.evidence import AFTER, BEFORE, write_json
-from phyagentos.protocol.lifecycle import IllegalTransition, Side
-from phyagentos.protocol.store.journal import Entry
-from phyagentos.protocol.verdicts import Truth, Verdict
-from phyagentos.protocol.views.sessions import render_sessions
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, write_json
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.journal import Entry
+from phyagentos.store.views.sessions import render_sessions
 
 SESSION = "tidy-7.red"
 IN_TRAY, AWAY = (0.6, 0.3, 0.03), (0.4, 0.0, 0.02)

@@ -7,9 +7,9 @@ import pytest
 from phyagentos.cli import mission_run
 from phyagentos.cli.mission_run import Order, start_planes
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.verdicts import VerificationMode
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.workspace.workspace import Workspace
 
 
 @pytest.mark.parametrize("mode", [None, *VerificationMode])

@@ -65,7 +65,7 @@ def test_an_empty_folder_and_the_wheel_are_enough_to_begin(site, tmp_path):
 
 
 def test_the_installed_package_is_used_and_not_the_checkout(site, tmp_path):
-    code = "import phyagentos.protocol.library as l; print(l.find_shipped_root())"
+    code = "import phyagentos.protocol.capabilities.library as l; print(l.find_shipped_root())"
     environment = os.environ | {"PYTHONPATH": str(site)}
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True

@@ -4,15 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.agent.judges.registry import JudgeSettings
+from phyagentos.agent.judging.judges.judge_registry import JudgeSettings
 from phyagentos.assembly.verification import build_judge_registry
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.environment import Entity, Environment, Interior, Pose
-from phyagentos.protocol.evidence import HOLDS, PICTURE_AFTER, PICTURE_BEFORE, TRAJECTORY, Bundle
-from phyagentos.protocol.lookahead import LOOKAHEAD
-from phyagentos.protocol.sessions import Ended, Execution
-from phyagentos.protocol.verdicts import Criterion, Truth
-from phyagentos.protocol.verification import Verification
+from phyagentos.protocol.sessions.evidence import HOLDS, PICTURE_AFTER, PICTURE_BEFORE, TRAJECTORY, Bundle
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.settings.verification import Verification
+from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose
+from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
 
 REGISTRY = build_judge_registry()

@@ -2,11 +2,11 @@
 
 import pytest
 
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.skill_runtimes import read_skill
-from phyagentos.protocol.trees import Kind, Reference, find_references, iter_nodes, read_tree
-from phyagentos.runtime.execution.registry import build_registry
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.protocol.capabilities.trees import NodeKind, Reference, find_references, iter_nodes, read_tree
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.execution.tree_check import check_tree
 
 LIBRARY = Library.open()
@@ -71,6 +71,6 @@ def test_a_skill_says_what_it_does_beyond_its_front_matter(name):
 
 
 def test_at_least_one_shipped_tree_uses_each_leaf_or_it_is_a_building_block():
-    used = {n.type for t in TREES for n in iter_nodes(read_tree(LIBRARY.get_tree(t)).root) if n.kind is Kind.LEAF}
+    used = {n.type for t in TREES for n in iter_nodes(read_tree(LIBRARY.get_tree(t)).root) if n.kind is NodeKind.LEAF}
 
     assert set(LEAVES) - used == {"fail", "wait"}

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.environment import (
+from phyagentos.protocol.world.environment import (
     Change,
     Entity,
     Environment,
@@ -17,8 +17,8 @@ from phyagentos.protocol.environment import (
     TargetState,
     read_environment,
 )
-from phyagentos.protocol.relations import RELATIONS_MAX, compute_relations
-from phyagentos.protocol.views.environment import render_environment
+from phyagentos.protocol.world.relations import RELATIONS_MAX, compute_relations
+from phyagentos.store.views.environment import render_environment
 
 CUBE = (Shape(kind=ShapeKind.BOX, size_m=(0.02, 0.02, 0.02)),)
 ENVIRONMENT = Environment(

@@ -4,11 +4,11 @@ import pytest
 
 from phyagentos.cli.lint import lint_file
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.document import iter_blocks
-from phyagentos.protocol.formats import FORMATS, check_document
-from phyagentos.protocol.lessons import Lesson, render_lessons
-from phyagentos.protocol.memory_entries import Scope, Standing
-from phyagentos.protocol.views.pristine import render_pristine
+from phyagentos.protocol.documents.document import iter_blocks
+from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.store.document_registry import FORMATS, check_document
+from phyagentos.store.views.pristine import render_pristine
 
 LESSONS = """\
 ---

@@ -5,13 +5,13 @@ import re
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.log import LogLine, read_log
-from phyagentos.protocol.sessions import Ended, Execution
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.verdicts import Attempt, Verdict
-from phyagentos.protocol.views.log import LINES_SHOWN, NODES_NAMED, LogTail, describe_record, render_log
+from phyagentos.protocol.documents.log import LogLine, read_log
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.log import LINES_SHOWN, NODES_NAMED, LogTail, describe_record, render_log
 
 FAILURE = Attempt(verdict=Verdict.FAILURE, criteria=(), cause="GRASP_LOST", reason="no budget is left.")
 REPLAN = Attempt(verdict=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", reason="the cube slipped.")

@@ -18,15 +18,15 @@ from phyagentos.cli.app import main
 from phyagentos.cli.tree_drawing import Drawing
 from phyagentos.cli.tree_drawing import render_mermaid as render_tree
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.markdown import publish
-from phyagentos.protocol.sessions import Scene, Session
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.tasks import GoalStatus, NodeState, NodeStatus
-from phyagentos.protocol.views.renderer import Views
-from phyagentos.protocol.views.tasks import render_graph, render_tasks
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.views.renderer import Views
+from phyagentos.store.views.tasks import render_graph, render_tasks
 
 BLOCK = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 HARD_NAMES = [

@@ -9,10 +9,10 @@ import pytest
 
 from phyagentos.cli.field_tables import BEGIN, END, render_fields, renew_pages
 from phyagentos.cli.schemas import names_of_schemas
-from phyagentos.protocol.document import iter_blocks
-from phyagentos.protocol.formats import FORMATS, check_document
-from phyagentos.protocol.log import read_log
-from phyagentos.protocol.settings import SETTINGS_FILES
+from phyagentos.protocol.documents.document import iter_blocks
+from phyagentos.protocol.documents.log import read_log
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
+from phyagentos.store.document_registry import FORMATS, check_document
 
 from .values import check_schema
 
@@ -33,8 +33,8 @@ def test_a_page_says_who_writes_and_what_an_edit_does(root, file):
     page = read_page(root, file)
     for row in ("sole writer", "truth or view", "a person's edit", "module", "schema"):
         assert re.search(rf"^\| \*\*{row}\*\* \| \S.* \|$", page, re.MULTILINE), row
-    module = re.search(r"`phyagentos\.protocol\.(\w+)`", page)[1]
-    assert (root / "phyagentos" / "protocol" / f"{module}.py").is_file()
+    module = re.search(r"`phyagentos\.protocol\.(\w+)\.(\w+)`", page)
+    assert (root / "phyagentos" / "protocol" / module[1] / f"{module[2]}.py").is_file()
     assert f"]({'documents/' + NAMES[file]}.md)" in (root / "docs" / "documents.md").read_text(encoding="utf-8")
 
 

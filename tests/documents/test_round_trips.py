@@ -5,23 +5,31 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind, read_environment
-from phyagentos.protocol.knowledge import Fact, read_knowledge, render_knowledge
-from phyagentos.protocol.lessons import Lesson, read_lessons, render_lessons
-from phyagentos.protocol.log import LogLine, read_log
-from phyagentos.protocol.registries import read_target, render_skills, render_targets
-from phyagentos.protocol.relations import compute_relations
-from phyagentos.protocol.runtime_signal import RuntimeState, Signs, read_runtime_signal
-from phyagentos.protocol.sessions import Session, SessionStatus, read_sessions
-from phyagentos.protocol.skill_runtimes import Needs, Output, Parameter, SkillRuntime, read_skill_runtimes
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.targets import Health, RegisteredTarget, TargetHealth, read_targets
-from phyagentos.protocol.tasks import GoalStatus, read_tasks
-from phyagentos.protocol.views.environment import render_environment
-from phyagentos.protocol.views.log import render_log
-from phyagentos.protocol.views.runtime_signal import render_runtime_signal
-from phyagentos.protocol.views.sessions import Page, render_page
-from phyagentos.protocol.views.tasks import render_tasks
+from phyagentos.protocol.capabilities.registries import read_target, render_skills, render_targets
+from phyagentos.protocol.capabilities.skill_runtimes import Needs, Output, Parameter, SkillRuntime, read_skill_runtimes
+from phyagentos.protocol.capabilities.targets import Health, RegisteredTarget, TargetHealth, read_targets
+from phyagentos.protocol.documents.log import LogLine, read_log
+from phyagentos.protocol.sessions.knowledge import Fact, read_knowledge, render_knowledge
+from phyagentos.protocol.sessions.lessons import Lesson, read_lessons, render_lessons
+from phyagentos.protocol.sessions.runtime_signal import RuntimeState, Signs, read_runtime_signal
+from phyagentos.protocol.sessions.session import Session, SessionStatus, read_sessions
+from phyagentos.protocol.sessions.tasks import GoalStatus, read_tasks
+from phyagentos.protocol.world.environment import (
+    Entity,
+    Environment,
+    Interior,
+    Pose,
+    Shape,
+    ShapeKind,
+    read_environment,
+)
+from phyagentos.protocol.world.relations import compute_relations
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.environment import render_environment
+from phyagentos.store.views.log import render_log
+from phyagentos.store.views.runtime_signal import render_runtime_signal
+from phyagentos.store.views.sessions import Page, render_page
+from phyagentos.store.views.tasks import render_tasks
 
 from .values import NAMES, NUMBERS, TEXTS, WHOLE, check_schema, draw, draw_struct
 

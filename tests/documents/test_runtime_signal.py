@@ -8,15 +8,15 @@ import msgspec
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.edits.signal_desk import SignalDesk
-from phyagentos.protocol.heartbeats import Heartbeat, is_process_alive, write_heartbeat
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.registries import publish_health, read_target_registry
-from phyagentos.protocol.runtime_signal import RequestState, RuntimeState, read_runtime_signal
-from phyagentos.protocol.store.mailbox import Signal, drop_signal, take_signals
-from phyagentos.protocol.targets import Health, TargetHealth, read_targets
-from phyagentos.protocol.views.runtime_signal import PERIOD_S, RENEWAL_S, SILENCE_S, RuntimeSignal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
+from phyagentos.protocol.capabilities.targets import Health, TargetHealth, read_targets
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, write_heartbeat
+from phyagentos.protocol.sessions.runtime_signal import RequestState, RuntimeState, read_runtime_signal
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.signal_intake import SignalDesk
+from phyagentos.store.views.runtime_signal import PERIOD_S, RENEWAL_S, SILENCE_S, RuntimeSignal
 
 
 @pytest.fixture

@@ -2,11 +2,11 @@
 
 import pytest
 
-from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.tasks import GoalStatus, NodeState, NodeStatus, Replan, read_tasks
-from phyagentos.protocol.verdicts import Attempt, Verdict
-from phyagentos.protocol.views.tasks import (
+from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Replan, read_tasks
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.tasks import (
     ADVISED_SHOWN,
     EDGES_DRAWN,
     GOALS_SHOWN,

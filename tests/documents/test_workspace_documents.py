@@ -6,12 +6,12 @@ import sys
 import pytest
 
 from phyagentos.cli.lint import lint_paths
-from phyagentos.protocol.document import iter_blocks
-from phyagentos.protocol.formats import FORMATS
-from phyagentos.protocol.runtime_signal import RuntimeState, read_runtime_signal
-from phyagentos.protocol.settings import SETTINGS_FILES
-from phyagentos.protocol.targets import Health, read_targets
-from phyagentos.protocol.tasks import NodeState, read_tasks
+from phyagentos.protocol.capabilities.targets import Health, read_targets
+from phyagentos.protocol.documents.document import iter_blocks
+from phyagentos.protocol.sessions.runtime_signal import RuntimeState, read_runtime_signal
+from phyagentos.protocol.sessions.tasks import NodeState, read_tasks
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
+from phyagentos.store.document_registry import FORMATS
 
 from .values import check_schema
 

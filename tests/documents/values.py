@@ -11,7 +11,7 @@ import msgspec
 from hypothesis import strategies as st
 
 from phyagentos.cli.schemas import render_schema
-from phyagentos.protocol.formats import FORMATS, extract_document
+from phyagentos.store.document_registry import FORMATS, extract_document
 
 NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,8}(\.[a-z0-9]{1,3})?", fullmatch=True)
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=20) | st.sampled_from(

@@ -23,11 +23,11 @@ from pathlib import Path
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import IllegalTransition, Side
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import Entry, Fenced, Journal
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.store.segments import SystemIO
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Entry, Fenced, Journal
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.segments import SystemIO
 
 from . import second_reader
 from .workloads import LANE, fold, identify, list_live, make_submit

@@ -3,10 +3,10 @@
 from collections import Counter
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.records import Tail
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
+from phyagentos.store.records import Tail
 
 from . import damages, second_reader
 from .workloads import LANE, Bench, identify

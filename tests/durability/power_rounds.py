@@ -19,9 +19,9 @@ from pathlib import Path
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
 
 from . import second_reader
 from .kill_rounds import Writer, wait_for_answers

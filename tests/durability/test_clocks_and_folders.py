@@ -9,10 +9,10 @@ import pytest
 import phyagentos
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.watch import Watch
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.watch import Watch
 
 from . import second_reader
 from .workloads import DAY_S, LANE, NOON_S, identify, make_submit

@@ -6,9 +6,9 @@ from collections import Counter
 import pytest
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.store import records
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.records import Tail
+from phyagentos.store import records
+from phyagentos.store.follower import Follower
+from phyagentos.store.records import Tail
 
 from . import damages, second_reader
 from .patient import Patient

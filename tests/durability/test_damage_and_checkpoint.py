@@ -7,8 +7,8 @@ from collections import Counter
 import pytest
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import IllegalTransition, Side
-from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.store.journal import Journal
 
 from . import damages, second_reader
 from .patient import Patient

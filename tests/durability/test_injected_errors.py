@@ -8,8 +8,8 @@ import pytest
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.journal import Journal
 
 from . import second_reader
 from .interception import Calls, intercept

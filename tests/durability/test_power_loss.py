@@ -10,10 +10,10 @@ import pytest
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.segments import SystemIO
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
+from phyagentos.store.segments import SystemIO
 
 from . import second_reader
 from .disk_model import Recorder, Step, build_image, read_folder

@@ -6,10 +6,10 @@ from collections import Counter
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.inspection import inspect_lane
-from phyagentos.protocol.store.repair import repair_lane
-from phyagentos.protocol.store.segments import SystemIO
+from phyagentos.store.follower import Follower
+from phyagentos.store.inspection import inspect_lane
+from phyagentos.store.repair import repair_lane
+from phyagentos.store.segments import SystemIO
 
 from . import damages, second_reader
 from .test_damage_and_checkpoint import KeptPatient

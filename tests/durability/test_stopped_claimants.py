@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.lifecycle import IllegalTransition, Side
-from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.store.journal import Entry, Journal
 
 from .workloads import LANE, NOON_S, make_submit
 
@@ -25,8 +25,8 @@ import json, sys
 from pathlib import Path
 from phyagentos.clock import SystemClock
 from phyagentos.errors import PhyAgentOSError
-from phyagentos.protocol.lifecycle import IllegalTransition, Side
-from phyagentos.protocol.store.journal import Entry, Journal
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.store.journal import Entry, Journal
 journal = Journal(Path(sys.argv[1]), side=Side.RUNTIME, by="slow", lane=sys.argv[2], clock=SystemClock(), durable=False)
 def tell(**facts):
     print(json.dumps(facts), flush=True)

@@ -7,10 +7,10 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Scene, Session
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.ledger import Ledger
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.ledger import Ledger
 
 LANE = "lane"
 DAY_S = 86_400.0

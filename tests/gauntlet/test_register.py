@@ -15,7 +15,7 @@ SEED = "tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of
 SEEDS = Sabotage(
     name="seeds",
     lie="Every seed is 7.",
-    edits=(Edit("phyagentos.protocol.seeds", "    return int.from_bytes(", "    return 7 or int.from_bytes("),),
+    edits=(Edit("phyagentos.protocol.world.seeds", "    return int.from_bytes(", "    return 7 or int.from_bytes("),),
     tests=(SEED,),
 )
 
@@ -57,7 +57,7 @@ def test_the_table_for_people_is_that_of_the_register():
 
 
 def test_a_planted_lie_is_told_in_every_process_and_leaves_nothing_behind(tmp_path):
-    tell = "from phyagentos.protocol.seeds import compute_seed; print(compute_seed(1))"
+    tell = "from phyagentos.protocol.world.seeds import compute_seed; print(compute_seed(1))"
     ask_a_child = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {tell!r}], check=True)"
 
     def ask(sabotage):
@@ -73,7 +73,8 @@ def test_a_planted_lie_is_told_in_every_process_and_leaves_nothing_behind(tmp_pa
 def test_a_lie_that_cannot_be_planted_turns_nothing_red():
     for was, becomes in (("no such line", ""), ("    return int.from_bytes(", "    return int.from_bites(")):
         run = run_tests(
-            (SEED,), Sabotage(name="s", lie="", edits=(Edit("phyagentos.protocol.seeds", was, becomes),), tests=(SEED,))
+            (SEED,),
+            Sabotage(name="s", lie="", edits=(Edit("phyagentos.protocol.world.seeds", was, becomes),), tests=(SEED,)),
         )
         assert not run.is_red(SEED)
         assert not run.is_green(SEED)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.agent.mission import Mission
+from phyagentos.agent.mission.mission import Mission
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 HERE = Path(__file__).parent
 

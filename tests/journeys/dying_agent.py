@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from phyagentos.assembly.agent_plane import run_agent
-from phyagentos.protocol.store.segments import SystemIO
+from phyagentos.store.segments import SystemIO
 
 
 def die_at(n: int, moment: str) -> None:

@@ -13,15 +13,15 @@ import msgspec
 import pytest
 
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.sessions import SessionStatus
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import choose_lane
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.store.records import Record
-from phyagentos.protocol.store.watch import Watch
-from phyagentos.protocol.tasks import GoalStatus
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import choose_lane
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import Record
+from phyagentos.store.watch import Watch
 
 HERE = Path(__file__).parent
 BENCH = HERE.parents[1] / "benchmarks" / "library"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.heartbeats import find_heartbeat
+from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))

@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.assembly.repetition import rerun_session
+from phyagentos.assembly.rerun import rerun_session
 from phyagentos.clock import ManualClock, SystemClock
-from phyagentos.protocol import evidence
-from phyagentos.protocol.evidence_manifest import MANIFEST, check_bundle, read_manifest
-from phyagentos.protocol.retention import apply_retention
-from phyagentos.protocol.runtime_contract import EvidenceRetention
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.repetition import find_differences
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence_manifest import MANIFEST, check_bundle, read_manifest
+from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.worker.rerun import find_differences
+from phyagentos.store.retention import apply_retention
 
 pytestmark = pytest.mark.journey
 

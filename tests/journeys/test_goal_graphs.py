@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.capabilities.library import find_shipped_root
 
 pytestmark = pytest.mark.journey
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.protocol.lookahead import read_lookahead
-from phyagentos.protocol.store.history import Histories
+from phyagentos.protocol.sessions.lookahead import read_lookahead
+from phyagentos.store.history import Histories
 
 GRAPH = Path(__file__).resolve().parents[2] / "benchmarks" / "lookahead_parts" / "balance.yaml"
 

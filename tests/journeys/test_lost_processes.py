@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from phyagentos.protocol.heartbeats import find_heartbeat
+from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 
 pytestmark = pytest.mark.journey
 

@@ -6,9 +6,9 @@ import threading
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.estop import Latch, latch, reset
-from phyagentos.protocol.heartbeats import find_heartbeat
-from phyagentos.protocol.store.mailbox import Signal, drop_signal
+from phyagentos.protocol.sessions.estop import Latch, latch, reset
+from phyagentos.protocol.sessions.heartbeats import find_heartbeat
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 
 pytestmark = pytest.mark.journey
 

@@ -9,14 +9,14 @@ import msgspec
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import GoalId, Scene, Session, SessionId
-from phyagentos.protocol.store.admission import Entry
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.store.mailbox import Signal, drop_signal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import GoalId, Scene, Session, SessionId
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.admission import Entry
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
 
 pytestmark = pytest.mark.journey
 

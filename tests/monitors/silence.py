@@ -27,11 +27,11 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.protocol.estop import Latch
-from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.protocol.store.records import Record
-from phyagentos.runtime.watchdog import POLL_S, STOP_GRACE_S
+from phyagentos.protocol.sessions.estop import Latch
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.runtime.supervision.watchdog import POLL_S, STOP_GRACE_S
+from phyagentos.store.follower import Follower
+from phyagentos.store.records import Record
 
 TOLERANCE_S = 0.02  # one control period
 STOP_S = STOP_GRACE_S + POLL_S  # from the request to cancel until whoever does not stop is ended

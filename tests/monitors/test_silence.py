@@ -6,11 +6,11 @@ import json
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.estop import Latch, latch, reset
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.estop import Latch, latch, reset
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Entry, Journal
 from tests.contracts import make_contract
 
 from .hook import iter_new_workspaces

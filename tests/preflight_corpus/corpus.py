@@ -26,23 +26,23 @@ from typing import Any
 import msgspec
 import yaml
 
-from phyagentos.agent.catalogue import Catalogue
-from phyagentos.agent.compiler import SessionCompiler
-from phyagentos.agent.goal_graph import read_goal_graph
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.compiler import SessionCompiler
+from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.document import split_front_matter
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.policies import PolicyDescriptor
-from phyagentos.protocol.registries import read_skill_registry, read_target_registry
-from phyagentos.protocol.sessions import GoalId, Session
-from phyagentos.protocol.skill_runtimes import SkillRuntime
-from phyagentos.protocol.targets import TargetProfile
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest, Trial
-from phyagentos.runtime.execution.registry import build_registry
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.document import split_front_matter
+from phyagentos.protocol.sessions.session import GoalId, Session
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.motion.process import NoPlanner, Planner
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.preflight.settings import read_settings

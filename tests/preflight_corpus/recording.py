@@ -2,7 +2,7 @@
 
     python tests/preflight_corpus/recording.py
 
-A test compares the files with the simulator. Upstream: `MujocoWorld`. Downstream: `corpus`.
+A test compares the files with the simulator. Upstream: `MujocoDriver`. Downstream: `corpus`.
 """
 
 import tempfile
@@ -10,9 +10,9 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.sessions import Scene
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.targets import wire
 
 FOLDER = Path(__file__).parent / "recorded"
@@ -44,16 +44,16 @@ def get_file(scene: str) -> Path:
 
 def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recorded:
     """Ask a simulated world, as the world process would hold it."""
+    from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule
+    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+    from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.perception.truth import TruthPerception
-    from phyagentos.runtime.targets.faults import FaultInjector, Schedule
     from phyagentos.runtime.targets.receive_log import ReceiveLog
-    from phyagentos.runtime.targets.robot import read_profile
-    from phyagentos.runtime.targets.world import MujocoWorld
 
     profile, folder = read_profile(library.get_target(target))
     with tempfile.TemporaryDirectory() as logs:
         log = ReceiveLog(Path(logs) / "receive.jsonl")
-        world = MujocoWorld(profile, folder, library, log, lambda episode, seed: FaultInjector(Schedule()))
+        world = MujocoDriver(profile, folder, library, log, lambda episode, seed: FaultInjector(Schedule()))
         world.handle(wire.LoadScene(scene=scene, seed=seed, episode=EPISODE))
         description, observation = world.handle(wire.Describe()), world.handle(wire.Observe())
         world.close()

@@ -9,12 +9,12 @@ import pytest
 import yaml
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.evidence import write_json
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadResult
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.evidence import write_json
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Entry, Journal
 
 from .corpus import compile_sessions
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from phyagentos.codes import CODES
-from phyagentos.protocol.library import Library
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 

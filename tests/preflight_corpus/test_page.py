@@ -3,7 +3,7 @@
 import re
 
 from phyagentos.codes import CODES, Phase
-from phyagentos.protocol.library import find_shipped_root
+from phyagentos.protocol.capabilities.library import find_shipped_root
 
 from .corpus import read_cases
 

@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from phyagentos.agent.mission import Mission
+from phyagentos.agent.mission.mission import Mission
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Journal
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 from .corpus import HERE, Edit, make_project, read_case
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays, floating_dtypes, integer_dtypes
 
-from phyagentos.protocol.arrays import encode_arrays
+from phyagentos.protocol.workspace.array_files import encode_arrays
 
 ANY = arrays(
     st.one_of(floating_dtypes(endianness="<", sizes=(32, 64)), integer_dtypes(endianness="<")),

@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.store.bodies import parse_body, prepare_body, render_body, render_yaml
+from phyagentos.protocol.documents.body_codec import parse_body, prepare_body, render_body, render_yaml
 
 TEXTS = (
     st.text(st.characters(exclude_categories=["Cs"]), max_size=40)

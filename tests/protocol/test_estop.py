@@ -9,7 +9,16 @@ import pytest
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.estop import LATCH, RESERVE, Latch, is_latched, latch, provide_reserve, read_latch, reset
+from phyagentos.protocol.sessions.estop import (
+    LATCH,
+    RESERVE,
+    Latch,
+    is_latched,
+    latch,
+    provide_reserve,
+    read_latch,
+    reset,
+)
 
 
 def test_the_first_latch_stays(tmp_path):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.lifecycle import (
+from phyagentos.protocol.sessions.lifecycle import (
     FINAL_STATES,
     REVIEW,
     SESSION_TRANSITIONS,

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from phyagentos.protocol.outlook import Outlook
+from phyagentos.protocol.sessions.outlook import Outlook
 from tests.contracts import make_contract
 
 

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 import yaml
 
-from phyagentos.protocol.plain_text import clean
+from phyagentos.protocol.documents.plain_text import clean
 
 
 @pytest.mark.parametrize("text", ["", "a hand in the cell", "Gefäß\tüber\n7 °C", "🔥", "\x85\xa0\u2028\ufeff"])

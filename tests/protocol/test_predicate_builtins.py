@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from phyagentos.protocol.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.world.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
+from phyagentos.protocol.world.truth import Truth
 
 from .predicate_worlds import EIGHTH_TURN_ABOUT_Z, QUARTER_TURN_ABOUT_X, cube, tray, truth, value, world
 

@@ -5,7 +5,7 @@ from datetime import date
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.schema import Authored, parse_yaml, salvage, validate
+from phyagentos.protocol.documents.schema import Authored, parse_yaml, salvage, validate
 
 
 class Inner(Authored):

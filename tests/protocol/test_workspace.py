@@ -5,9 +5,9 @@ import shutil
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.registries import read_skill_registry, read_target_registry
-from phyagentos.protocol.workspace import MARKER, Workspace
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 SKILL = """---
 skill: wave

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind, TargetState
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.safety import read_safety
-from phyagentos.protocol.schema import read_yaml, validate
-from phyagentos.protocol.sessions import GoalId, Limits, Scene, Session, SessionId
-from phyagentos.protocol.targets import TargetProfile
-from phyagentos.runtime.execution.registry import LeafRegistry, build_registry
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import read_yaml, validate
+from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.settings.safety import read_safety
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind, TargetState
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry, build_registry
 from phyagentos.runtime.motion.requests import (
     Approach,
     Approaches,
@@ -26,8 +26,8 @@ from phyagentos.runtime.motion.requests import (
     Trajectory,
 )
 from phyagentos.runtime.perception.truth import TruthPerception
-from phyagentos.runtime.runner import SessionRunner
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.worker.runner import SessionRunner
 
 STEP_S = 0.002
 N_STEPS = 10

@@ -7,14 +7,14 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
-from phyagentos.protocol.estop import Latch, latch
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.segments import SystemIO
-from phyagentos.runtime.ahead import FRESH_S, Ahead
-from phyagentos.runtime.dispatch import Check, Checked, Prepare, Run, send
-from phyagentos.runtime.watchdog import Watchdog
+from phyagentos.protocol.sessions.estop import Latch, latch
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.runtime.supervision.ahead import FRESH_S, Ahead
+from phyagentos.runtime.supervision.watchdog import Watchdog
+from phyagentos.runtime.worker.orders import Check, Checked, Prepare, Run, send
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.segments import SystemIO
 
 from .test_watchdog import PLAN, TOOLS, ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
 

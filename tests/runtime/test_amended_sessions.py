@@ -1,9 +1,9 @@
 """A session that a person amends while it waits is run as amended."""
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.runtime.dispatch import Run
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.runtime.worker.orders import Run
+from phyagentos.store.journal import Entry, Journal
 
 from .test_watchdog import ScriptedWorker, make_session, stand
 

@@ -2,9 +2,9 @@
 
 import os
 
-from phyagentos.protocol.evidence import EXECUTION
-from phyagentos.runtime.blanks import PATIENCE, Blanks
-from phyagentos.runtime.recorder import WRITTEN, Recorder
+from phyagentos.protocol.sessions.evidence import EXECUTION
+from phyagentos.runtime.worker.blanks import PATIENCE, Blanks
+from phyagentos.runtime.worker.recorder import WRITTEN, Recorder
 
 
 def never() -> bool:
@@ -74,7 +74,7 @@ def test_what_nobody_took_is_removed_at_the_end(tmp_path):
 
 
 def test_a_place_that_has_become_slow_is_left_for_another(tmp_path, monkeypatch):
-    monkeypatch.setattr("phyagentos.runtime.blanks.SLOW_S", -1.0)
+    monkeypatch.setattr("phyagentos.runtime.worker.blanks.SLOW_S", -1.0)
     blanks = Blanks(tmp_path / "blanks", ("a.json",), ahead=PATIENCE + 1)
     blanks.fill(never)
 
@@ -107,7 +107,7 @@ def test_a_file_that_was_made_ahead_is_not_truncated_and_one_that_holds_somethin
     blanks = Blanks(tmp_path / "blanks", WRITTEN, ahead=1)
     blanks.fill(never)
     recorder = Recorder(tmp_path / "bundle", blanks=blanks)
-    monkeypatch.setattr("phyagentos.runtime.recorder.os.open", note)
+    monkeypatch.setattr("phyagentos.runtime.worker.recorder.os.open", note)
     recorder._write(EXECUTION, b"first, and long")
     recorder._write(EXECUTION, b"second")
 

@@ -3,8 +3,8 @@
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.evidence import read_bundle
-from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.sessions.evidence import read_bundle
+from phyagentos.protocol.sessions.session import Ended
 
 
 def test_a_branch_that_moves_stands_still_while_the_one_beside_it_thinks(build_bench, session, plant, doubles):

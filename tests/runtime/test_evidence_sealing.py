@@ -1,8 +1,8 @@
 """The recorder writes into no file that other bundles share."""
 
-from phyagentos.protocol import evidence
-from phyagentos.protocol.evidence_manifest import MANIFEST, Sealer, check_bundle
-from phyagentos.runtime.recorder import Recorder
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence_manifest import MANIFEST, Sealer, check_bundle
+from phyagentos.runtime.worker.recorder import Recorder
 
 
 def test_a_reconciled_session_writes_into_its_own_files_only(tmp_path):

@@ -4,10 +4,10 @@ import msgspec
 import pytest
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.lookahead import LookaheadRequest
-from phyagentos.protocol.outlook import Outlook
-from phyagentos.protocol.sessions import Scene
-from phyagentos.runtime.dispatch import Check, Checked, send
+from phyagentos.protocol.sessions.lookahead import LookaheadRequest
+from phyagentos.protocol.sessions.outlook import Outlook
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.runtime.worker.orders import Check, Checked, send
 
 from .test_ahead import tell
 from .test_watchdog import PLAN, TOOLS, ScriptedWorker, make_session, stand  # noqa: F401 - a fixture

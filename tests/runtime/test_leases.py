@@ -6,13 +6,15 @@ from multiprocessing import Pipe
 import pytest
 
 from phyagentos.clock import ManualClock, SystemClock
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended, Limits
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
-from phyagentos.runtime.dispatch import (
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Limits
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.preflight.examination import Finding
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
+from phyagentos.runtime.worker.orders import (
     Check,
     Checked,
     Finished,
@@ -24,10 +26,8 @@ from phyagentos.runtime.dispatch import (
     receive_answer,
     send,
 )
-from phyagentos.runtime.heartbeat import HeartbeatWriter
-from phyagentos.runtime.preflight.examination import Finding
-from phyagentos.runtime.targets import wire
-from phyagentos.runtime.worker import WorkerLoop
+from phyagentos.runtime.worker.worker import WorkerLoop
+from phyagentos.store.journal import Entry, Journal
 
 from .test_watchdog import ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 

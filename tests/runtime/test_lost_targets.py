@@ -5,12 +5,12 @@ from multiprocessing import Pipe
 import pytest
 
 from phyagentos.errors import ExecutionError, Problem
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.safety import read_safety
-from phyagentos.protocol.sessions import Ended, Execution
-from phyagentos.protocol.store.follower import Follower
-from phyagentos.runtime.dispatch import Check, Checked, Finished, Reconcile, Run
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.settings.safety import read_safety
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, Reconcile, Run
+from phyagentos.store.follower import Follower
 
 from .test_watchdog import PLAN, TOOLS, ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 

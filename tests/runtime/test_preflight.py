@@ -5,16 +5,16 @@ import math
 import msgspec
 import pytest
 
-from phyagentos.protocol.action_spaces import ActionSpace, GripperRange
-from phyagentos.protocol.environment import Entity, Environment, Pose, Region
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.perception import read_perception
-from phyagentos.protocol.registries import read_target
-from phyagentos.protocol.runtime_contract import read_runtime_contract
-from phyagentos.protocol.safety import read_safety
-from phyagentos.protocol.sensors import read_sensors
-from phyagentos.protocol.sessions import Scene, Session
-from phyagentos.protocol.skill_runtimes import Needs, Parameter, SkillRuntime
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.capabilities.skill_runtimes import Needs, Parameter, SkillRuntime
+from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.protocol.settings.perception import read_perception
+from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
+from phyagentos.protocol.settings.safety import read_safety
+from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.protocol.world.environment import Entity, Environment, Pose, Region
 from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.findings import describe_problem
 from phyagentos.runtime.preflight.settings import Settings

@@ -8,12 +8,11 @@ import pytest
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import Problem
-from phyagentos.protocol.channel import Link
-from phyagentos.protocol.environment import Entity, Environment, Pose, Shape, ShapeKind, TargetState
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.sessions import Scene, Session
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.protocol.world.environment import Entity, Environment, Pose, Shape, ShapeKind, TargetState
 from phyagentos.runtime.actions.tool_point import ToolPoint
-from phyagentos.runtime.dispatch import Check, Checked, Ready, Reconcile, receive_answer, send
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -28,8 +27,9 @@ from phyagentos.runtime.motion.requests import (
 )
 from phyagentos.runtime.preflight.dry_run import ANSWER_S, DryRun, Grasp, Home, Place, find_motions
 from phyagentos.runtime.preflight.reach import Reach, compute_reach
-from phyagentos.runtime.refusal import serve_refusals
 from phyagentos.runtime.targets.wire import Kinematics
+from phyagentos.runtime.worker.orders import Check, Checked, Ready, Reconcile, receive_answer, send
+from phyagentos.runtime.worker.refusal import serve_refusals
 
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 WAY = Approach(label="yaw+000", tcp_end=Pose((0.5, 0.0, 0.02)), line_rad=np.tile(HOME, (3, 1)))

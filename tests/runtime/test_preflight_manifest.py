@@ -2,10 +2,10 @@
 
 import pytest
 
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.operations import SESSION_OPERATIONS
-from phyagentos.protocol.safety import read_safety
-from phyagentos.runtime.handle import OPERATIONS, CommandRefused, TargetSessionHandle
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.settings.operations import SESSION_OPERATIONS
+from phyagentos.protocol.settings.safety import read_safety
+from phyagentos.runtime.actions.handle import OPERATIONS, CommandRefused, TargetSessionHandle
 from phyagentos.runtime.targets import wire
 
 LIMITS = read_safety(find_shipped_root() / "protocol/safety.yaml").targets["panda"]

@@ -2,10 +2,10 @@
 
 import pytest
 
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.registries import read_target
-from phyagentos.protocol.scenes import Body, Joint, SceneSpec, Solid
-from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.world.scenes import Body, Joint, SceneSpec, Solid
 from phyagentos.runtime.preflight.payload import iter_payload_problems
 
 PROFILE = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.sessions import Limits, SessionStatus
-from phyagentos.runtime.queues import SLACK, Queues
+from phyagentos.protocol.sessions.session import Limits, SessionStatus
+from phyagentos.runtime.supervision.queues import SLACK, Queues
 
 from .test_watchdog import make_session
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from phyagentos.protocol import evidence
-from phyagentos.protocol.evidence import read_bundle
-from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence import read_bundle
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.targets import wire
 
 from .conftest import PerfectTarget

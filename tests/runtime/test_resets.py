@@ -3,11 +3,11 @@
 import msgspec
 import pytest
 
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import ResetPolicy, Scene
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.runtime.dispatch import Check
-from phyagentos.runtime.resets import compute_may_reset
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import ResetPolicy, Scene
+from phyagentos.runtime.supervision.resets import compute_may_reset
+from phyagentos.runtime.worker.orders import Check
+from phyagentos.store.journal import Entry, Journal
 
 from .test_watchdog import ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 

@@ -6,11 +6,11 @@ import pytest
 import yaml
 from py_trees.blackboard import Blackboard
 
-from phyagentos.protocol import evidence
-from phyagentos.protocol.environment import Environment, Interior
-from phyagentos.protocol.evidence import TraceEvent, read_bundle
-from phyagentos.protocol.sessions import Ended, Limits
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence import TraceEvent, read_bundle
+from phyagentos.protocol.sessions.session import Ended, Limits
+from phyagentos.protocol.world.environment import Environment, Interior
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.leaf import Leaf, Status
 from phyagentos.runtime.targets import wire
 

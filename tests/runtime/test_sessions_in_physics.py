@@ -5,18 +5,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.agent.judges.holds import HoldJudge
+from phyagentos.agent.judging.judges.holds import HoldJudge
 from phyagentos.clock import SystemClock
-from phyagentos.protocol import evidence
-from phyagentos.protocol.evidence import read_bundle
-from phyagentos.protocol.faults import FaultFile
-from phyagentos.protocol.sessions import Ended, GoalId, Scene, SessionId
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence import read_bundle
+from phyagentos.protocol.sessions.session import Ended, GoalId, Scene, SessionId
+from phyagentos.protocol.world.faults import FaultFile
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.world import MujocoWorld
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
@@ -33,7 +33,7 @@ def build_world(build_bench, library, profile, planner):
     def build(*faults):
         folder = library.get_target("panda").parent
         file = FaultFile(version=1, faults=faults)
-        world = MujocoWorld(
+        world = MujocoDriver(
             profile,
             folder,
             library,

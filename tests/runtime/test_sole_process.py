@@ -11,17 +11,17 @@ import pytest
 from phyagentos.assembly.runtime_plane import declare_world
 from phyagentos.clock import ManualClock, SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.runtime_contract import WorldMode
-from phyagentos.protocol.sole_process import become_sole, find_sole, is_held
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.world_process import get_lock
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.settings.runtime_contract import WorldMode
+from phyagentos.protocol.workspace.process_lock import become_sole, find_sole, is_held
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.supervision.world_process import get_lock
 
 HOLD = """
 import sys
 from pathlib import Path
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sole_process import become_sole
+from phyagentos.protocol.workspace.process_lock import become_sole
 become_sole(Path(sys.argv[1]), SystemClock(), "BUSY", "there is one")
 print("held", flush=True)
 sys.stdin.read()

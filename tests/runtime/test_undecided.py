@@ -5,12 +5,12 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from phyagentos.protocol.environment import Entity, Environment, Pose
-from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.runtime.execution.undecided import find_undecided
-from phyagentos.runtime.posts import VERDICT_S, Phase, Post
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
+from phyagentos.protocol.world.environment import Entity, Environment, Pose
+from phyagentos.runtime.execution.open_criteria import find_undecided
+from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Phase, TargetSupervisor
+from phyagentos.store.ledger import Ledger
 from tests.contracts import make_contract
 
 SESSION = make_contract(accept=("inside(red_cube, tray)", "visible(tray)"))
@@ -44,8 +44,8 @@ def test_so_is_what_it_covers_by_a_star(text):
     assert find_undecided(session, make_world(observed_at_s=8.0)) == ("red_cube",)
 
 
-def make_post(*undecided: str, ended: Ended = Ended.COMPLETED) -> Post:
-    post = Post(target="panda", worker=cast(Any, None), monitor=cast(Any, None), phase=Phase.IDLE)
+def make_post(*undecided: str, ended: Ended = Ended.COMPLETED) -> TargetSupervisor:
+    post = TargetSupervisor(target="panda", worker=cast(Any, None), monitor=cast(Any, None), phase=Phase.IDLE)
     post.note_end(SESSION, Execution(ended=ended, evidence="", undecided=undecided), 100.0)
     return post
 

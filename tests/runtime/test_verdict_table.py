@@ -12,7 +12,7 @@ from benchmarks.verdict_parts.recordings import Studio, list_jobs
 from benchmarks.verdict_parts.sensing import make_sensing
 from benchmarks.verdict_parts.table import build_figures, rate_false_failure, rate_false_success
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.protocol.verdicts import Verdict
+from phyagentos.protocol.sessions.verdicts import Verdict
 
 pytestmark = pytest.mark.motion
 

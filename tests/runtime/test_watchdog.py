@@ -7,16 +7,16 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended, Execution, Limits, Session
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.ledger import Ledger
-from phyagentos.protocol.store.mailbox import Signal, drop_signal
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
-from phyagentos.runtime.dispatch import Check, Checked, Finished, Prepare, Ready, Reconcile, Renew, Run, Stop, send
-from phyagentos.runtime.watchdog import Watchdog
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Execution, Limits, Session
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.supervision.watchdog import Watchdog
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, Prepare, Ready, Reconcile, Renew, Run, Stop, send
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.ledger import Ledger
 from tests.contracts import make_contract
 
 PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="t", observation_path=(), action_path=())
@@ -59,7 +59,7 @@ class ScriptedWorker:
         return Finished(session=order.session, execution=Execution(ended=Ended(order.reason), evidence=""))
 
     def receive(self):
-        from phyagentos.runtime.dispatch import receive_answer
+        from phyagentos.runtime.worker.orders import receive_answer
 
         try:
             return receive_answer(self.connection)

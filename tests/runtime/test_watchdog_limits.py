@@ -6,14 +6,15 @@ import itertools
 import msgspec
 import pytest
 
-from phyagentos.protocol.estop import is_latched
-from phyagentos.protocol.heartbeats import Heartbeat, write_heartbeat
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.store.journal import Entry, Journal
-from phyagentos.protocol.store.mailbox import Signal, drop_signal
-from phyagentos.runtime import liveness, requests, watchdog
-from phyagentos.runtime.dispatch import Reconcile, Renew, Run, Stop, send
+from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
+from phyagentos.runtime.supervision import liveness, watchdog
+from phyagentos.runtime.supervision import operator_signals as requests
+from phyagentos.runtime.worker.orders import Reconcile, Renew, Run, Stop, send
+from phyagentos.store.journal import Entry, Journal
 
 from .test_watchdog import ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
 

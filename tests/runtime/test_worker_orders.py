@@ -9,17 +9,27 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.channel import Link
-from phyagentos.protocol.environment import Entity, Environment, Pose
-from phyagentos.protocol.evidence import BEFORE
-from phyagentos.protocol.evidence_manifest import check_bundle
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.sessions import Ended, Execution, Scene
-from phyagentos.protocol.workspace import Workspace
-from phyagentos.runtime.dispatch import Check, Checked, Finished, Prepare, Ready, Reconcile, Run, receive_answer, send
-from phyagentos.runtime.heartbeat import HeartbeatWriter
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.evidence import BEFORE
+from phyagentos.protocol.sessions.evidence_manifest import check_bundle
+from phyagentos.protocol.sessions.session import Ended, Execution, Scene
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Entity, Environment, Pose
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.preflight.examination import Finding
-from phyagentos.runtime.worker import WorkerLoop
+from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
+from phyagentos.runtime.worker.orders import (
+    Check,
+    Checked,
+    Finished,
+    Prepare,
+    Ready,
+    Reconcile,
+    Run,
+    receive_answer,
+    send,
+)
+from phyagentos.runtime.worker.worker import WorkerLoop
 
 from .test_watchdog import PLAN, TOOLS, make_session
 

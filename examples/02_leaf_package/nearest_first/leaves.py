@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
-from phyagentos.runtime.execution.registry import LeafRegistry
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 
 
 class ChooseNearest(Leaf):

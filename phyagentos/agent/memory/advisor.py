@@ -7,12 +7,12 @@ evidence.
 
 from typing import Any
 
-from phyagentos.agent.advice import NOTHING, Advice
+from phyagentos.agent.memory.advice import NOTHING, Advice
 from phyagentos.agent.memory.features import Features, Surroundings
 from phyagentos.agent.memory.memory import Case, Found, Memory
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.memory_entries import Scope
-from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.sessions.memory_entries import Scope
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Environment
 
 REMEMBERED = 4096  # answers that are kept until memory changes
 

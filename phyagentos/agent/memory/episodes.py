@@ -8,12 +8,12 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.agent.causes import Cause
+from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.memory.features import Features, Surroundings
-from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.memory_entries import Embodiment
-from phyagentos.protocol.sessions import Session, SessionStatus
-from phyagentos.protocol.verdicts import Verdict
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.memory_entries import Embodiment
+from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Verdict
 
 JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
 INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.CANCELLED})

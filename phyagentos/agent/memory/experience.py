@@ -12,14 +12,14 @@ import msgspec
 
 from phyagentos.agent.memory import methodological, semantic
 from phyagentos.agent.memory.episodes import Episode
+from phyagentos.agent.memory.experience_log import Edit, Event
 from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.intervals import Count
-from phyagentos.agent.memory.lane import Edit, Event
 from phyagentos.agent.memory.methodological import Correction, Failure
 from phyagentos.agent.memory.scopes import compute_scope, widen
 from phyagentos.agent.memory.semantic import Pattern
-from phyagentos.protocol.knowledge import Fact
-from phyagentos.protocol.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.knowledge import Fact
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 CORRECTIONS_KEPT = 2_000
 PATTERNS_KEPT = 4_000

@@ -12,10 +12,10 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.memory_entries import Embodiment
-from phyagentos.protocol.scenes import Body, SceneSpec, read_scene
-from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.memory_entries import Embodiment
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large
 DESTINATIONS = ("destination", "onto", "support", "to")  # names of parameters that say where something goes

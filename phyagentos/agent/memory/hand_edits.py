@@ -7,10 +7,10 @@ advice, verdicts) is not a matter of opinion, and a lesson that no verdict suppo
 
 from collections.abc import Mapping, Sequence
 
-from phyagentos.agent.memory.lane import Edit
-from phyagentos.protocol.knowledge import Fact
-from phyagentos.protocol.lessons import Lesson
-from phyagentos.protocol.memory_entries import MemoryEntry, Standing
+from phyagentos.agent.memory.experience_log import Edit
+from phyagentos.protocol.sessions.knowledge import Fact
+from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
 
 UNSAID = "retracted by hand, without a reason"
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.protocol.memory_entries import Scope
+from phyagentos.protocol.sessions.memory_entries import Scope
 
 _NO_WORD = re.compile(r"[^a-z0-9]+")
 _ENCODER = msgspec.json.Encoder(order="deterministic")

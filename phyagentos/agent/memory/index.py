@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.agent.memory.experience import Experience
-from phyagentos.agent.memory.lane import Place
+from phyagentos.agent.memory.experience_log import LogPosition
 from phyagentos.agent.memory.methodological import Correction
 
 VERSION = 2  # of what stands in it: another one is thrown away
@@ -38,7 +38,7 @@ class LessonIndex:
         self._path = path
         self._connection: sqlite3.Connection | None = None
 
-    def load(self) -> tuple[Experience, Place] | None:
+    def load(self) -> tuple[Experience, LogPosition] | None:
         """What was saved last, None when there is nothing that can be trusted."""
         try:
             row = self._connect().execute("SELECT version, place, experience, crc FROM state").fetchone()
@@ -46,12 +46,12 @@ class LessonIndex:
                 return None
             if row[0] != VERSION or _compute_crc(row[1], row[2]) != row[3]:
                 raise sqlite3.DatabaseError("it is not what was written, or of another version")
-            return msgspec.json.decode(row[2], type=Experience), msgspec.json.decode(row[1], type=Place)
+            return msgspec.json.decode(row[2], type=Experience), msgspec.json.decode(row[1], type=LogPosition)
         except _ROTTEN:
             self.discard()
             return None
 
-    def save(self, experience: Experience, place: Place, changed: Iterable[str] | None) -> None:
+    def save(self, experience: Experience, place: LogPosition, changed: Iterable[str] | None) -> None:
         """Keep what was computed; a cache that cannot be written is done without.
 
         Args:

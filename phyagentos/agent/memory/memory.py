@@ -10,15 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.agent.memory.experience import Experience
+from phyagentos.agent.memory.experience_log import Event, ExperienceLog, LogPosition
 from phyagentos.agent.memory.index import LessonIndex
-from phyagentos.agent.memory.lane import Event, MemoryLane, Place
 from phyagentos.agent.memory.methodological import Correction, judge
 from phyagentos.agent.memory.promotion import Rank
 from phyagentos.agent.memory.scopes import find_mismatch, measure_width
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.clock import Clock
-from phyagentos.protocol.lifecycle import Side
-from phyagentos.protocol.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 CANDIDATES = 64  # lessons that are compared with a case
 FOUND_MAX = 5  # lessons that are told
@@ -65,10 +65,10 @@ class Memory:
     """
 
     def __init__(self, folder: Path, *, clock: Clock, by: str, side: Side = Side.AGENT, durable: bool = True) -> None:
-        self._lane = MemoryLane(folder, by=by, side=side, clock=clock, durable=durable)
+        self._lane = ExperienceLog(folder, by=by, side=side, clock=clock, durable=durable)
         self._index = LessonIndex(folder.parent / ".cache" / f"memory-{self._lane.folder.name}.sqlite")
         self.experience = Experience()
-        self._place: Place | None = None
+        self._place: LogPosition | None = None
         if (saved := self._index.load()) is not None:
             self.experience, self._place = saved
             try:

@@ -14,8 +14,8 @@ from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.scopes import compute_scope, measure_width, name_left_out, widen
-from phyagentos.protocol.lessons import Lesson
-from phyagentos.protocol.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 CHAINS_KEPT = 5  # of failure and verified correction, the latest
 CASES_KEPT = 16  # different cases that a widened lesson was verified in

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from phyagentos.agent.memory.promotion import Rank
 from phyagentos.agent.memory.semantic import Pattern
-from phyagentos.protocol.markdown import publish
-from phyagentos.protocol.memory_entries import Standing
-from phyagentos.protocol.registries import read_skill_registry, render_skills
-from phyagentos.protocol.skill_runtimes import PromotedWay
+from phyagentos.protocol.capabilities.registries import read_skill_registry, render_skills
+from phyagentos.protocol.capabilities.skill_runtimes import PromotedWay
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.memory_entries import Standing
 
 
 def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.protocol.memory_entries import Embodiment, Scope
+from phyagentos.protocol.sessions.memory_entries import Embodiment, Scope
 
 OF_PLACES = frozenset({"avoid_sites"})  # corrections about the destination; they do not depend on the hand
 FORCE_TOLERANCE = 0.1  # grippers whose forces differ by less hold alike

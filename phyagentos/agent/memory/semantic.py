@@ -12,8 +12,8 @@ from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.promotion import Rank, Trial
 from phyagentos.agent.memory.scopes import compute_scope
-from phyagentos.protocol.knowledge import Fact
-from phyagentos.protocol.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.knowledge import Fact
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 EVIDENCE_KEPT = 5  # the latest bundles that are named
 

@@ -5,9 +5,9 @@ Upstream: experience. Downstream: the keeper, which publishes them; `paos memory
 
 from phyagentos.agent.memory import methodological, semantic
 from phyagentos.agent.memory.experience import Experience
-from phyagentos.protocol.knowledge import Fact
-from phyagentos.protocol.lessons import Lesson
-from phyagentos.protocol.memory_entries import Standing
+from phyagentos.protocol.sessions.knowledge import Fact
+from phyagentos.protocol.sessions.lessons import Lesson
+from phyagentos.protocol.sessions.memory_entries import Standing
 
 ENTRIES_MAX = 500  # of either document: more nobody reads
 _ORDER = {Standing.ACTIVE: 0, Standing.RETRACTED: 1, Standing.HYPOTHESIS: 2, Standing.EXPIRED: 3}

@@ -8,14 +8,14 @@ are tried in falling order of chance per cost, which is the order of least expec
 from dataclasses import dataclass
 from enum import StrEnum
 
-from phyagentos.agent.compiler import Revision
+from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.repair.case import Case
 
 SESSION_S = 12.0  # declared simulated time of a session of manipulation, until one of the goal has told better [s]
 CHANCE_MIN = 0.05  # what is less likely to help is not worth a session
 
 
-class Kind(StrEnum):
+class AlternativeKind(StrEnum):
     """What is done next."""
 
     RETRY = "retry"
@@ -50,7 +50,7 @@ class Alternative:
         revision: Of the child; None where there is none.
     """
 
-    kind: Kind
+    kind: AlternativeKind
     effect: str
     chance: float
     sessions: int = 1
@@ -113,7 +113,12 @@ def choose_by_worth(case: Case, alternatives: list[Alternative]) -> Decision:
     if chosen is None:
         why = "; ".join(f"{other.kind}: {reason}" for other, reason in passed) or "no other way is known"
         chosen = Alternative(
-            kind=Kind.GIVE_UP, effect="the node is blocked", chance=0.0, sessions=0, sim_time_s=0.0, because=why
+            kind=AlternativeKind.GIVE_UP,
+            effect="the node is blocked",
+            chance=0.0,
+            sessions=0,
+            sim_time_s=0.0,
+            because=why,
         )
         passed = []
     return Decision(chosen=chosen, passed=tuple(passed))

@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from phyagentos.agent.goal_spec import Budget
-from phyagentos.protocol.sessions import SessionStatus
+from phyagentos.agent.goals.spec import Budget
+from phyagentos.protocol.sessions.session import SessionStatus
 
 BUDGET = "BUDGET"
 

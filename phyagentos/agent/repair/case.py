@@ -7,14 +7,14 @@ Downstream: the alternatives, and the policy that chooses among them.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from phyagentos.agent.catalogue import Catalogue
-from phyagentos.agent.causes import Cause
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.selector import Choice
+from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.budget import Left
-from phyagentos.agent.selector import Choice
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.sessions import Session, SessionStatus
-from phyagentos.protocol.verdicts import Attempt
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.world.environment import Environment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,20 +8,20 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator
 
-from phyagentos.agent.causes import Cause
-from phyagentos.agent.compiler import Revision
-from phyagentos.agent.course import find_failed_leaf
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import Choice, find_lacks
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.free_spot import find_free_spot, find_support
-from phyagentos.agent.selector import Choice, find_lacks
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.predicates.geometry import Vector, to_child
-from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.predicates.syntax import Call, Number, Variable
-from phyagentos.protocol.skill_runtimes import SkillRuntime
-from phyagentos.protocol.verdicts import Attempt
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.geometry import Vector, to_child
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.syntax import Call, Number, Variable
 
 PURPOSE = "clear"
 CLEARED_MAX = 3  # things that are moved for one session
@@ -79,7 +79,7 @@ def _iter_ways(case: Case, world: Environment, name: str, spot: Vector, tried: s
         chance = _CHANCE if tolerance_m >= _EASY_M else _CHANCE_NARROW
         because = f"the planner met {name} in the way"
         yield Alternative(
-            kind=Kind.CLEAR,
+            kind=AlternativeKind.CLEAR,
             effect=f"{skill.skill} moves {name} to ({spot[0]:.2f}, {spot[1]:.2f}), then {case.session.skill} again",
             chance=_CHANCE_TRIED * chance if skill.skill in tried else chance,
             sessions=2,

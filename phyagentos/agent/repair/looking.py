@@ -8,16 +8,16 @@ from collections.abc import Iterator
 
 import msgspec
 
-from phyagentos.agent.causes import Cause
-from phyagentos.agent.compiler import Revision
-from phyagentos.agent.diagnosis import diagnose_after_looking, find_object
-from phyagentos.agent.goal_spec import Promise
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import select
+from phyagentos.agent.goals.spec import Promise
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.diagnosis import diagnose_after_looking, find_object
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case
-from phyagentos.agent.selector import select
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.verdicts import Attempt, Verdict
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 
 PURPOSE = "inspect"
 LOOKS_MAX = 2  # for one session
@@ -38,7 +38,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
     except DefinitionError:
         return  # no skill looks
     yield Alternative(
-        kind=Kind.LOOK,
+        kind=AlternativeKind.LOOK,
         effect=f"{choice.skill} looks for {name}, then the same criteria are judged again",
         chance=_CHANCE * 0.5**looks,
         sim_time_s=case.time_of.get(choice.skill, SESSION_S / 3),

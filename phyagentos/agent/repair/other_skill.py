@@ -7,17 +7,17 @@ unification, or when the place that is reached lies inside the region that was a
 from collections.abc import Iterator
 from typing import Any
 
-from phyagentos.agent.causes import Cause
-from phyagentos.agent.compiler import Revision
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import Choice, find_lacks, unify
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.retrying import keep_requires
-from phyagentos.agent.selector import Choice, find_lacks, unify
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
-from phyagentos.protocol.predicates.syntax import Call, Formula, Name, Number, Variable, iter_calls
-from phyagentos.protocol.skill_runtimes import SkillRuntime
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.world.predicates.syntax import Call, Formula, Name, Number, Variable, iter_calls
+from phyagentos.protocol.world.truth import Truth
 
 _CHANCE = 0.6
 _FITTING = frozenset(
@@ -41,7 +41,7 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
         because = f"{name} promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
         requires = bind_requires(skill, parameters, case.session.target)
         yield Alternative(
-            kind=Kind.OTHER_SKILL,
+            kind=AlternativeKind.OTHER_SKILL,
             effect=f"{name} instead of {case.session.skill}",
             chance=_CHANCE,
             sim_time_s=case.time_of.get(name, SESSION_S),

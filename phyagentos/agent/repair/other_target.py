@@ -5,12 +5,12 @@ Upstream: TARGETS.md. Downstream: `policies`.
 
 from collections.abc import Iterator
 
-from phyagentos.agent.causes import Cause
-from phyagentos.agent.compiler import Revision
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import Choice, find_lacks
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.retrying import find_of_skill, revise_requires
-from phyagentos.agent.selector import Choice, find_lacks
 
 _CHANCE = 0.5
 _BROKEN = frozenset({Cause.TARGET_LOST, Cause.RUNNER_LOST, Cause.STALLED, Cause.SAFETY_STOP})
@@ -29,7 +29,7 @@ def propose_other_target(case: Case) -> Iterator[Alternative]:
         because = f"{name} offers what {skill.skill} needs, and {case.session.target} ended with {case.cause}"
         parameters = case.session.parameters
         yield Alternative(
-            kind=Kind.OTHER_TARGET,
+            kind=AlternativeKind.OTHER_TARGET,
             effect=f"{skill.skill} on {name} instead of {case.session.target}",
             chance=_CHANCE,
             sim_time_s=case.time_of.get(skill.skill, SESSION_S),

@@ -7,19 +7,19 @@ child begins with the world as it is.
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from phyagentos.agent.catalogue import Catalogue
-from phyagentos.agent.causes import Cause
-from phyagentos.agent.compiler import Revision
-from phyagentos.agent.diagnosis import find_object
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Kind
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.goals.selector import Choice, begins_with_holding
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.diagnosis import find_object
+from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
-from phyagentos.agent.repair.undone import find_lost_preconditions
-from phyagentos.agent.selector import Choice, begins_with_holding
-from phyagentos.protocol.evidence import Bundle
-from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
-from phyagentos.protocol.sessions import INTERRUPTED, Session
-from phyagentos.protocol.verdicts import Attempt
+from phyagentos.agent.repair.regressions import find_lost_preconditions
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.session import INTERRUPTED, Session
+from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
 SLOWEST = 0.25
@@ -58,7 +58,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     grew = [key for key in ("avoid_grasps", "avoid_sites") if revision.strategy.get(key) != before.get(key)]
     same = case.count_same()
     yield Alternative(
-        kind=Kind.OTHER_GRASP if grew and case.cause is not Cause.NO_PLAN else Kind.RETRY,
+        kind=AlternativeKind.OTHER_GRASP if grew and case.cause is not Cause.NO_PLAN else AlternativeKind.RETRY,
         effect=f"{case.session.skill} again"
         if not revision.strategy
         else f"{case.session.skill} with {_say(revision)}",

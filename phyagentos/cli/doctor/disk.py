@@ -12,7 +12,7 @@ from pathlib import Path
 
 from phyagentos.cli.doctor.finding import Finding, Grade
 from phyagentos.clock import Clock
-from phyagentos.protocol.store.watch import Watch
+from phyagentos.store.watch import Watch
 
 FREE_MIN_BYTES = 1 << 30
 SYNCS = 100

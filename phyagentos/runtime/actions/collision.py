@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Entity
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScenes, name_pair
 from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import build_robot_model

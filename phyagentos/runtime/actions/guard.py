@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.safety import Reaction, TargetLimits
+from phyagentos.protocol.settings.safety import Reaction, TargetLimits
 from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
 from phyagentos.runtime.actions.interventions import Intervention
 from phyagentos.runtime.actions.tool_point import ToolPoint

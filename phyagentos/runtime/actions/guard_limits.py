@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.safety import Limit, Reaction, TargetLimits
+from phyagentos.protocol.settings.safety import Limit, Reaction, TargetLimits
 from phyagentos.runtime.targets.wire import Description
 
 Array = NDArray[np.float64]

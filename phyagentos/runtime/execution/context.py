@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.evidence import Event
-from phyagentos.protocol.safety import TargetLimits
-from phyagentos.protocol.seeds import compute_seed
-from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.evidence import Event
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.settings.safety import TargetLimits
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.execution.commands import CommandBuffer
-from phyagentos.runtime.execution.thinking import Thinker
+from phyagentos.runtime.execution.planning_requests import Thinker
 from phyagentos.runtime.targets.wire import Description, Step
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from py_trees.decorators import Decorator
 
-from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import Leaf

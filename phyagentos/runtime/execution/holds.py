@@ -6,9 +6,10 @@ every report of the target is looked at, which holds the greatest force since th
 
 from collections.abc import Callable, Iterable, Sequence
 
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.evidence import HOLDS
-from phyagentos.protocol.predicates.predicate import (
+from phyagentos.protocol.sessions.evidence import HOLDS
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import (
     Evaluation,
     Predicate,
     View,
@@ -17,7 +18,7 @@ from phyagentos.protocol.predicates.predicate import (
     parse_predicate,
     worse,
 )
-from phyagentos.protocol.verdicts import Criterion, Truth
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.targets.wire import Step
 
 SAMPLE_PERIODS = 5  # control periods between samples, where nobody says

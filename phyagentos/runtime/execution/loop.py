@@ -10,14 +10,14 @@ from typing import Any, Protocol
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions import Ended
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, SkillStatus, TickResult
-from phyagentos.runtime.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.targets.wire import Step
 
 TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact

@@ -4,10 +4,10 @@ from typing import Any, final
 
 import numpy as np
 
-from phyagentos.protocol.environment import Entity
+from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.follow import Follower, Progress
 from phyagentos.runtime.execution.leaf import Leaf, Status
+from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
 from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
 
@@ -115,7 +115,7 @@ class MovingLeaf(PlanningLeaf):
     `GRASP_LOST` when it leaves the fingers on the way.
     """
 
-    _follower: Follower | None = None
+    _follower: TrajectoryPlayer | None = None
     _held: str | None = None
     _lost_periods = 0
 
@@ -148,7 +148,7 @@ class MovingLeaf(PlanningLeaf):
         """Play a motion from this tick on."""
         context = self.context
         self._motion = motion
-        self._follower = Follower(motion.trajectory, context.commands, context.tracking_error_max_rad)
+        self._follower = TrajectoryPlayer(motion.trajectory, context.commands, context.tracking_error_max_rad)
         self._lost_periods = 0
         return self._continue()
 

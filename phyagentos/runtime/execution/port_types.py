@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, Payload
 
 PORT_TYPES: dict[str, type] = {

@@ -10,13 +10,22 @@ from typing import Any
 from py_trees.ports import PortInformation
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references, iter_nodes, load_tree, read_tree
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.trees import (
+    Node,
+    NodeKind,
+    Reference,
+    Tree,
+    find_references,
+    iter_nodes,
+    load_tree,
+    read_tree,
+)
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import PORT_TYPES, convert_literal
-from phyagentos.runtime.execution.registry import LeafRegistry
 
-_CONTROL_WORDS = tuple(kind.value for kind in Kind if kind is not Kind.LEAF)
+_CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.LEAF)
 
 
 def check_tree(name: str, library: Library, registry: LeafRegistry) -> list[Problem]:
@@ -68,7 +77,7 @@ def _find_trees(name: str, library: Library) -> Mapping[str, Tree]:
             trees[name] = tree = read_tree(library.get_tree(name))
         except DefinitionError:
             return {}
-        waiting += [node.type for node in iter_nodes(tree.root) if node.kind is Kind.SUBTREE]
+        waiting += [node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE]
     return trees
 
 
@@ -86,7 +95,7 @@ def _iter_tree_problems(
     yield from check_loaded_tree(tree, library, registry)
     below: dict[str, Node] = {}
     for node in iter_nodes(tree.root):
-        if node.kind is Kind.SUBTREE:
+        if node.kind is NodeKind.SUBTREE:
             below.setdefault(node.type, node)
     for subtree, node in below.items():
         if subtree in (*above, name):
@@ -107,9 +116,9 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
             if ports is not None and port in ports[1] and isinstance(value, Reference):
                 written.setdefault(value.key, ports[1][port].data_type)
     for node, ports in declared:
-        if node.kind is Kind.CONDITION:
+        if node.kind is NodeKind.CONDITION:
             problems += _iter_condition_problems(tree, node, written)
-        elif node.kind in (Kind.LEAF, Kind.SUBTREE):
+        elif node.kind in (NodeKind.LEAF, NodeKind.SUBTREE):
             if ports is None:
                 problems.append(_problem_unknown(tree, node, library, registry))
             else:
@@ -129,10 +138,10 @@ Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # i
 
 def _find_ports(node: Node, library: Library, registry: LeafRegistry) -> Ports | None:
     """Declared ports of a leaf or a subtree; None when there is no such leaf or readable tree."""
-    if node.kind is Kind.LEAF:
+    if node.kind is NodeKind.LEAF:
         leaf = registry.find(node.type)
         return None if leaf is None else (leaf.INPUT_PORTS, leaf.OUTPUT_PORTS)
-    if node.kind is Kind.SUBTREE:
+    if node.kind is NodeKind.SUBTREE:
         try:
             header = read_tree(library.get_tree(node.type)).header
         except DefinitionError:
@@ -150,7 +159,7 @@ def _find_ports(node: Node, library: Library, registry: LeafRegistry) -> Ports |
 
 
 def _problem_unknown(tree: Tree, node: Node, library: Library, registry: LeafRegistry) -> Problem:
-    if node.kind is Kind.SUBTREE:
+    if node.kind is NodeKind.SUBTREE:
         known = library.names_of_trees()
         code = "UNKNOWN_TREE" if node.type not in known else "BROKEN_TREE"
         return tree.located.problem(
@@ -164,7 +173,7 @@ def _problem_unknown(tree: Tree, node: Node, library: Library, registry: LeafReg
 
 def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[str, type]) -> Iterator[Problem]:
     inputs, outputs = ports
-    base = (*node.address, "with") if node.kind is Kind.SUBTREE else node.address
+    base = (*node.address, "with") if node.kind is NodeKind.SUBTREE else node.address
     for port, value in node.wiring.items():
         place = (*base, port)
         known = [*inputs, *outputs]

@@ -14,13 +14,13 @@ from py_trees.common import ParallelPolicy
 from py_trees.composites import Parallel, Selector, Sequence
 from py_trees.decorators import Inverter, Retry
 
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.trees import Kind, Node, Reference, Tree, find_references
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, find_references
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.decorators import Condition, SimulatedTimeout
 from phyagentos.runtime.execution.leaf import Leaf
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES, convert_literal, export_value
-from phyagentos.runtime.execution.registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import read_sound_trees
 
 
@@ -125,7 +125,7 @@ class _Builder:
 
     def build(self, node: Node, scope: _Scope, path: str) -> Behaviour:
         """Build a node and everything below it."""
-        if node.kind is Kind.SUBTREE:
+        if node.kind is NodeKind.SUBTREE:
             return self._build_subtree(node, scope, path)
         position = len(self.nodes)  # parents before children
         children = [self.build(child, scope, f"{path}/{child.name}") for child in node.children]
@@ -141,24 +141,24 @@ class _Builder:
     def _build_one(self, node: Node, children: list[Behaviour], scope: _Scope, path: str) -> Behaviour:
         context = self._context
         match node.kind:
-            case Kind.SEQUENCE:
+            case NodeKind.SEQUENCE:
                 return Sequence(node.name, memory=True, children=children)
-            case Kind.FALLBACK:
+            case NodeKind.FALLBACK:
                 return Selector(node.name, memory=True, children=children)
-            case Kind.PARALLEL:
+            case NodeKind.PARALLEL:
                 policy = (
                     ParallelPolicy.SuccessOnAll(synchronise=True)
                     if node.policy == "all"
                     else ParallelPolicy.SuccessOnOne()
                 )
                 return Parallel(node.name, policy=policy, children=children)
-            case Kind.RETRY:
+            case NodeKind.RETRY:
                 return Retry(node.name, children[0], num_failures=int(node.amount))
-            case Kind.TIMEOUT:
+            case NodeKind.TIMEOUT:
                 return SimulatedTimeout(node.name, children[0], node.amount, context)
-            case Kind.INVERT:
+            case NodeKind.INVERT:
                 return Inverter(node.name, children[0])
-            case Kind.CONDITION:
+            case NodeKind.CONDITION:
                 return Condition(node.name, context, path, node.text, self._read_keys(node.text, scope))
         return self._build_leaf(node, scope, path)
 

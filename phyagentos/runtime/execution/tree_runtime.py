@@ -11,7 +11,7 @@ from py_trees.common import Status
 from py_trees.composites import Composite
 from py_trees.decorators import Decorator
 
-from phyagentos.protocol.evidence import TraceEvent
+from phyagentos.protocol.sessions.evidence import TraceEvent
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult

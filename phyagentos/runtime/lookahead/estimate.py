@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from phyagentos.protocol.environment import Entity, Environment, Status
-from phyagentos.protocol.scenes import Body, Placement, SceneSpec, Solid
-from phyagentos.protocol.targets import TargetProfile
-from phyagentos.runtime.lookahead.rests import stand_up_sunk
-from phyagentos.runtime.targets.physics import Physics
-from phyagentos.runtime.targets.world import MujocoWorld
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Entity, Environment, Status
+from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec, Solid
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.lookahead.resolve_penetration import stand_up_sunk
 
 Array = NDArray[np.float64]
 
 SETTLE_S = 0.3  # what was put a millimetre into its support has come to rest by then; simulated time
 
 
-class ImaginedWorld(MujocoWorld):
+class ImaginedWorld(MujocoDriver):
     """A world of the same robot whose one scene is what is believed."""
 
     believed: SceneSpec

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import msgspec
 
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.lookahead import Alternative, LookaheadRequest, LookaheadResult
-from phyagentos.protocol.scenes import SceneSpec, read_scene
-from phyagentos.protocol.sessions import Ended, Session
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest, LookaheadResult
+from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
 from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
-from phyagentos.runtime.lookahead.sequential import is_decided
+from phyagentos.runtime.lookahead.sprt import is_decided
 from phyagentos.runtime.lookahead.strategies import Tried, propose
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
 

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from phyagentos.errors import ExecutionError, Problem
-from phyagentos.protocol.evidence import write_json
-from phyagentos.protocol.lookahead import LOOKAHEAD, LookaheadResult
-from phyagentos.protocol.sessions import Session
-from phyagentos.runtime.handle import TargetSessionHandle
-from phyagentos.runtime.lookahead.process import LOOKAHEAD_FAILED, Oracle, Rehearse
+from phyagentos.protocol.sessions.evidence import write_json
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.lookahead.process import LOOKAHEAD_FAILED, ForecastService, Rehearse
 from phyagentos.runtime.perception.port import Perception
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"
@@ -28,7 +28,9 @@ class LookaheadGate:
         evidence: Folder of all bundles.
     """
 
-    def __init__(self, *, oracle: Oracle, handle: TargetSessionHandle, perception: Perception, evidence: Path) -> None:
+    def __init__(
+        self, *, oracle: ForecastService, handle: TargetSessionHandle, perception: Perception, evidence: Path
+    ) -> None:
         self._oracle, self._handle, self._perception = oracle, handle, perception
         self._evidence = evidence
         self._result: LookaheadResult | None = None

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.channel import Link
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.lookahead import LookaheadRequest, LookaheadResult
-from phyagentos.protocol.sessions import Session
+from phyagentos.protocol.sessions.lookahead import LookaheadRequest, LookaheadResult
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.channel import Link
 
 if TYPE_CHECKING:
     from phyagentos.runtime.lookahead.forecast import Forecaster
@@ -44,7 +44,7 @@ class Rehearse(msgspec.Struct, frozen=True, tag=True):
     environment: Environment
 
 
-class Foreseen(msgspec.Struct, frozen=True, tag=True):
+class Forecast(msgspec.Struct, frozen=True, tag=True):
     """The answer."""
 
     result: LookaheadResult
@@ -58,10 +58,10 @@ class Unforeseen(msgspec.Struct, frozen=True, tag=True):
 
 _ENCODER = msgspec.msgpack.Encoder()
 _QUESTIONS: msgspec.msgpack.Decoder[Rehearse] = msgspec.msgpack.Decoder(Rehearse)
-_ANSWERS: msgspec.msgpack.Decoder[Foreseen | Unforeseen] = msgspec.msgpack.Decoder(Foreseen | Unforeseen)
+_ANSWERS: msgspec.msgpack.Decoder[Forecast | Unforeseen] = msgspec.msgpack.Decoder(Forecast | Unforeseen)
 
 
-class Oracle(Protocol):
+class ForecastService(Protocol):
     """Somebody who answers."""
 
     def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
@@ -145,8 +145,8 @@ def serve(forecaster: "Forecaster", connection: "Connection[Any, Any]") -> None:
             return
 
 
-def _answer(forecaster: "Forecaster", asked: Rehearse) -> Foreseen | Unforeseen:
+def _answer(forecaster: "Forecaster", asked: Rehearse) -> Forecast | Unforeseen:
     try:
-        return Foreseen(forecaster.forecast(asked.session, asked.request, asked.tree, asked.environment))
+        return Forecast(forecaster.forecast(asked.session, asked.request, asked.tree, asked.environment))
     except (DefinitionError, ExecutionError) as error:
         return Unforeseen(str(error))

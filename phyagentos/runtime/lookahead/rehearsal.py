@@ -12,27 +12,27 @@ import numpy as np
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.evidence import TraceEvent
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.safety import TargetLimits
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sessions import Scene, Session
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.evidence import TraceEvent
+from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.protocol.settings.safety import TargetLimits
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
+from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.context import open_context
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.loop import Outcome, SessionLoop
-from phyagentos.runtime.execution.registry import LeafRegistry
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
-from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.lookahead.estimate import Array, ImaginedWorld, believe_scene, settle_estimate
 from phyagentos.runtime.motion.process import Planner
-from phyagentos.runtime.perception.senses import SessionSenses
 from phyagentos.runtime.perception.truth import TruthPerception
-from phyagentos.runtime.targets.faults import FaultInjector
-from phyagentos.runtime.targets.physics import Physics
+from phyagentos.runtime.perception.world_model import WorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.server import Loopback
 from phyagentos.runtime.targets.wire import FaultStruck, Observation
@@ -43,7 +43,7 @@ REST_S = 0.3  # as a session is observed: released things come to rest within th
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
-class Tape(FaultInjector):
+class ControlRecording(FaultInjector):
     """Takes down the servo inputs of every physics step, and now and then the state; nothing strikes.
 
     Attributes:
@@ -141,9 +141,9 @@ class Stage:
         self.handle.load(self.scene, self.start)
 
     @property
-    def senses(self) -> SessionSenses:
+    def senses(self) -> WorldModel:
         """What a rehearsed session may ask about the imagined world."""
-        return SessionSenses(self.handle, self._perception, self.scene)
+        return WorldModel(self.handle, self._perception, self.scene)
 
     def perceive(self, observation: Observation | None = None) -> Environment:
         """The imagined world as it is now; its truth is a belief already."""
@@ -171,7 +171,7 @@ class Rehearser:
     registry: LeafRegistry
     planner: Planner
     clock: Clock
-    tape: Tape | None = None
+    tape: ControlRecording | None = None
 
     def open_stage(self, environment: Environment) -> Stage:
         """The imagined world of an estimate.
@@ -230,11 +230,11 @@ class Rehearser:
             stage=stage,
         )
 
-    def _make_tape(self, _episode: str, _seed: int) -> Tape:
-        self.tape = Tape()
+    def _make_tape(self, _episode: str, _seed: int) -> ControlRecording:
+        self.tape = ControlRecording()
         return self.tape
 
-    def _get_tape(self) -> Tape:
+    def _get_tape(self) -> ControlRecording:
         if self.tape is None:
             raise ExecutionError("NO_SCENE", "no stage is open; call open_stage() first")
         return self.tape

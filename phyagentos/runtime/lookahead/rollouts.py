@@ -13,13 +13,13 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.predicates.predicate import View, has_metric, iter_entities, parse_predicate
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import View, has_metric, iter_entities, parse_predicate
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
-from phyagentos.runtime.lookahead.headstart import HeadStart
 from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal, Stage
+from phyagentos.runtime.lookahead.shared_prefix import HeadStart
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time

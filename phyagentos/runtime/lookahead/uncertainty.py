@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, Environment
-from phyagentos.protocol.scenes import Body, SceneSpec
-from phyagentos.protocol.seeds import compute_seed
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Entity, Environment
+from phyagentos.protocol.world.scenes import Body, SceneSpec
+from phyagentos.protocol.world.seeds import compute_seed
+from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.lookahead.estimate import Array
-from phyagentos.runtime.targets.physics import Physics
-from phyagentos.runtime.targets.robot import GRIPPER_ACTUATOR, name_actuator
+from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
 
 POSITION_STD_M = {"truth": 0.0005, "perceived": 0.002}  # where the estimate states none: what a depth camera leaves
 TURN_STD_RAD = {"truth": 0.004, "perceived": 0.03}  # an edge of 4 cm whose end is seen 1 mm askew is turned by 0.03 rad

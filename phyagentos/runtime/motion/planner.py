@@ -11,9 +11,9 @@ import numpy as np
 
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import format_hint, format_names
-from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.protocol.schema import read_yaml, validate
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import read_yaml, validate
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.escape import find_escape
 from phyagentos.runtime.motion.grasps import find_grasps

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Entity, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 from phyagentos.runtime.motion.poses import compute_matrix, compute_rotation
 from phyagentos.runtime.motion.requests import Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.world.environment import Pose
 
 Array = NDArray[np.float64]
 

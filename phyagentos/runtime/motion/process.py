@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.protocol.channel import Link
-from phyagentos.protocol.spaces import decode_array, encode_array
+from phyagentos.runtime.array_codec import decode_array, encode_array
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Entity, Pose, Region
+from phyagentos.protocol.world.environment import Entity, Pose, Region
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Entity
+from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import FindPlacements

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Entity, Shape
+from phyagentos.protocol.world.environment import Entity, Shape
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import (
     FIXED_MARGIN_M,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from toppra import algorithm, constraint
 
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.requests import Trajectory
 
 Array = NDArray[np.float64]

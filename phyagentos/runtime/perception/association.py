@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from phyagentos.protocol.environment import Entity, Status
+from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.clusters import POINTS_MIN, find_clusters, split
-from phyagentos.runtime.perception.contacts import part
 from phyagentos.runtime.perception.fitting import Fit, fit, track
-from phyagentos.runtime.perception.inventory import Thing
+from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.separate_overlaps import part
 from phyagentos.runtime.perception.solids import Array, Solids, compute_rotation
-from phyagentos.runtime.perception.views import Cloud, Eye
+from phyagentos.runtime.perception.views import CameraView, Cloud
 
 LINK_M = 0.016  # points of one surface are this near: two pixels of a camera a metre away
 GATE_M = 0.0065  # a fit that leaves more than this is no fit
@@ -46,10 +46,10 @@ class Match:
 
 
 def associate(
-    things: Mapping[str, Thing],
+    things: Mapping[str, ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
     map_solids: Solids | None = None,
 ) -> dict[str, Match]:
     """What is seen of each movable thing; those that are not seen are left out.
@@ -83,7 +83,7 @@ def associate(
     return {name: replace(match, fit=parted[name]) for name, match in matches.items()}
 
 
-def _is_behind_map(seen: Cloud, eyes: tuple[Eye, ...], map_solids: Solids | None) -> bool:
+def _is_behind_map(seen: Cloud, eyes: tuple[CameraView, ...], map_solids: Solids | None) -> bool:
     """Whether every camera would have seen these points through a solid of the map, as a thing below a table."""
     if map_solids is None or not map_solids.kinds:
         return False
@@ -99,15 +99,15 @@ def _is_behind_map(seen: Cloud, eyes: tuple[Eye, ...], map_solids: Solids | None
 
 
 def _track(
-    group: Sequence[Thing],
+    group: Sequence[ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
     pieces: Sequence[NDArray[np.intp]],
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
 ) -> dict[str, Match]:
     """Things that are where they were, each alone with its cluster."""
     middles = [np.median(cloud.points_m[piece], axis=0) for piece in pieces]
-    claims: dict[int, list[Thing]] = {}
+    claims: dict[int, list[ObjectModel]] = {}
     for thing in group:
         prior = _get_prior(believed.get(thing.name))
         if prior is None or not middles:
@@ -127,7 +127,7 @@ def _track(
     return found
 
 
-def _cut(group: Sequence[Thing], believed: Mapping[str, Entity], points: Array) -> list[NDArray[np.intp]]:
+def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[NDArray[np.intp]]:
     """Clusters of one colour, each at most as large as the largest thing of that colour."""
     pieces: list[NDArray[np.intp]] = []
     largest = max(thing.diameter_m for thing in group)
@@ -145,11 +145,11 @@ def _cut(group: Sequence[Thing], believed: Mapping[str, Entity], points: Array) 
 
 
 def _assign(
-    group: Sequence[Thing],
+    group: Sequence[ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
     pieces: Sequence[NDArray[np.intp]],
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
 ) -> dict[str, Match]:
     costs = np.full((len(group), len(pieces) + len(group)), HUGE)
     fits: dict[tuple[int, int], Fit] = {}

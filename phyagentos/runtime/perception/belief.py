@@ -10,15 +10,15 @@ from collections.abc import Collection, Mapping
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, Pose, Region, Shape, Status, TargetState
+from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.association import Match, associate
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, fit_fixed
 from phyagentos.runtime.perception.grip import carry, find_held, is_gripping, let_go
 from phyagentos.runtime.perception.hand_check import check_hand
-from phyagentos.runtime.perception.inventory import ALIKE, Inventory, Thing
+from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids, as_pose, compute_rotation, turn
-from phyagentos.runtime.perception.views import Cloud, Eye
+from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import compute_sight
 
 SOURCE, FILLING = "rgbd", "rgbd filling"
@@ -38,7 +38,7 @@ SPEED_S = (0.08, 2.0)  # a speed is told from two looks this far apart
 def update_belief(
     inventory: Inventory,
     before: Mapping[str, Entity],
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
     cloud: Cloud,
     state: TargetState,
     *,
@@ -84,10 +84,10 @@ def update_belief(
 
 
 def _look_at_loose(
-    loose: Mapping[str, Thing],
+    loose: Mapping[str, ObjectModel],
     entities: dict[str, Entity],
     cloud: Cloud,
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
     inventory: Inventory,
     time_s: float,
 ) -> None:
@@ -141,7 +141,7 @@ def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[s
 
 
 def _look_at_fixed(
-    thing: Thing, entity: Entity | None, eyes: tuple[Eye, ...], cloud: Cloud, time_s: float
+    thing: ObjectModel, entity: Entity | None, eyes: tuple[CameraView, ...], cloud: Cloud, time_s: float
 ) -> Entity | None:
     if entity is not None and entity.looks >= FIXED_LOOKS:
         return None
@@ -160,7 +160,7 @@ def _look_at_fixed(
     return _fuse(thing, entity, pose, found, time_s, ())
 
 
-def _clip(position_m: Array, thing: Thing, nominal_m: Array) -> Array:
+def _clip(position_m: Array, thing: ObjectModel, nominal_m: Array) -> Array:
     """Within what the scene allows."""
     if thing.reach_m is None or thing.stretch is not None:
         return position_m
@@ -169,7 +169,7 @@ def _clip(position_m: Array, thing: Thing, nominal_m: Array) -> Array:
 
 
 def _fuse(
-    thing: Thing, entity: Entity | None, pose: Pose, found: Fit, time_s: float, evidence: tuple[str, ...]
+    thing: ObjectModel, entity: Entity | None, pose: Pose, found: Fit, time_s: float, evidence: tuple[str, ...]
 ) -> Entity:
     """The measured pose, averaged with those before where the thing has not moved."""
     looks = 1
@@ -203,7 +203,7 @@ def _fuse(
 
 
 def _see(
-    thing: Thing, entity: Entity | None, match: Match, cloud: Cloud, eyes: tuple[Eye, ...], time_s: float
+    thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, eyes: tuple[CameraView, ...], time_s: float
 ) -> Entity:
     found = match.fit
     seen = cloud.take(match.points)
@@ -214,14 +214,14 @@ def _see(
     return msgspec.structs.replace(placed, extent_m=(x, y, z))
 
 
-def _point_at(eye: Eye, seen: Cloud, index: int) -> str:
+def _point_at(eye: CameraView, seen: Cloud, index: int) -> str:
     """Where a thing is in one picture."""
     pixels = seen.pixels[seen.eyes == index]
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     return f"{eye.camera}@{eye.time_s:.3f}:{left},{top},{right - left + 1},{bottom - top + 1}"
 
 
-def _miss(thing: Thing, entity: Entity, eyes: tuple[Eye, ...]) -> Entity:
+def _miss(thing: ObjectModel, entity: Entity, eyes: tuple[CameraView, ...]) -> Entity:
     """A thing that was not found: hidden, or gone."""
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
     sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), eyes)
@@ -232,7 +232,7 @@ def _miss(thing: Thing, entity: Entity, eyes: tuple[Eye, ...]) -> Entity:
 
 
 def _take_filling(
-    filling: Mapping[str, Thing], entities: Mapping[str, Entity], cloud: Cloud
+    filling: Mapping[str, ObjectModel], entities: Mapping[str, Entity], cloud: Cloud
 ) -> tuple[Cloud, dict[str, bool]]:
     """The points that are not in a vessel, and which vessels are seen to be filled."""
     keep = np.ones(len(cloud.points_m), dtype=np.bool_)
@@ -251,7 +251,7 @@ def _take_filling(
     return cloud.take(keep), filled
 
 
-def _fill(thing: Thing, entities: dict[str, Entity], filled: Mapping[str, bool], time_s: float) -> None:
+def _fill(thing: ObjectModel, entities: dict[str, Entity], filled: Mapping[str, bool], time_s: float) -> None:
     """A part of a filling that is seen nowhere outside: in its vessel, where that is seen to be filled."""
     vessel, entity = entities.get(thing.vessel or ""), entities.get(thing.name)
     if vessel is None:
@@ -293,7 +293,7 @@ def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity
     return cloud.take(keep)
 
 
-def _is_like(inventory: Inventory, color: int, thing: Thing) -> bool:
+def _is_like(inventory: Inventory, color: int, thing: ObjectModel) -> bool:
     """Whether a colour can be taken for one of the thing's."""
     one = inventory.palette[color]
     others = inventory.palette[list(thing.colors)]

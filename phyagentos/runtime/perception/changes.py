@@ -6,7 +6,7 @@ Upstream: `pipeline`. Downstream: ENVIRONMENT.md, which names it beside the revi
 import math
 from collections.abc import Mapping
 
-from phyagentos.protocol.environment import Change, Entity, Status
+from phyagentos.protocol.world.environment import Change, Entity, Status
 
 MOVED_M = 0.01  # less than this is the noise of looking
 CHANGES_MAX = 40  # a document that names more says nothing

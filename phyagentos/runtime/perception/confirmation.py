@@ -8,9 +8,9 @@ fit (`fitting`) leave the pose where it is.
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Entity, Status
+from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.fitting import FREE, refine
-from phyagentos.runtime.perception.inventory import Thing
+from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, compute_rotation, measure_lengths
 from phyagentos.runtime.perception.visibility import DEPTH_M, FACING
 from phyagentos.runtime.targets.wire import Frame
@@ -23,7 +23,7 @@ OWN = 0.8  # of the pixels of its colour in the window: this near
 SHIFT_M, TURN_RAD = 0.003, 0.06  # one step of a fit that is less than this is noise
 
 
-def is_settled(entity: Entity | None, thing: Thing | None) -> bool:
+def is_settled(entity: Entity | None, thing: ObjectModel | None) -> bool:
     """Whether a thing is believed to stand still, in a pose that more than one look has told."""
     return (
         entity is not None
@@ -36,7 +36,7 @@ def is_settled(entity: Entity | None, thing: Thing | None) -> bool:
 
 
 def confirm(
-    thing: Thing,
+    thing: ObjectModel,
     entity: Entity,
     frame: Frame,
     labels: NDArray[np.uint8],
@@ -71,7 +71,7 @@ def confirm(
 
 
 def _measure_shown(
-    thing: Thing, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], eye: tuple[Array, Array]
+    thing: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], eye: tuple[Array, Array]
 ) -> float:
     """Share of the surface that faces the camera which is seen as expected."""
     rotation, position = pose

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, Mechanism, Pose
-from phyagentos.protocol.scenes import Body, SceneSpec
+from phyagentos.protocol.world.environment import Entity, Mechanism, Pose
+from phyagentos.protocol.world.scenes import Body, SceneSpec
 from phyagentos.runtime.perception.solids import Array, as_pose, compute_rotation
 
 

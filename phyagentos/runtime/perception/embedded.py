@@ -10,20 +10,20 @@ from collections.abc import Collection, Mapping
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import Environment, Status, TargetState
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sessions import Scene
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.environment import Environment, Status, TargetState
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.perception.belief import follow_hand
 from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
 from phyagentos.runtime.perception.detection.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
+from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_windows, is_overlapping
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.sensor_health import AHEAD_S, feel_pulses, find_pulses
-from phyagentos.runtime.perception.windows import Stand, find_windows, is_overlapping
 from phyagentos.runtime.targets.wire import Crop, Frames, Observation, Step
 
 SAME_S = 1e-9
@@ -136,7 +136,9 @@ class EmbeddedPerception:
         stands = {
             camera: stand
             for camera, health in before.sensors.items()
-            if camera not in self._moving and health.status != "frozen" and (stand := Stand.find(health)) is not None
+            if camera not in self._moving
+            and health.status != "frozen"
+            and (stand := Extrinsics.find(health)) is not None
         }
         most = len(stands) if hidden else GLANCE_CAMERAS
         windows = find_windows(loose, carried.entities, pipeline.inventory, stands, most)
@@ -167,7 +169,9 @@ class EmbeddedPerception:
         if not pipeline.can_confirm or not all(is_settled(entities[name], things.get(name)) for name in loose):
             return None
         held = [name for name, entity in entities.items() if entity.status is Status.HELD and name in things]
-        stands = {camera: stand for camera in windows if (stand := Stand.find(carried.sensors[camera])) is not None}
+        stands = {
+            camera: stand for camera in windows if (stand := Extrinsics.find(carried.sensors[camera])) is not None
+        }
         hands = find_windows(held, entities, pipeline.inventory, stands, len(stands))
         if any(is_overlapping(windows[camera], hand) for camera, hand in hands.items()):
             return None  # what the hand holds is looked at as well

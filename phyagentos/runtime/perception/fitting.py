@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from phyagentos.runtime.perception.inventory import Form, Thing
+from phyagentos.runtime.perception.inventory import Form, ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids, turn
-from phyagentos.runtime.perception.views import Eye
+from phyagentos.runtime.perception.views import CameraView
 from phyagentos.runtime.perception.visibility import Sight, compute_sight
 
 HUBER_M = 0.004  # residuals beyond this count linearly: mixed pixels at edges
@@ -114,16 +114,16 @@ def compute_cost(solids: Solids, points: Array, rotation: Array, position_m: Arr
     return float(robust.mean()), float(np.sqrt(np.mean(np.minimum(distance, 4 * HUBER_M) ** 2)))
 
 
-def measure_sunk(thing: Thing, rotation: Array, position_m: Array, obstacle: Solids) -> float:
+def measure_sunk(thing: ObjectModel, rotation: Array, position_m: Array, obstacle: Solids) -> float:
     """Depth of the deepest point of a posed surface within other solids [m]; 0 outside of them."""
     surface = thing.samples_m @ rotation.T + position_m
     return max(0.0, -float(obstacle.near(surface, 0.0).measure(surface).min(initial=0.0)))
 
 
 def fit(
-    thing: Thing,
+    thing: ObjectModel,
     points: Array,
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
     prior: tuple[Array, Array] | None = None,
     obstacle: Solids | None = None,
 ) -> Fit | None:
@@ -157,7 +157,7 @@ def fit(
     return best
 
 
-def track(thing: Thing, points: Array, eyes: tuple[Eye, ...], prior: tuple[Array, Array]) -> Fit | None:
+def track(thing: ObjectModel, points: Array, eyes: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
     """The pose near a believed one, when these points agree with it; None when they do not."""
     points = thin(points)
     if len(points) < 4:
@@ -167,16 +167,16 @@ def track(thing: Thing, points: Array, eyes: tuple[Eye, ...], prior: tuple[Array
     return found if is_good else None
 
 
-def _price_sunk(thing: Thing, rotation: Array, position_m: Array, obstacle: Solids | None) -> tuple[float, float]:
+def _price_sunk(thing: ObjectModel, rotation: Array, position_m: Array, obstacle: Solids | None) -> tuple[float, float]:
     """Depth within other solids [m], and its cost."""
     sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
     return sunk_m, SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M)
 
 
 def _finish(
-    thing: Thing,
+    thing: ObjectModel,
     points: Array,
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
     rotation: Array,
     position_m: Array,
     obstacle: Solids | None = None,
@@ -201,9 +201,9 @@ def _finish(
 
 
 def _weigh(
-    thing: Thing,
+    thing: ObjectModel,
     points: Array,
-    eyes: tuple[Eye, ...],
+    eyes: tuple[CameraView, ...],
     rotation: Array,
     position_m: Array,
     obstacle: Solids | None = None,
@@ -239,7 +239,7 @@ def _stand_up(rotation: Array) -> Array:
     return rotation if sine < 1e-9 else turn(cross / sine * np.arctan2(sine, float(now @ wanted))) @ rotation
 
 
-def iter_starts(thing: Thing, points: Array) -> Iterator[tuple[Array, Array]]:
+def iter_starts(thing: ObjectModel, points: Array) -> Iterator[tuple[Array, Array]]:
     """Poses to begin from: standing on each side, lying along the points, turned in steps."""
     low, high = np.percentile(points, (2, 98), axis=0)
     center = (low + high) / 2
@@ -252,7 +252,7 @@ def iter_starts(thing: Thing, points: Array) -> Iterator[tuple[Array, Array]]:
         yield rotation, position
 
 
-def _iter_orientations(thing: Thing, points: Array) -> Iterator[Array]:
+def _iter_orientations(thing: ObjectModel, points: Array) -> Iterator[Array]:
     if thing.form is Form.BALL:
         yield np.eye(3)
         return
@@ -292,7 +292,7 @@ def _point_z(axis: Array) -> Array:
     return np.column_stack((x, np.cross(axis, x), axis))
 
 
-def choose_symmetric(thing: Thing, rotation: Array, like: Array) -> Array:
+def choose_symmetric(thing: ObjectModel, rotation: Array, like: Array) -> Array:
     """Of the turns that look the same, the one nearest to another turn."""
     if thing.form is Form.BALL:
         return like
@@ -308,7 +308,9 @@ def choose_symmetric(thing: Thing, rotation: Array, like: Array) -> Array:
     return best
 
 
-def fit_fixed(thing: Thing, points: Array, eyes: tuple[Eye, ...], rotation: Array, position_m: Array) -> Fit | None:
+def fit_fixed(
+    thing: ObjectModel, points: Array, eyes: tuple[CameraView, ...], rotation: Array, position_m: Array
+) -> Fit | None:
     """Where a body that stands near its nominal place really is; the pose to start from is that place, or believed."""
     if thing.reach_m is None or len(points) < 12:
         return None
@@ -327,7 +329,7 @@ def fit_fixed(thing: Thing, points: Array, eyes: tuple[Eye, ...], rotation: Arra
     )
 
 
-def _measure_stretch(thing: Thing, points: Array) -> float:
+def _measure_stretch(thing: ObjectModel, points: Array) -> float:
     """Factor of the height, from the highest points; the lower end stands where it does."""
     low, high = thing.solids.measure_extent(np.array([0.0, 0.0, 1.0]))
     base_m = thing.template.pose.position_m[2] + low
@@ -336,7 +338,7 @@ def _measure_stretch(thing: Thing, points: Array) -> float:
     return float(np.clip((top_m - base_m) / (high - low), least, greatest))
 
 
-def _lift(thing: Thing, stretch: float) -> float:
+def _lift(thing: ObjectModel, stretch: float) -> float:
     """Height of the frame of a stretched body that stands on its lower end."""
     _, high = thing.solids.measure_extent(np.array([0.0, 0.0, 1.0]))
     return thing.template.pose.position_m[2] + high * (stretch - 1.0)

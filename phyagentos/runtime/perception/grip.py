@@ -9,8 +9,8 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, Status, TargetState
-from phyagentos.runtime.perception.inventory import Inventory, Thing
+from phyagentos.protocol.world.environment import Entity, Status, TargetState
+from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Array, as_pose, compute_rotation
 
 BESIDE_M = 0.030  # a thing this far from the hand's middle, beyond its own size, is not what is touched
@@ -38,7 +38,7 @@ def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inv
     return None if not candidates else take_hold(entities[min(candidates)[1]], inventory, state)
 
 
-def _measure(entity: Entity, thing: Thing, state: TargetState) -> float | None:
+def _measure(entity: Entity, thing: ObjectModel, state: TargetState) -> float | None:
     """How badly a thing fits between the fingers; None when it does not."""
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
@@ -65,7 +65,7 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entit
     )
 
 
-def _align(rotation: Array, closing: Array, thing: Thing) -> Array:
+def _align(rotation: Array, closing: Array, thing: ObjectModel) -> Array:
     """A box turned so that a face lies flat on the fingers, where one nearly does; other things as they are."""
     from phyagentos.runtime.perception.solids import turn
 

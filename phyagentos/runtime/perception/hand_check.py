@@ -8,7 +8,7 @@ should be, its own colour is nearly absent and that of another thing is there.
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, Status, TargetState
+from phyagentos.protocol.world.environment import Entity, Status, TargetState
 from phyagentos.runtime.perception.grip import carry, let_go, take_hold
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.solids import compute_rotation

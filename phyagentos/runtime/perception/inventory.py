@@ -1,6 +1,6 @@
 """What perception knows before it looks: the things of a scene file, their forms and colours, and the map.
 
-Upstream: `protocol.scenes`. Downstream: segmentation, fits, association. A fixed body without jitter is part of the
+Upstream: `protocol.world.scenes`. Downstream: segmentation, fits, association. Fixed bodies without jitter are part of the
 map; of everything else the scene file gives the nominal form and colour, and the pose is measured.
 """
 
@@ -11,8 +11,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Entity, Interior, Pose, Shape, ShapeKind
-from phyagentos.protocol.scenes import Body, SceneSpec, Solid
+from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.scenes import Body, SceneSpec, Solid
 from phyagentos.runtime.perception.drawers import Drawer, find_drawer
 from phyagentos.runtime.perception.solids import Array, Solids, compute_quaternion
 
@@ -37,7 +37,7 @@ class Form(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Thing:
+class ObjectModel:
     """One body of the scene as it can be recognised.
 
     Attributes:
@@ -106,7 +106,7 @@ class Inventory:
     """
 
     scene: str
-    things: dict[str, Thing]
+    things: dict[str, ObjectModel]
     drawers: dict[str, Drawer]
     known: dict[str, Entity]
     map: Solids
@@ -129,7 +129,7 @@ def build_inventory(spec: SceneSpec) -> Inventory:
             red, green, blue = (c * m for c, m in zip((red, green, blue), means, strict=True))
         return colors.setdefault((round(red, 4), round(green, 4), round(blue, 4)), len(colors))
 
-    things: dict[str, Thing] = {}
+    things: dict[str, ObjectModel] = {}
     drawers: dict[str, Drawer] = {}
     known: dict[str, Entity] = {}
     solids: list[Solids] = []
@@ -219,7 +219,7 @@ def _pose_solids(entity: Entity, body: Body) -> Solids:
     return own.at(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array(entity.pose.position_m))
 
 
-def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec) -> Thing:
+def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec) -> ObjectModel:
     template = _make_template(name, body, source="")
     solids = Solids.of([_make_shape(solid) for solid in body.shapes])
     form = Form.FIXED if body.fixed else _find_form(template)
@@ -228,7 +228,7 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
         x, y, z = body.place.jitter_m
         reach = (x, y, z)
     samples, normals = _sample(solids)
-    return Thing(
+    return ObjectModel(
         template=template,
         form=form,
         solids=solids,

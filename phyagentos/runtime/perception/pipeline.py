@@ -9,8 +9,8 @@ from collections.abc import Callable, Collection
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import Entity, Environment, Status, TargetState
-from phyagentos.protocol.sessions import Scene
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.environment import Entity, Environment, Status, TargetState
 from phyagentos.runtime.perception.belief import follow_hand, read_regions, update_belief
 from phyagentos.runtime.perception.changes import find_changes
 from phyagentos.runtime.perception.colors import Palette

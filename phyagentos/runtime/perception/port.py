@@ -6,8 +6,8 @@ Upstream: the target's observations and frames. Downstream: planning, hold condi
 from collections.abc import Collection
 from typing import Protocol
 
-from phyagentos.protocol.environment import Environment, TargetState
-from phyagentos.protocol.sessions import Scene
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.environment import Environment, TargetState
 from phyagentos.runtime.targets.wire import Observation, Step
 
 

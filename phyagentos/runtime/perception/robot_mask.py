@@ -9,10 +9,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from phyagentos.protocol.environment import ShapeKind, TargetState
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import ShapeKind, TargetState
+from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.targets.robot import build_robot
 
 LINK_M = 0.012  # links are drawn up to this much thicker than their collision solids, and cameras stand askew
 TIP_M = 0.006  # the fingers are close to what they hold

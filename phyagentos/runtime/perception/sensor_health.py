@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
-from phyagentos.protocol.environment import SensorHealth
+from phyagentos.protocol.world.environment import SensorHealth
 from phyagentos.runtime.targets.wire import Crop, Frame, Frames
 
 SAME_S = 1e-6  # stamps this near to each other are one

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.environment import Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind
 
 Array = NDArray[np.float64]
 _TINY = 1e-12

@@ -2,8 +2,8 @@
 
 from collections.abc import Collection
 
-from phyagentos.protocol.environment import Environment, TargetState
-from phyagentos.protocol.sessions import Scene
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.environment import Environment, TargetState
 from phyagentos.runtime.targets.wire import Observation, Step
 
 

@@ -29,7 +29,7 @@ class Segmenter(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Eye:
+class CameraView:
     """One camera at one moment, for questions about what it could see.
 
     Attributes:
@@ -79,7 +79,7 @@ class Cloud:
 
 def look(
     frames: Sequence[Frame], inventory: Inventory, segmenter: Segmenter, robots: Sequence[Solids]
-) -> tuple[tuple[Eye, ...], Cloud]:
+) -> tuple[tuple[CameraView, ...], Cloud]:
     """Every camera's view, and the points in all of them that are neither the map nor the robot.
 
     Args:
@@ -109,13 +109,13 @@ def look(
     )
 
 
-def _open_eye(frame: Frame) -> Eye:
+def _open_eye(frame: Frame) -> CameraView:
     depth = frame.depth_m
     valid = np.isfinite(depth)
     kernel = np.ones((3, 3), np.uint8)
     near = cv2.erode(np.where(valid, depth, np.float32(1e3)), kernel)
     far = cv2.dilate(np.where(valid, depth, np.float32(-1.0)), kernel)
-    return Eye(
+    return CameraView(
         camera=frame.camera,
         time_s=frame.time_s,
         position_m=np.array(frame.world_T_camera.position_m),
@@ -127,7 +127,7 @@ def _open_eye(frame: Frame) -> Eye:
 
 
 def _find_points(
-    frame: Frame, eye: Eye, index: int, inventory: Inventory, segmenter: Segmenter, robot: Solids
+    frame: Frame, eye: CameraView, index: int, inventory: Inventory, segmenter: Segmenter, robot: Solids
 ) -> Cloud:
     labels = segmenter.label(frame.rgb)
     rows, columns = np.nonzero(np.isfinite(frame.depth_m) & inventory.is_of_thing[labels])

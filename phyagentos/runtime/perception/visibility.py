@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phyagentos.runtime.perception.inventory import Thing
+from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solids import Array, measure_lengths
-from phyagentos.runtime.perception.views import Eye
+from phyagentos.runtime.perception.views import CameraView
 
 DEPTH_M = 0.010  # depths this close are the same surface
 FACING = 0.2  # cosine of the steepest surface that a camera can be expected to see
@@ -42,7 +42,7 @@ class Sight:
         return (self.confirmed + self.contradicted) / max(self.confirmed + self.contradicted + self.hidden, 1)
 
 
-def compute_sight(thing: Thing, rotation: Array, position_m: Array, eyes: tuple[Eye, ...]) -> Sight:
+def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, eyes: tuple[CameraView, ...]) -> Sight:
     """What the cameras say of a thing in a pose."""
     points = thing.samples_m @ rotation.T + position_m
     normals = thing.normals @ rotation.T

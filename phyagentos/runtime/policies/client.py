@@ -11,7 +11,7 @@ from typing import TypeVar
 import pydantic
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.transport import Transport, open_transport
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import SensorHealth, TargetState
-from phyagentos.protocol.policies import Stream
-from phyagentos.protocol.sensors import Sensors, find_source
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.protocol.capabilities.policy_descriptors import Stream
+from phyagentos.protocol.settings.sensors import Sensors, find_source
+from phyagentos.protocol.world.environment import SensorHealth, TargetState
+from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.perception.sensor_health import assess
 from phyagentos.runtime.targets.wire import Frame, Frames
 

@@ -14,16 +14,16 @@ import numpy as np
 from py_trees.common import Status
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.evidence import TraceEvent
-from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.sessions.evidence import TraceEvent
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.chunks import Array, iter_periods
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.actions.violations import Violation
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
-from phyagentos.runtime.execution.follow import Lag
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
+from phyagentos.runtime.execution.trajectory_player import Lag
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.observations import Observer

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 
 GONE = (EOFError, OSError)

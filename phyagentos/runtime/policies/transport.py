@@ -12,7 +12,7 @@ from typing import Protocol
 from urllib.parse import urlsplit
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.policies import SCHEMES
+from phyagentos.protocol.capabilities.policy_descriptors import SCHEMES
 
 CONNECT_S = 2.0  # a server that is there accepts at once
 REPLY_MAX_BYTES = 2**24  # some hundred times the largest chunk; what says more speaks another protocol

@@ -1,7 +1,7 @@
 """What travels between a session and a policy server: msgpack, one request, one reply. Paper section 4.3.
 
-Arrays travel in C order with their shape (`protocol.spaces`). Any language with msgpack can serve a policy; the page
-docs/policies.md has the fields. The version of this wire is `protocol.policies.POLICY_PROTOCOL`.
+Arrays travel in C order with their shape (`runtime.array_codec`). Any language with msgpack can serve a policy;
+docs/policies.md has the fields. The version of this wire is `protocol.capabilities.policy_descriptors.POLICY_PROTOCOL`.
 """
 
 from typing import Any
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.policies import POLICY_PROTOCOL
-from phyagentos.protocol.spaces import decode_array, encode_array
+from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL
+from phyagentos.runtime.array_codec import decode_array, encode_array
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ import math
 from collections.abc import Iterator
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.predicates.predicate import View, iter_entities, parse_predicate
-from phyagentos.protocol.safety import TargetLimits
-from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.skill_runtimes import SkillRuntime, find_mismatch
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.settings.safety import TargetLimits
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import View, iter_entities, parse_predicate
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
 
 _CONDITIONS = ("requires", "hold", "accept")

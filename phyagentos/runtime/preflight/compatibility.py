@@ -8,14 +8,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from phyagentos.errors import Problem, format_names
-from phyagentos.protocol.action_spaces import describe_target_space
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.skill_runtimes import SkillRuntime, problem_unknown_skill
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.action_spaces import describe_target_space
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, problem_unknown_skill
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
-from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
 from phyagentos.runtime.preflight.arguments import (
     iter_limit_problems,
     iter_name_problems,
@@ -32,7 +32,7 @@ from phyagentos.runtime.preflight.needs import (
     iter_resource_problems,
     iter_version_problems,
 )
-from phyagentos.runtime.preflight.policies import AskPolicy, iter_policy_problems, iter_served_problems
+from phyagentos.runtime.preflight.policy_checks import AskPolicy, iter_policy_problems, iter_served_problems
 from phyagentos.runtime.preflight.safety_limits import (
     iter_live_safety_problems,
     iter_safety_problems,

@@ -12,12 +12,11 @@ import numpy as np
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.environment import Entity, Environment, Shape
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.skill_runtimes import Parameter, find_mismatch
-from phyagentos.protocol.trees import Kind, Node, Reference, read_tree
-from phyagentos.runtime.adapter_plan import Trial
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
+from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Entity, Environment, Shape
 from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
@@ -34,6 +33,7 @@ from phyagentos.runtime.motion.requests import (
     TimeLine,
     World,
 )
+from phyagentos.runtime.preflight.adapter_plan import Trial
 from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.preflight.reach import Reach
 
@@ -251,16 +251,16 @@ def find_motions(tree: str, arguments: Mapping[str, Any], library: Library, with
 
 
 def _find_in(node: Node, known: Mapping[str, Any], library: Library, within: tuple[str, ...]) -> Motions:
-    children = node.children if node.kind is Kind.SEQUENCE else (node,)
+    children = node.children if node.kind is NodeKind.SEQUENCE else (node,)
     for child in children:
         wired = {
             port: known.get(value.key) if isinstance(value, Reference) else value
             for port, value in child.wiring.items()
         }
-        if child.kind is Kind.SUBTREE and child.type not in within:
+        if child.kind is NodeKind.SUBTREE and child.type not in within:
             if not (yield from find_motions(child.type, wired, library, within)):
                 return False
-        elif child.kind is not Kind.LEAF:
+        elif child.kind is not NodeKind.LEAF:
             return False
         elif child.type == "move_home":
             yield Home()

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sessions import Session
-from phyagentos.runtime.adapter_plan import AdapterPlan, TargetToolManifest, Trial
-from phyagentos.runtime.execution.registry import LeafRegistry
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
-from phyagentos.runtime.handle import TargetSessionHandle
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 from phyagentos.runtime.preflight.compatibility import Preflight, locate
 from phyagentos.runtime.preflight.dry_run import ANSWER_S, SHARE, DryRun, Grasp, find_motions, make_trial_problem
 from phyagentos.runtime.preflight.payload import iter_payload_problems

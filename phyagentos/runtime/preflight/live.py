@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from phyagentos.errors import Problem, format_names
-from phyagentos.protocol.runtime_contract import RuntimeContract
-from phyagentos.protocol.skill_runtimes import SkillRuntime
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.runtime_contract import RuntimeContract
 from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.targets.wire import WIRE_VERSION, Description
 

@@ -9,11 +9,11 @@ from importlib.metadata import version
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
 from phyagentos.errors import Problem, format_names
-from phyagentos.protocol.operations import CORE_OPERATIONS, SESSION_OPERATIONS, Operation
-from phyagentos.protocol.runtime_contract import RuntimeContract
-from phyagentos.protocol.sessions import Session
-from phyagentos.protocol.skill_runtimes import SkillRuntime
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.settings.operations import CORE_OPERATIONS, SESSION_OPERATIONS, Operation
+from phyagentos.protocol.settings.runtime_contract import RuntimeContract
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
 
 

@@ -7,9 +7,9 @@ the inventory declares it, and where it declares a span, the greatest counts.
 from collections.abc import Iterable, Iterator, Mapping
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.scenes import Body, SceneSpec
-from phyagentos.protocol.skill_runtimes import SkillRuntime
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.scenes import Body, SceneSpec
 from phyagentos.runtime.preflight.findings import make_problem
 
 

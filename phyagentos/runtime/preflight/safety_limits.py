@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.safety import PER_JOINT, Limit, TargetLimits
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.safety import PER_JOINT, Limit, TargetLimits
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.actions.handle import EXPIRY_PERIODS
 from phyagentos.runtime.actions.tool_point import ToolPoint
-from phyagentos.runtime.handle import EXPIRY_PERIODS
 from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.targets.wire import Description
 

@@ -6,11 +6,11 @@ Upstream: sensors.yaml, perception.yaml, the profile. Downstream: `compatibility
 from collections.abc import Iterator
 
 from phyagentos.errors import Problem, format_names
-from phyagentos.protocol.perception import Perception, Sensing
-from phyagentos.protocol.runtime_contract import RuntimeContract
-from phyagentos.protocol.sensors import Modality, Sensor, Sensors, find_sensor
-from phyagentos.protocol.skill_runtimes import SkillRuntime
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.perception import Perception, Sensing
+from phyagentos.protocol.settings.runtime_contract import RuntimeContract
+from phyagentos.protocol.settings.sensors import Modality, Sensor, Sensors, find_sensor
 from phyagentos.runtime.preflight.findings import make_problem
 
 PERCEIVED = {"entity_poses": "entities", "regions": "regions"}

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.perception import Perception, read_perception
-from phyagentos.protocol.runtime_contract import RuntimeContract, read_runtime_contract
-from phyagentos.protocol.safety import TargetLimits, get_target_limits, read_safety
-from phyagentos.protocol.sensors import Sensors, read_sensors
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.settings.perception import Perception, read_perception
+from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_runtime_contract
+from phyagentos.protocol.settings.safety import TargetLimits, get_target_limits, read_safety
+from phyagentos.protocol.settings.sensors import Sensors, read_sensors
+from phyagentos.protocol.workspace.workspace import Workspace
 
 ValueT = TypeVar("ValueT")
 

@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterator
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.runtime_contract import RuntimeContract
-from phyagentos.protocol.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.runtime_contract import RuntimeContract
 from phyagentos.runtime.preflight.findings import make_problem
 
 RELATIVE_TOLERANCE = 1e-6

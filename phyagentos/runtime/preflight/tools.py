@@ -7,9 +7,9 @@ the TargetToolManifest: its names in the journal and at the handle, its schemas 
 from collections.abc import Iterable
 from typing import Any
 
-from phyagentos.protocol.operations import Operation
-from phyagentos.protocol.targets import TargetProfile
-from phyagentos.runtime.adapter_plan import Tool
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.operations import Operation
+from phyagentos.runtime.preflight.adapter_plan import Tool
 from phyagentos.runtime.targets.wire import Description
 
 _SAYS: dict[Operation, str] = {

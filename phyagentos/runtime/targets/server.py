@@ -11,14 +11,14 @@ from multiprocessing.connection import Connection, Listener
 from typing import Any, Protocol
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.channel import Link
-from phyagentos.runtime.targets.target import Target
+from phyagentos.runtime.channel import Link
+from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.wire import Here, Refused, Reply, Request, Shutdown, answer_bytes, receive_request, send
 
 WAIT_S = 60.0  # for a request; whoever steps a world in lockstep has the next one ready within a millisecond
 
 
-class Served(Target, Protocol):
+class Served(TargetDriver, Protocol):
     """A target that can be left alone."""
 
     def withdraw(self) -> None:
@@ -91,7 +91,7 @@ class Loopback(Here):
         target: What answers.
     """
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: TargetDriver) -> None:
         self._target = target
         self._replies: deque[bytes] = deque()
 

@@ -9,9 +9,9 @@ import contextlib
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.estop import Latch, is_latched, latch, provide_reserve
-from phyagentos.protocol.store.mailbox import SignalReader
-from phyagentos.protocol.store.watch import Watch
+from phyagentos.protocol.sessions.estop import Latch, is_latched, latch, provide_reserve
+from phyagentos.protocol.sessions.stop_signals import SignalReader
+from phyagentos.store.watch import Watch
 
 RETRY_S = 0.5  # a full disk is asked again this often
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.channel import Channel
-from phyagentos.protocol.environment import Entity, Pose, Region, TargetState
-from phyagentos.protocol.spaces import decode_array, encode_array
+from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
+from phyagentos.runtime.array_codec import decode_array, encode_array
+from phyagentos.runtime.channel import Channel
 
 Array = NDArray[np.float64]
 Colours = NDArray[np.uint8]

@@ -10,8 +10,8 @@ from phyagentos.agent.memory.features import Features
 from phyagentos.agent.memory.memory import Case, Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.memory_entries import Embodiment
-from phyagentos.protocol.verdicts import Verdict
+from phyagentos.protocol.sessions.memory_entries import Embodiment
+from phyagentos.protocol.sessions.verdicts import Verdict
 
 PANDA = Embodiment(kind="arm", grip_width_m=0.08, grip_force_n=40.0, control_period_s=0.02)
 SLOW = {"speed": 0.5}

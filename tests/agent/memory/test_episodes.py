@@ -4,9 +4,10 @@ import pytest
 
 from phyagentos.agent.memory.episodes import find_episode
 from phyagentos.agent.memory.features import Surroundings
-from phyagentos.protocol.lifecycle import SessionState
-from phyagentos.protocol.sessions import Ended, Execution, SessionStatus
-from phyagentos.protocol.verdicts import Attempt, Verdict, VerificationMode
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.settings.verification import VerificationMode
 from tests.contracts import make_contract
 
 

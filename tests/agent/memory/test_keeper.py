@@ -6,19 +6,19 @@ from textwrap import dedent
 import msgspec
 import pytest
 
-from phyagentos.agent.catalogue import Catalogue
+from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.memory.advisor import MemoryAdvisor
+from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
 from phyagentos.agent.memory.features import Surroundings
-from phyagentos.agent.memory.keeper import MemoryKeeper
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.knowledge import read_knowledge
-from phyagentos.protocol.lessons import read_lessons
-from phyagentos.protocol.memory_entries import Standing
-from phyagentos.protocol.registries import read_skill_registry
-from phyagentos.protocol.sessions import Ended
-from phyagentos.protocol.verdicts import Verdict
+from phyagentos.protocol.capabilities.registries import read_skill_registry
+from phyagentos.protocol.sessions.knowledge import read_knowledge
+from phyagentos.protocol.sessions.lessons import read_lessons
+from phyagentos.protocol.sessions.memory_entries import Standing
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.verdicts import Verdict
 from tests.agent.conftest import Play, put, succeed
 
 GRAPH = """
@@ -69,7 +69,7 @@ class Lab:
     def run(self, seed, *, learns=True):
         memory = self.open()
         self.stage.runtime.world = self.start
-        keeper = MemoryKeeper(
+        keeper = EpisodeRecorder(
             memory, self.surroundings, self.workspace, clock=SystemClock(), report=self.reported.append
         )
         observers = [self.stage.runtime, *([keeper] if learns else [])]

@@ -7,8 +7,8 @@ from phyagentos.agent.memory import methodological
 from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.memory import Case
 from phyagentos.agent.memory.views import list_lessons
-from phyagentos.protocol.memory_entries import Embodiment, Standing
-from phyagentos.protocol.verdicts import Verdict
+from phyagentos.protocol.sessions.memory_entries import Embodiment, Standing
+from phyagentos.protocol.sessions.verdicts import Verdict
 
 from .conftest import PANDA, SLOW, ask, make_correction, make_episode
 

@@ -9,11 +9,11 @@ import pytest
 
 from phyagentos.agent.memory import experience, views
 from phyagentos.agent.memory.experience import Experience
+from phyagentos.agent.memory.experience_log import Edit
 from phyagentos.agent.memory.identity import compute_id
-from phyagentos.agent.memory.lane import Edit
 from phyagentos.agent.memory.scopes import compute_scope, widen
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 from .conftest import SLOW, ask, make_correction, make_episode
 

@@ -26,7 +26,7 @@ SABOTAGES = (
         lie="A scene is drawn from the noise of the machine instead of its seed.",
         edits=(
             Edit(
-                "phyagentos.runtime.targets.scene",
+                "phyagentos.runtime.models.scene",
                 'rng = np.random.default_rng(compute_seed(seed, "scene", spec.scene))',
                 "rng = np.random.default_rng()",
             ),
@@ -38,7 +38,7 @@ SABOTAGES = (
         lie="A child draws the very numbers with which its parent failed.",
         edits=(
             Edit(
-                "phyagentos.agent.compiler",
+                "phyagentos.agent.goals.compiler",
                 'seed=compute_seed(self.seed, "node", name, "attempt", attempt),\n            limits',
                 'seed=compute_seed(self.seed, "node", name, "attempt", 0),\n            limits',
             ),
@@ -48,7 +48,9 @@ SABOTAGES = (
     Sabotage(
         name="child_without_parent",
         lie="A child session is compiled as if nothing had gone before it.",
-        edits=(Edit("phyagentos.agent.compiler", "parent=revision.parent if revision else None,", "parent=None,"),),
+        edits=(
+            Edit("phyagentos.agent.goals.compiler", "parent=revision.parent if revision else None,", "parent=None,"),
+        ),
         tests=("tests/agent/test_compiler.py::test_every_attempt_has_a_seed_and_an_id_of_its_own",),
     ),
     Sabotage(
@@ -95,7 +97,7 @@ SABOTAGES = (
         lie="What was checked ahead of its turn counts for whatever is submitted then, under the same epoch.",
         edits=(
             Edit(
-                "phyagentos.runtime.ahead",
+                "phyagentos.runtime.supervision.ahead",
                 "if self.epoch != epoch or self.session != session:",
                 "if self.epoch != epoch:",
             ),

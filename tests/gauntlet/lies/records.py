@@ -8,20 +8,26 @@ SABOTAGES = (
         lie="A commit is told as durable although nobody waited for the disk.",
         edits=(
             Edit(
-                "phyagentos.protocol.store.writer",
+                "phyagentos.store.writer",
                 "self.be_durable(self._io.fdatasync, self._fd)\n",
                 "pass\n",
             ),
         ),
         tests=(
-            "tests/protocol/test_journal_faults.py::test_one_commit_needs_one_sync_and_none_when_not_durable",
+            "tests/store/test_journal_faults.py::test_one_commit_needs_one_sync_and_none_when_not_durable",
             "tests/durability/test_power_loss.py::test_the_power_goes_after_one_writer_was_killed_and_another_went_on",
         ),
     ),
     Sabotage(
         name="start_before_the_disk",
         lie="A motion is ordered before its start is on the disk.",
-        edits=(Edit("phyagentos.runtime.watchdog", "self._register.sync()  # nothing moves", "pass  # nothing moves"),),
+        edits=(
+            Edit(
+                "phyagentos.runtime.supervision.watchdog",
+                "self._register.sync()  # nothing moves",
+                "pass  # nothing moves",
+            ),
+        ),
         tests=("tests/runtime/test_ahead.py::test_a_run_is_ordered_only_when_its_start_is_on_the_disk",),
     ),
     Sabotage(
@@ -29,31 +35,31 @@ SABOTAGES = (
         lie="A record is believed whatever its checksum says.",
         edits=(
             Edit(
-                "phyagentos.protocol.store.records",
+                "phyagentos.store.records",
                 "if not is_next or compute_crc(seq + 1, payload) != int(match[3], 16):",
                 "if not is_next:",
             ),
         ),
-        tests=("tests/protocol/test_records.py::test_every_single_flipped_bit_is_noticed",),
+        tests=("tests/store/test_records.py::test_every_single_flipped_bit_is_noticed",),
     ),
     Sabotage(
         name="lock_not_taken",
         lie="Two writers hold the lane at the same time.",
         edits=(
             Edit(
-                "phyagentos.protocol.store.lane_lock",
+                "phyagentos.store.partition_lock",
                 "fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)",
                 "fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)",
             ),
         ),
-        tests=("tests/protocol/test_journal.py::test_a_lock_that_stays_taken_names_its_holder",),
+        tests=("tests/store/test_journal.py::test_a_lock_that_stays_taken_names_its_holder",),
     ),
     Sabotage(
         name="attempt_rewritten",
         lie="A later judgement takes the place of the earlier one.",
         edits=(
             Edit(
-                "phyagentos.protocol.store.ledger",
+                "phyagentos.store.ledger",
                 '(*before.attempts, msgspec.convert(body["attempt"], Attempt))',
                 '(*before.attempts[:-1], msgspec.convert(body["attempt"], Attempt))',
             ),
@@ -65,31 +71,31 @@ SABOTAGES = (
         lie="A file that was changed after its bundle was sealed passes for the one that was sealed.",
         edits=(
             Edit(
-                "phyagentos.protocol.evidence_manifest",
+                "phyagentos.protocol.sessions.evidence_manifest",
                 "if found == expected.sha256:",
                 "if found:",
             ),
         ),
-        tests=("tests/protocol/test_evidence_manifest.py::test_a_change_of_a_sealed_bundle_is_found",),
+        tests=("tests/store/test_evidence_manifest.py::test_a_change_of_a_sealed_bundle_is_found",),
     ),
     Sabotage(
         name="view_edit_lost",
         lie="What a person saved into a rendered document while it was renewed is thrown away without a word.",
         edits=(
             Edit(
-                "phyagentos.protocol.edits.two_way_file",
+                "phyagentos.store.edits.shared_file",
                 "            self._keep(fresh, self._digest, self._stamp, self._clock.now_s())\n        self._digest",
                 "            fresh.unlink()\n        self._digest",
             ),
         ),
-        tests=("tests/protocol/test_edits.py::test_a_section_that_is_added_submits_a_session",),
+        tests=("tests/store/test_edits.py::test_a_section_that_is_added_submits_a_session",),
     ),
     Sabotage(
         name="measured_is_commanded",
         lie="The trajectory in the evidence tells as measured what was only commanded.",
         edits=(
             Edit(
-                "phyagentos.runtime.recorder",
+                "phyagentos.runtime.worker.recorder",
                 "                *target.q_rad,\n",
                 "                *points.q_rad[-1].tolist(),\n",
             ),
@@ -103,7 +109,7 @@ SABOTAGES = (
         lie="The recorder files the world before the session once more as the world after it.",
         edits=(
             Edit(
-                "phyagentos.runtime.recorder",
+                "phyagentos.runtime.worker.recorder",
                 "self._write(evidence.AFTER, encode_json(environment))",
                 "self._write(evidence.AFTER, (self.folder / evidence.BEFORE).read_bytes())",
             ),
@@ -115,7 +121,7 @@ SABOTAGES = (
         lie="The picture of the end is that of the beginning.",
         edits=(
             Edit(
-                "phyagentos.runtime.runner",
+                "phyagentos.runtime.worker.runner",
                 "self._take_picture(recorder, files.PICTURE_AFTER)",
                 "recorder.write_picture(files.PICTURE_AFTER, (recorder.folder / files.PICTURE_BEFORE).read_bytes())",
             ),

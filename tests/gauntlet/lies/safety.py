@@ -3,9 +3,9 @@
 from tests.gauntlet.sabotage import Edit, Sabotage
 
 GUARD = "phyagentos.runtime.actions.guard"
-LIMITS = "phyagentos.runtime.targets.local_limits"
+LIMITS = "phyagentos.runtime.drivers.mujoco.local_limits"
 AUTHORITY = "phyagentos.runtime.targets.authority"
-WORLD = "phyagentos.runtime.targets.world"
+WORLD = "phyagentos.runtime.drivers.mujoco.world"
 
 SABOTAGES = (
     Sabotage(
@@ -13,7 +13,7 @@ SABOTAGES = (
         lie="Commands leave the worker without having been looked at.",
         edits=(
             Edit(
-                "phyagentos.runtime.handle",
+                "phyagentos.runtime.actions.handle",
                 "ruling = self._guard.judge(command, self.step)",
                 "ruling = Ruling(command)",
             ),
@@ -115,11 +115,11 @@ SABOTAGES = (
         lie="The journal records what a replaced claimant says.",
         edits=(
             Edit(
-                "phyagentos.protocol.store.admission",
+                "phyagentos.store.admission",
                 "entry.epoch is not None and entry.epoch != known.epoch:",
                 "entry.epoch is not None and entry.epoch > known.epoch:",
             ),
         ),
-        tests=("tests/protocol/test_journal.py::test_a_claimant_of_an_earlier_epoch_is_fenced",),
+        tests=("tests/store/test_journal.py::test_a_claimant_of_an_earlier_epoch_is_fenced",),
     ),
 )

@@ -2,8 +2,8 @@
 
 from tests.gauntlet.sabotage import Edit, Sabotage
 
-VERIFIER = "phyagentos.agent.verifier"
-EVIDENCE = "phyagentos.protocol.evidence"
+VERIFIER = "phyagentos.agent.judging.verifier"
+EVIDENCE = "phyagentos.protocol.sessions.evidence"
 
 SABOTAGES = (
     Sabotage(
@@ -66,7 +66,7 @@ SABOTAGES = (
         lie="Every node is judged by the acceptance of the first one of its goal.",
         edits=(
             Edit(
-                "phyagentos.agent.compiler",
+                "phyagentos.agent.goals.compiler",
                 "accept=resolve((*spec.accept, *promiser.guarantees)),",
                 "accept=resolve((*self.graph.nodes[self.graph.order[0]].spec.accept, *promiser.guarantees)),",
             ),
@@ -86,7 +86,7 @@ SABOTAGES = (
     Sabotage(
         name="old_facts_pass_for_fresh",
         lie="A fact that was observed long before the end counts as one of the end.",
-        edits=(Edit("phyagentos.agent.judges.predicates", "        max_age_s=FRESH_S,\n", ""),),
+        edits=(Edit("phyagentos.agent.judging.judges.predicates", "        max_age_s=FRESH_S,\n", ""),),
         tests=("tests/agent/test_judges.py::test_acceptance_needs_facts_that_were_observed_at_the_end",),
     ),
     Sabotage(
@@ -110,7 +110,9 @@ SABOTAGES = (
     Sabotage(
         name="undone_node_stays_done",
         lie="What the world has undone since counts as done.",
-        edits=(Edit("phyagentos.agent.progress", "undone = self.recovery.find_undone()", "undone = {}"),),
+        edits=(
+            Edit("phyagentos.agent.mission.goal_controller", "undone = self.recovery.find_undone()", "undone = {}"),
+        ),
         tests=(
             "tests/agent/test_mission.py::test_a_finished_node_that_the_world_undid_is_done_again_before_the_verdict",
         ),
@@ -139,7 +141,7 @@ SABOTAGES = (
     Sabotage(
         name="blocked_goal_is_met",
         lie="A goal is met although one of its nodes was never done, because nothing speaks against it.",
-        edits=(Edit("phyagentos.agent.goal_judgement", "    if blocked:\n", "    if blocked and missed:\n"),),
+        edits=(Edit("phyagentos.agent.judging.goal_judgement", "    if blocked:\n", "    if blocked and missed:\n"),),
         tests=(
             "tests/agent/test_mission.py::"
             "test_a_goal_with_a_blocked_node_is_not_met_though_nothing_speaks_against_its_acceptance",
@@ -150,7 +152,7 @@ SABOTAGES = (
         lie="A judgement that was added afterwards takes the place of the one that decided.",
         edits=(
             Edit(
-                "phyagentos.protocol.sessions",
+                "phyagentos.protocol.sessions.session",
                 "(attempt for attempt in reversed(self.attempts) if not attempt.is_review)",
                 "(attempt for attempt in reversed(self.attempts))",
             ),

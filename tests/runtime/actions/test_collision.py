@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.actions.collision import PostureCollision
 
 pytestmark = pytest.mark.motion

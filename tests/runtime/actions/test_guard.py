@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.protocol.environment import Pose, TargetState
+from phyagentos.protocol.world.environment import Pose, TargetState
 from phyagentos.runtime.actions.guard import SafetyGuard
 from phyagentos.runtime.actions.violations import ViolationCode
 from phyagentos.runtime.targets.wire import Command, Description, Kinematics, Step

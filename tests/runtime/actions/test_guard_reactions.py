@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.environment import Pose, TargetState
-from phyagentos.protocol.safety import GUARDED, Limit, read_safety
+from phyagentos.protocol.settings.safety import GUARDED, Limit, read_safety
+from phyagentos.protocol.world.environment import Pose, TargetState
 from phyagentos.runtime.actions.guard import SafetyGuard
+from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.interventions import Intervention
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.actions.violations import ViolationCode
-from phyagentos.runtime.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.targets.wire import Command, Description, Halt, Kinematics, Step
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -232,8 +232,8 @@ def test_a_joint_that_creeps_over_its_limit_is_clamped_to_it(make_guard, limits)
 def test_the_tool_point_agrees_with_the_simulator(profile, library):
     import mujoco
 
-    from phyagentos.runtime.targets.kinematics import read_kinematics
-    from phyagentos.runtime.targets.robot import build_robot
+    from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
+    from phyagentos.runtime.models.robot import build_robot
 
     model = build_robot(profile, library.get_target("panda").parent).compile()
     data, tool = mujoco.MjData(model), ToolPoint(read_kinematics(model, profile))
@@ -250,7 +250,7 @@ def test_the_tool_point_agrees_with_the_simulator(profile, library):
 def test_a_chain_with_a_slide_tells_where_its_joints_bring_the_tool(profile):
     import mujoco
 
-    from phyagentos.runtime.targets.kinematics import read_kinematics
+    from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 
     model = mujoco.MjModel.from_xml_string(GANTRY)
     arm = profile.arm.model_copy(update={"joints": ("rail", "elbow", "plunge")})

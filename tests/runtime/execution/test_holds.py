@@ -4,8 +4,8 @@ import math
 
 import msgspec
 
-from phyagentos.protocol.environment import Entity, Environment, Interior, Pose, TargetState
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, TargetState
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.targets.wire import Step
 

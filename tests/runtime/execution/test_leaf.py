@@ -5,7 +5,7 @@ from py_trees.ports import NoDataAvailable
 
 from phyagentos.errors import DefinitionError
 from phyagentos.runtime.execution.leaf import Leaf, LeafError, PortInformation, Status
-from phyagentos.runtime.execution.registry import LeafRegistry, register_file
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry, register_file
 
 
 class Twice(Leaf):

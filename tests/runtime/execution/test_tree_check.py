@@ -3,8 +3,8 @@
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.trees import read_tree
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.runtime.execution.tree_check import check_tree
 
 

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from phyagentos.protocol.environment import Entity, Environment, Interior, Pose
+from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose
 from phyagentos.runtime.lookahead.rollouts import Course, find_cause
 from tests.contracts import make_contract
 

@@ -9,26 +9,26 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.environment import Pose
-from phyagentos.protocol.lookahead import LookaheadRequest
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sessions import Ended, Scene
-from phyagentos.runtime.execution.registry import build_registry
-from phyagentos.runtime.handle import TargetSessionHandle
+from phyagentos.protocol.sessions.lookahead import LookaheadRequest
+from phyagentos.protocol.sessions.session import Ended, Scene
+from phyagentos.protocol.world.environment import Pose
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.lookahead.estimate import believe_scene
 from phyagentos.runtime.lookahead.forecast import BATCH, Forecaster
-from phyagentos.runtime.lookahead.headstart import HeadStart
 from phyagentos.runtime.lookahead.rehearsal import Rehearser
-from phyagentos.runtime.lookahead.rests import stand_up_sunk
+from phyagentos.runtime.lookahead.resolve_penetration import stand_up_sunk
 from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
+from phyagentos.runtime.lookahead.shared_prefix import HeadStart
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
+from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.truth import TruthPerception
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.scene import draw_bodies
 from phyagentos.runtime.targets.server import Loopback
-from phyagentos.runtime.targets.world import MujocoWorld
 from tests.contracts import make_contract
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
@@ -52,7 +52,7 @@ def rehearser(library, profile, limits):
 
 @pytest.fixture(scope="module")
 def environment(library, profile, limits):
-    world = MujocoWorld(profile, library.get_target("panda").parent, library, ReceiveLog(None))
+    world = MujocoDriver(profile, library.get_target("panda").parent, library, ReceiveLog(None))
     handle = TargetSessionHandle(Loopback(world), limits)
     scene = Scene(name=WAITER, seed=SEED, episode="e")
     handle.load(scene)

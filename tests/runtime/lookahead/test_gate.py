@@ -2,8 +2,8 @@ import msgspec
 import pytest
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.environment import Environment
-from phyagentos.protocol.lookahead import Alternative, LookaheadRequest, LookaheadResult, read_lookahead
+from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest, LookaheadResult, read_lookahead
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.lookahead.gate import LookaheadGate
 from phyagentos.runtime.lookahead.process import RehearsalProcess, Rehearse
 

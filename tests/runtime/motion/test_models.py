@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.poses import compute_matrix, compute_rotation_angle, interpolate_poses, point_tool_down
 from phyagentos.runtime.motion.requests import Payload, World

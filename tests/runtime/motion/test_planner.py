@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.escape import leaves_contact
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (

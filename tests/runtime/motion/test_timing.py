@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.path import densify
 from phyagentos.runtime.motion.poses import compute_pose
 from phyagentos.runtime.motion.requests import FindLine, NoPlan, ShapeTransport, TimeLine, World

@@ -4,17 +4,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.environment import Pose, TargetState
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sensors import read_sensors
-from phyagentos.protocol.sessions import Scene
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.protocol.world.environment import Pose, TargetState
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
+from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.physics import Physics
-from phyagentos.runtime.targets.robot import read_profile
-from phyagentos.runtime.targets.simulated_camera import open_cameras, pose_state
 from phyagentos.runtime.targets.wire import Frames
 
 SCENE = """

@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.environment import Pose, Status
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.world.environment import Pose, Status
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.truth import Truth
 from tests.runtime.perception.conftest import redate
 
 pytestmark = pytest.mark.sim

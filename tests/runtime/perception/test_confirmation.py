@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from phyagentos.protocol.environment import Status
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
-from phyagentos.protocol.verdicts import Truth
+from phyagentos.protocol.world.environment import Status
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
+from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.confirmation import confirm, is_settled
 from phyagentos.runtime.perception.embedded import EmbeddedPerception
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.robot import read_profile
-from phyagentos.runtime.targets.simulated_camera import pose_state
 from phyagentos.runtime.targets.wire import Frames, Step
 from tests.runtime.perception.conftest import Stage
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.colors import NO_COLOR
+from phyagentos.runtime.perception.detection.detector_registry import DetectorRegistry, build_detector_registry
 from phyagentos.runtime.perception.detection.http import HttpDetector
-from phyagentos.runtime.perception.detection.registry import DetectorRegistry, build_detector_registry
 from phyagentos.runtime.perception.detection.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.inventory import build_inventory
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.association import associate
-from phyagentos.runtime.perception.contacts import SUNK_M, part
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.separate_overlaps import SUNK_M, part
 from phyagentos.runtime.perception.solids import turn
-from phyagentos.runtime.perception.views import Cloud, Eye
+from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import Sight
 
 ON_SIDE = turn(np.array([np.pi / 2, 0.0, 0.0]))
@@ -23,7 +23,7 @@ def waiter():
 
 def look_from(position_m):
     unknown = np.full((4, 4), np.inf, np.float32)
-    return Eye(
+    return CameraView(
         camera="top",
         time_s=1.0,
         position_m=np.array(position_m),

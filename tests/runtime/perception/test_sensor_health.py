@@ -6,12 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.world.environment import Pose
+from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
+from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.embedded import PULSE_S, EmbeddedPerception
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.sensor_health import assess, feel_pulses, find_pulses
-from phyagentos.runtime.targets.robot import read_profile
-from phyagentos.runtime.targets.simulated_camera import pose_state
 from phyagentos.runtime.targets.wire import Frame, Frames, Observation
 
 

@@ -5,23 +5,23 @@ import numpy as np
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol import evidence
-from phyagentos.protocol.environment import Environment, Pose
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.sensors import read_sensors
-from phyagentos.protocol.sessions import Ended, GoalId, Scene, SessionId
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.session import Ended, GoalId, Scene, SessionId
+from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.protocol.world.environment import Environment, Pose
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.embedded import EmbeddedPerception
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.wire import Observation, Step
-from phyagentos.runtime.targets.world import MujocoWorld
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
 
-class PoisonedWorld(MujocoWorld):
+class PoisonedWorld(MujocoDriver):
     """Tells the truth about itself and lies about everything that only a simulator can know."""
 
     def handle(self, request):
@@ -71,7 +71,7 @@ def run_session(build_bench, build_session, library, profile):
 
 
 def test_a_poisoned_truth_changes_no_bit_of_a_perceived_session(run_session):
-    honest, first = run_session(MujocoWorld)
+    honest, first = run_session(MujocoDriver)
     poisoned, second = run_session(PoisonedWorld)
 
     assert honest.ended is poisoned.ended is Ended.COMPLETED, (honest, poisoned)

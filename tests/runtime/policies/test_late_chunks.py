@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from phyagentos.clock import ManualClock
-from phyagentos.protocol.action_spaces import ActionSpace, GripperRange, describe_target_space
-from phyagentos.protocol.policies import PolicyDescriptor
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.execution.skill_runtime import SkillStatus
 from phyagentos.runtime.policies import wire

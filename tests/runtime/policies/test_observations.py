@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.cameras import CameraSettings, NoiseLevel
-from phyagentos.protocol.environment import Pose, SensorHealth, TargetState
-from phyagentos.protocol.policies import Stream
-from phyagentos.protocol.sensors import Sensor, Sensors
+from phyagentos.protocol.capabilities.policy_descriptors import Stream
+from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
+from phyagentos.protocol.settings.sensors import Sensor, Sensors
+from phyagentos.protocol.world.environment import Pose, SensorHealth, TargetState
 from phyagentos.runtime.policies.observations import Observer
 from phyagentos.runtime.targets.wire import Frame, Frames, Observation
 

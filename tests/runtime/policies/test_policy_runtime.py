@@ -8,20 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.action_spaces import ActionSpace, GripperRange
-from phyagentos.protocol.evidence import read_bundle
-from phyagentos.protocol.faults import FaultFile
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.policies import PolicyDescriptor
-from phyagentos.protocol.sensors import Sensors, read_sensors
-from phyagentos.protocol.sessions import Ended, Limits
-from phyagentos.protocol.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.sessions.evidence import read_bundle
+from phyagentos.protocol.sessions.session import Ended, Limits
+from phyagentos.protocol.settings.sensors import Sensors, read_sensors
+from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.runtime.actions.chunks import iter_periods
-from phyagentos.runtime.policies.policies import Policies
+from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.policies.policy_skills import Policies
 from phyagentos.runtime.policies.server import serve_policy
-from phyagentos.runtime.targets.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.world import MujocoWorld
 
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
 CAMERA = {
@@ -184,7 +184,7 @@ def watch(run_policy, library, profile):
         faults = [{"camera": "overhead", "when": when} | fault] if fault else []
         file = FaultFile.model_validate({"version": 1, "faults": faults})
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-        world = MujocoWorld(
+        world = MujocoDriver(
             profile,
             library.get_target("panda").parent,
             library,

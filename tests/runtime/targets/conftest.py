@@ -4,17 +4,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from phyagentos.protocol.faults import FaultFile
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.scenes import read_scene
-from phyagentos.protocol.sensors import Sensors
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.world.faults import FaultFile
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.faults import FaultInjector, Schedule, draw_schedule
-from phyagentos.runtime.targets.physics import Physics
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.robot import read_profile
-from phyagentos.runtime.targets.simulated_camera import pose_state
-from phyagentos.runtime.targets.world import MujocoWorld
 
 SCENE = "tabletop/cubes_and_trays"
 
@@ -39,7 +39,7 @@ class Rig:
         make = lambda episode, seed: FaultInjector(  # noqa: E731
             draw_schedule(schedule, episode, seed) if isinstance(schedule, FaultFile) else schedule or Schedule()
         )
-        self.world = MujocoWorld(self.profile, folder, library, ReceiveLog(log), make, sensors=sensors)
+        self.world = MujocoDriver(self.profile, folder, library, ReceiveLog(log), make, sensors=sensors)
         self.sequence = 0
         self.session = "s"
 

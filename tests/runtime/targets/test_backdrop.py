@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from phyagentos.protocol.cameras import NoiseLevel
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.sensors import read_sensors
-from phyagentos.runtime.targets.backdrop import MovingSolids
-from phyagentos.runtime.targets.ray_cast import RayCaster
-from phyagentos.runtime.targets.simulated_camera import open_cameras, pose_state
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.settings.cameras import NoiseLevel
+from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
+from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import MovingSolids
 
 pytestmark = pytest.mark.sim
 

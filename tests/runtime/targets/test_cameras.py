@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.cameras import CameraSettings, NoiseLevel
-from phyagentos.protocol.faults import FaultFile
-from phyagentos.protocol.library import find_shipped_root
-from phyagentos.protocol.sensors import Sensor, Sensors, read_sensors
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
+from phyagentos.protocol.settings.sensors import Sensor, Sensors, read_sensors
+from phyagentos.protocol.world.faults import FaultFile
+from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
+from phyagentos.runtime.drivers.mujoco.simulated_camera import SimulatedCamera, open_cameras, pose_state
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS
+from phyagentos.runtime.models.camera_model import Lens, look_at
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.backdrop import VISIBLE_GROUPS
-from phyagentos.runtime.targets.camera_model import Lens, look_at
-from phyagentos.runtime.targets.rendering import GraphicsCaster
-from phyagentos.runtime.targets.simulated_camera import SimulatedCamera, open_cameras, pose_state
 from phyagentos.runtime.targets.wire import _ENCODER, _REPLIES
 
 pytestmark = pytest.mark.sim
@@ -329,7 +329,7 @@ def test_a_miscalibrated_camera_tells_a_place_where_it_is_not(look):
 
 
 def test_a_camera_fault_strikes_again_from_its_own_record(look, make_rig):
-    from phyagentos.runtime.targets.faults import read_strikes
+    from phyagentos.runtime.drivers.mujoco.faults import read_strikes
 
     rig = look(make_sensors(), kind="freeze", when={"time_s": 0.5})
     rig.hold(0.08, 0.3)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.scenes import Body, SceneSpec, read_scene
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
+from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.leaves.find_opening import compute_way
-from phyagentos.runtime.targets.physics import Physics
-from phyagentos.runtime.targets.scene import draw_bodies
+from phyagentos.runtime.models.scene import draw_bodies
 
 pytestmark = pytest.mark.sim
 

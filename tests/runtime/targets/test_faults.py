@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from phyagentos.protocol.faults import Draw, FaultFile
+from phyagentos.protocol.world.faults import Draw, FaultFile
+from phyagentos.runtime.drivers.mujoco.faults import draw_fault, read_strikes
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.faults import draw_fault, read_strikes
 
 pytestmark = pytest.mark.sim
 

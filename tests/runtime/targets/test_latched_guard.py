@@ -8,12 +8,12 @@ import pytest
 from benchmarks.recorded import open_robot
 from phyagentos.assembly.processes import open_handle
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.environment import Entity, Environment, Pose, Shape, ShapeKind
-from phyagentos.protocol.estop import Latch, latch, reset
-from phyagentos.protocol.sessions import Scene
-from phyagentos.protocol.workspace import Workspace
+from phyagentos.protocol.sessions.estop import Latch, latch, reset
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Entity, Environment, Pose, Shape, ShapeKind
+from phyagentos.runtime.actions.handle import CommandRefused
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.handle import CommandRefused
 from phyagentos.runtime.targets.server import Loopback
 
 pytestmark = pytest.mark.sim

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.estop import Latch, latch
+from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.stop_listener import StopListener

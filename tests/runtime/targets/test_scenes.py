@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.library import Library
-from phyagentos.protocol.scenes import read_scene
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.models.robot import build_robot, name_actuator, read_profile
+from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.robot import build_robot, name_actuator, read_profile
-from phyagentos.runtime.targets.scene import draw_bodies
 
 pytestmark = pytest.mark.sim
 

@@ -7,16 +7,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.library import Library, find_shipped_root
-from phyagentos.protocol.registries import read_target
-from phyagentos.protocol.runtime_contract import read_runtime_contract
-from phyagentos.protocol.safety import read_safety
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
+from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.runtime.actions.tool_point import ToolPoint
+from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.preflight.live import iter_handshake_problems
 from phyagentos.runtime.preflight.safety_limits import iter_live_safety_problems
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.scripted import ScriptedWorld
 from phyagentos.runtime.targets.server import Loopback
 
 LIBRARY = Library((Path(__file__).resolve().parents[3] / "benchmarks" / "library",))
@@ -24,7 +24,7 @@ LIBRARY = Library((Path(__file__).resolve().parents[3] / "benchmarks" / "library
 
 @pytest.fixture
 def world(tmp_path):
-    world = ScriptedWorld(read_target(LIBRARY.get_target("counter")), LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
+    world = DebugDriver(read_target(LIBRARY.get_target("counter")), LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
     world.handle(wire.LoadScene(scene="counter", seed=0, episode="e"))
     return world
 
@@ -117,7 +117,7 @@ def test_it_tells_the_slide_that_it_is_so_that_the_guard_knows_where_a_command_e
     profile = read_target(LIBRARY.get_target("counter"))
     arm = profile.arm.model_copy(update={"joints": tuple("abc"[:joints]), "home_rad": (0.0,) * joints})
     moved = profile.model_copy(update={"arm": arm, "mount_position_m": (0.1, 0.2, 0.3)})
-    world = ScriptedWorld(moved, LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
+    world = DebugDriver(moved, LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
     tool = ToolPoint(world.handle(wire.Describe()).kinematics)
     world.handle(wire.Begin(session="s", epoch=1))
     q = np.array([[0.25, -4.0, 7.0][:joints]])

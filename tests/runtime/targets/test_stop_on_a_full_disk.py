@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from phyagentos.clock import ManualClock, SystemClock
-from phyagentos.protocol.estop import is_latched
-from phyagentos.protocol.store.mailbox import Signal, drop_signal
+from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.runtime.targets import stop_listener, wire
 
 pytestmark = pytest.mark.sim

@@ -3,7 +3,7 @@
 import numpy as np
 
 from phyagentos.runtime.execution.leaf import Leaf, Status
-from phyagentos.runtime.execution.registry import LeafRegistry
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 
 STEP = 0.02  # above the 15 mm from which on a thing counts as moved
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.action_spaces import ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.runtime.actions.interventions import Intervention
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from phyagentos.protocol.action_spaces import POSITION_WIDTH, ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, name_columns
 from phyagentos.runtime.actions.bridges.rotations import decode_rotation, find_bad_rotation
 from phyagentos.runtime.actions.interventions import Intervention

@@ -8,7 +8,7 @@ import numpy as np
 from typing_extensions import override
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.action_spaces import ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, name_columns, replace_space
 from phyagentos.runtime.actions.interventions import Intervention
 

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.action_spaces import POSITION_WIDTH, ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames
+from phyagentos.runtime.actions.bridges.bridge_registry import BRIDGES
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
-from phyagentos.runtime.actions.bridges.registry import BRIDGES
 
 
 def compile_chain(

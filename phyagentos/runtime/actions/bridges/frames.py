@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from phyagentos.errors import Problem, format_hint, format_names
-from phyagentos.protocol.action_spaces import POSITION_WIDTH, ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 from phyagentos.runtime.actions.bridges.rotations import decode_rotation, encode_rotation
 from phyagentos.runtime.actions.bridges.units import METRES

@@ -7,7 +7,7 @@ import numpy as np
 from typing_extensions import override
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.action_spaces import ActionSpace, GripperRange
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 
 

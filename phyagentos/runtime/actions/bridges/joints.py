@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.action_spaces import ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 
 NORM_TOLERANCE = 0.05  # a quaternion that is further from length one was not meant as one

@@ -7,7 +7,7 @@ import numpy as np
 from typing_extensions import override
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace
+from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}

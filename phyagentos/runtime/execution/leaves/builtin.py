@@ -1,5 +1,6 @@
 """The leaves that ship, by the names that trees use."""
 
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.leaves.attach import Attach
 from phyagentos.runtime.execution.leaves.detach import Detach
 from phyagentos.runtime.execution.leaves.fail import Fail
@@ -19,7 +20,6 @@ from phyagentos.runtime.execution.leaves.plan_push import PlanPush
 from phyagentos.runtime.execution.leaves.plan_retreat import PlanRetreat
 from phyagentos.runtime.execution.leaves.verify_grasp import VerifyGrasp
 from phyagentos.runtime.execution.leaves.wait import Wait
-from phyagentos.runtime.execution.registry import LeafRegistry
 
 
 def register_builtin(registry: LeafRegistry) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, Mechanism
+from phyagentos.protocol.world.environment import Entity, Mechanism
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
 from phyagentos.runtime.motion.poses import Array, compute_matrix, compute_pose

@@ -1,6 +1,6 @@
 """Find an object in the believed world."""
 
-from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
 

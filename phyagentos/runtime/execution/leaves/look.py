@@ -1,6 +1,6 @@
 """Look at an object from where the arm is, and report what is believed of it."""
 
-from phyagentos.protocol.environment import Pose
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.protocol.environment import Entity, Pose, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Pose, ShapeKind
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from phyagentos.protocol.action_spaces import ActionSpace, GripperRange, describe_target_space
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.interventions import Intervention

@@ -1,0 +1,1 @@
+"""Goal graphs: authoring format, checked DAG, expansion, skill selection, session contracts."""

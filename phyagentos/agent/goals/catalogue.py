@@ -1,0 +1,78 @@
+"""What goals can be built from: the skills, targets and scenes of a library.
+
+Upstream: the library's files. Downstream: checking, selection and compilation of goal graphs.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target, read_target_registry
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.scenes import read_scene
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Catalogue:
+    """Skills, targets and scenes by name.
+
+    Attributes:
+        skills: Front matter of each SKILL.md.
+        targets: Profile of each target.
+        scenes: File of each scene.
+        problems: Of skills and targets that could not be read; they are left out.
+    """
+
+    skills: Mapping[str, SkillRuntime]
+    targets: Mapping[str, TargetProfile]
+    scenes: Mapping[str, Path]
+    problems: tuple[Problem, ...] = ()
+
+    @classmethod
+    def read(cls, library: Library) -> "Catalogue":
+        """Everything that a library holds."""
+        problems: list[Problem] = []
+        skills: dict[str, SkillRuntime] = {}
+        for name in library.names_of_skills():
+            try:
+                skills[name], _ = read_skill(library.get_skill(name))
+            except DefinitionError as error:
+                problems += error.problems
+        targets: dict[str, TargetProfile] = {}
+        for name in library.names_of_targets():
+            try:
+                targets[name] = read_target(library.get_target(name))
+            except DefinitionError as error:
+                problems += error.problems
+        return cls(skills=skills, targets=targets, scenes=_find_scenes(library), problems=tuple(problems))
+
+    @classmethod
+    def of_workspace(cls, workspace: Workspace) -> "Catalogue":
+        """What SKILLRUNTIME.md and TARGETS.md of a workspace say, and the scenes it was created with.
+
+        Raises:
+            DefinitionError: With every problem of the two documents.
+        """
+        return cls(
+            skills=read_skill_registry(workspace.skill_registry),
+            targets=read_target_registry(workspace.target_registry),
+            scenes=_find_scenes(workspace.library()),
+        )
+
+    def find_scene_names(self, scene: str) -> frozenset[str] | None:
+        """Names of the things and regions of a scene; None when it cannot be read, which is reported elsewhere."""
+        if scene not in self.scenes:
+            return None
+        try:
+            content = read_scene(self.scenes[scene])
+        except DefinitionError:
+            return None
+        return frozenset((*content.bodies, *content.regions))
+
+
+def _find_scenes(library: Library) -> dict[str, Path]:
+    return {name: library.get_scene(name) for name in library.names_of_scenes()}

@@ -1,0 +1,205 @@
+"""The compiler: a ready node becomes a session contract that can be checked before anything moves. Paper section 3.3.
+
+Upstream: `goal_graph` and `selector`. Downstream: the journal, hence the watchdog. The contract is fully substituted:
+no `${...}`, no role, no default is left for the runtime to guess.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.expansion import iter_strings, substitute_value
+from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.goals.selector import ANY, Choice
+from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.sessions.lookahead import LookaheadRequest
+from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.world.predicates.syntax import format_value
+from phyagentos.protocol.world.seeds import compute_seed
+
+Outputs = Mapping[str, Mapping[str, Any]]  # node -> output -> value
+_NOTHING = NodeSpec(skill="")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Revision:
+    """What a child does differently from its parent.
+
+    Attributes:
+        parent: The session that it continues.
+        strategy: For the skill: `avoid_grasps`, `avoid_sites`, `speed`.
+        requires: Preconditions of the child; None keeps those of skill and node.
+        reasons: One sentence for each change.
+        choice: Another skill, target or parameters than the node's own; None keeps these.
+        purpose: What it prepares (`inspect`, `clear`); empty when it pursues the node's objective.
+        lead: Added to the priority, so that nothing comes between.
+        threshold: Of its look-ahead, instead of the node's; 0 to try it whatever is foreseen.
+    """
+
+    parent: SessionId
+    strategy: Mapping[str, Any]
+    requires: tuple[str, ...] | None = None
+    reasons: tuple[str, ...] = ()
+    choice: Choice | None = None
+    purpose: str = ""
+    lead: int = 0
+    threshold: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionCompiler:
+    """Compiles the nodes of one goal.
+
+    Attributes:
+        graph: The checked goal graph.
+        catalogue: Skills and targets.
+        goal: Id of the goal; also the episode, so that its sessions share one world.
+        seed: Root of every random choice of the goal.
+    """
+
+    graph: GoalGraph
+    catalogue: Catalogue
+    goal: GoalId
+    seed: int
+
+    def compile_node(
+        self, name: str, *, outputs: Outputs | None = None, attempt: int = 0, revision: Revision | None = None
+    ) -> Session:
+        """The contract of one node.
+
+        Args:
+            name: The node.
+            outputs: Outputs of the nodes before it; None leaves data edges unresolved, as for a preview.
+            attempt: 0 for the first session of the node.
+            revision: What a child does differently.
+
+        Raises:
+            DefinitionError: When an output that a data edge needs is missing, or leads to an invalid predicate.
+        """
+        node, own = self.graph.nodes[name], self.graph.choices[name]
+        choice = revision.choice if revision and revision.choice else own
+        purpose = revision.purpose if revision else ""
+        skill = self.catalogue.skills[choice.skill]
+        promiser = skill if purpose else self.catalogue.skills[own.skill]  # another skill must keep the same promise
+        values = {
+            f"{source}.outputs.{output}": value
+            for source, found in (outputs or {}).items()
+            for output, value in found.items()
+        }
+        given = substitute_value(choice.parameters, values)
+        if outputs is not None:
+            _check_resolved(given, self.goal, name)
+        meant = {key: p.default for key, p in skill.parameters.items() if p.default is not None} | given
+        parameters = {key: meant[key] for key in skill.parameters if key in meant}
+        authored = {} if purpose else {**node.spec.arguments, **substitute_value(own.parameters, values)}
+        known = {**authored, **parameters, **values, "target": choice.target}
+        omitted = tuple(key for key in (*skill.parameters, *promiser.parameters) if key not in known)
+        roles = {role: choice.target if target == ANY else target for role, target in self.graph.spec.targets.items()}
+        roles["target"] = choice.target
+        resolve = _Resolver(known, roles, omitted, f"{self.goal}.{name}", preview=outputs is None)
+        defaults_of_goal = self.graph.spec.defaults
+        spec = node.spec if not purpose else _NOTHING  # what prepares a node does not pursue its objective
+        requires = resolve((*skill.requires, *spec.requires))
+        return Session(
+            id=SessionId(f"{self.goal}.{name}" + (f".r{attempt}" if attempt else "")),
+            goal=self.goal,
+            node=name,
+            parent=revision.parent if revision else None,
+            attempt=attempt,
+            objective=substitute(spec.objective, known) or _describe(choice.skill, parameters),
+            skill=choice.skill,
+            target=choice.target,
+            parameters=parameters,
+            requires=requires if revision is None or revision.requires is None else revision.requires,
+            hold=resolve((*skill.hold, *spec.hold, *self.graph.spec.constraints)),
+            accept=resolve((*spec.accept, *promiser.guarantees)),
+            scene=Scene(name=self.graph.spec.scene, seed=self.seed, episode=self.goal),
+            seed=compute_seed(self.seed, "node", name, "attempt", attempt),
+            limits=Limits(
+                timeout_s=node.spec.timeout_s or defaults_of_goal.timeout_s,
+                wall_timeout_s=defaults_of_goal.wall_timeout_s,
+                queue_s=defaults_of_goal.queue_s,
+                preflight_s=defaults_of_goal.preflight_s,
+                heartbeat_s=defaults_of_goal.heartbeat_s,
+                stall_s=defaults_of_goal.stall_s,
+                think_s=defaults_of_goal.think_s,
+                policy_s=defaults_of_goal.policy_s,
+            ),
+            strategy=dict(revision.strategy) if revision else {},
+            priority=node.spec.priority + (revision.lead if revision else 0),
+            resources=tuple(dict.fromkeys((*skill.needs.resources, *spec.resources))),
+            reset_policy=defaults_of_goal.reset_policy,
+            purpose=purpose,
+            lookahead=self._ask_ahead(name, attempt, revision),
+        )
+
+    def _ask_ahead(self, name: str, attempt: int, revision: Revision | None) -> LookaheadRequest | None:
+        """What is simulated before the session starts; what only prepares another is tried without."""
+        own = self.graph.nodes[name].spec.lookahead
+        asked = self.graph.spec.defaults.lookahead if own is None else own
+        if not asked or (revision and revision.purpose):
+            return None
+        threshold = asked.threshold if revision is None or revision.threshold is None else revision.threshold
+        seed = compute_seed(self.seed, "node", name, "attempt", attempt)
+        return LookaheadRequest(samples=asked.samples, threshold=threshold, seed=seed)
+
+    def preview(self) -> tuple[Session, ...]:
+        """The first session of every node, in the order of the graph; data edges stay as they are written."""
+        return tuple(self.compile_node(name) for name in self.graph.order)
+
+
+@dataclass(frozen=True, slots=True)
+class _Resolver:
+    """Turns authored predicates into those of one contract: substituted, canonical, each once.
+
+    A predicate of the skill that speaks of an optional parameter which was not given says nothing and is left out.
+    """
+
+    values: Mapping[str, Any]
+    roles: Mapping[str, str]
+    omitted: Sequence[str]
+    address: str
+    preview: bool = False
+
+    def __call__(self, texts: Iterable[str]) -> tuple[str, ...]:
+        resolved: dict[str, None] = {}
+        problems: list[Problem] = []
+        for text in texts:
+            if any(f"${{{key}}}" in text for key in self.omitted):
+                continue
+            try:
+                predicate = parse_predicate(
+                    substitute(text, self.values), address=self.address, template=self.preview
+                ).rename_targets(self.roles)
+            except DefinitionError as error:
+                problems += error.problems
+                continue
+            resolved[predicate.text] = None
+        if problems:
+            raise DefinitionError(problems)
+        return tuple(resolved)
+
+
+def _check_resolved(parameters: Mapping[str, Any], goal: GoalId, node: str) -> None:
+    problems = [
+        Problem(
+            code="OUTPUT_MISSING",
+            address=f"{goal}.{node}: {'.'.join(map(str, path))}",
+            found=f"no value for {reference}",
+            expected="an output that the session before left",
+        )
+        for path, text in iter_strings(parameters)
+        for reference in REFERENCE.findall(text)
+    ]
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _describe(skill: str, parameters: Mapping[str, Any]) -> str:
+    """A sentence such as `Pick and place: object red_cube, destination red_tray.`."""
+    title = skill.replace("_", " ").capitalize()
+    arguments = ", ".join(f"{key.replace('_', ' ')} {format_value(value)}" for key, value in parameters.items())
+    return f"{title}: {arguments}." if arguments else f"{title}."

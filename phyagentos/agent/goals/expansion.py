@@ -1,0 +1,181 @@
+"""From authored nodes to the nodes of the graph: fan-out of `foreach`, references, precedence and data edges.
+
+Upstream: `goal_spec`. Downstream: `goal_graph`. A node that fans out over `cube` becomes `each-green_cube`,
+`each-yellow_cube`: safe in ids and file names, and never equal to an authored name, which cannot hold a hyphen.
+"""
+
+import itertools
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from phyagentos.agent.goals.spec import NAME_MAX, NODE_NAME, REFERENCE, GoalSpec, NodeSpec, Promise
+from phyagentos.errors import Problem, format_hint, format_names
+from phyagentos.protocol.documents.schema import Located
+from phyagentos.protocol.sessions.session import NODE_MAX
+from phyagentos.protocol.world.predicates.syntax import format_value
+
+Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataEdge:
+    """`${node.outputs.output}` somewhere in a node."""
+
+    node: str
+    output: str
+    path: Path
+
+    @property
+    def reference(self) -> str:
+        """The text between the braces."""
+        return f"{self.node}.outputs.{self.output}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """One node of the graph.
+
+    Attributes:
+        name: Unique; the authored name, plus the values of its fan-out.
+        authored: Name under `sessions`.
+        spec: As authored, with the fan-out variables substituted.
+        after: Nodes that must be done before, by precedence or by data, in authored order.
+        data: Outputs of other nodes that it uses.
+    """
+
+    name: str
+    authored: str
+    spec: NodeSpec
+    after: tuple[str, ...]
+    data: tuple[DataEdge, ...]
+
+    @property
+    def path(self) -> Path:
+        """Where it stands in the file."""
+        return ("sessions", self.authored)
+
+
+def expand_nodes(spec: GoalSpec, located: Located, problems: list[Problem]) -> dict[str, Node]:
+    """Every node of the graph by name, in authored order; what cannot be resolved is added to `problems`."""
+    expanded: dict[str, list[tuple[str, NodeSpec]]] = {
+        name: list(_iter_fan_out(name, node, located, problems)) for name, node in spec.sessions.items()
+    }
+    groups = {authored: [name for name, _ in members] for authored, members in expanded.items()}
+    names = {name: (name,) for members in groups.values() for name in members}
+    known: dict[str, tuple[str, ...]] = {**{group: tuple(members) for group, members in groups.items()}, **names}
+    nodes = {}
+    for authored, members in expanded.items():
+        for name, node in members:
+            variables = spec.sessions[authored].foreach
+            data = tuple(_iter_data_edges(authored, node, variables, known, located, problems))
+            after = [*_iter_predecessors(authored, node, known, located, problems), *(edge.node for edge in data)]
+            nodes[name] = Node(name=name, authored=authored, spec=node, after=tuple(dict.fromkeys(after)), data=data)
+    return nodes
+
+
+def substitute_value(value: Any, parameters: Mapping[str, Any]) -> Any:
+    """Replace `${path}` in every string of a value; a string that is one reference becomes the value itself."""
+    if isinstance(value, str):
+        whole = REFERENCE.fullmatch(value.strip())
+        if whole and whole[1] in parameters:
+            return parameters[whole[1]]
+        return REFERENCE.sub(lambda m: format_value(parameters[m[1]]) if m[1] in parameters else m[0], value)
+    if isinstance(value, Mapping):
+        return {key: substitute_value(item, parameters) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [substitute_value(item, parameters) for item in value]
+    return value
+
+
+def iter_strings(value: Any, path: Path = ()) -> Iterator[tuple[Path, str]]:
+    """Every string inside a value, with its path."""
+    if isinstance(value, str):
+        yield path, value
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from iter_strings(item, (*path, key))
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from iter_strings(item, (*path, index))
+
+
+def _iter_fan_out(
+    name: str, node: NodeSpec, located: Located, problems: list[Problem]
+) -> Iterator[tuple[str, NodeSpec]]:
+    if len(name) > NAME_MAX or not re.fullmatch(NODE_NAME, name):
+        expected = f"at most {NAME_MAX} lower-case letters, digits and underscores, beginning with a letter"
+        problems.append(located.problem("INVALID_NAME", ("sessions", name), repr(name), expected))
+    if not node.foreach:
+        yield name, node
+        return
+    seen: set[str] = set()
+    for values in itertools.product(*node.foreach.values()):
+        label = "-".join(re.sub(r"[^A-Za-z0-9_]", "_", format_value(value)) for value in values)
+        if label in seen:
+            path = ("sessions", name, "foreach")
+            problems.append(located.problem("DUPLICATE_VALUE", path, repr(label), "values that differ"))
+            continue
+        seen.add(label)
+        if len(full := f"{name}-{label}") > NODE_MAX:
+            path, expected = ("sessions", name, "foreach"), f"values that make a name of at most {NODE_MAX} letters"
+            problems.append(located.problem("INVALID_NAME", path, repr(full), expected))
+        data = node.model_dump(by_alias=True, exclude={"foreach"}, exclude_unset=True)
+        bound = substitute_value(data, dict(zip(node.foreach, values, strict=True)))
+        yield full, NodeSpec.model_validate(bound)
+    if not seen:
+        problems.append(located.problem("EMPTY_FOREACH", ("sessions", name, "foreach"), "no value", "at least one"))
+
+
+def _iter_predecessors(
+    authored: str, node: NodeSpec, known: Mapping[str, tuple[str, ...]], located: Located, problems: list[Problem]
+) -> Iterator[str]:
+    for index, name in enumerate(node.after):
+        if name in known:
+            yield from known[name]
+        else:
+            path = ("sessions", authored, "after", index)
+            hint = format_hint(name, known)
+            problems.append(located.problem("UNKNOWN_NODE", path, repr(name), format_names(known), hint))
+
+
+def _iter_data_edges(
+    authored: str,
+    node: NodeSpec,
+    variables: Iterable[str],
+    known: Mapping[str, tuple[str, ...]],
+    located: Located,
+    problems: list[Problem],
+) -> Iterator[DataEdge]:
+    fields = {
+        "with": node.arguments,
+        "requires": node.requires,
+        "hold": node.hold,
+        "accept": node.accept,
+        "skill": {"guarantees": node.skill.guarantees} if isinstance(node.skill, Promise) else "",
+        "objective": node.objective,
+    }
+    for inner, text in iter_strings(fields):
+        path = ("sessions", authored, *inner)
+        for match in REFERENCE.finditer(text):
+            reference = match[1]
+            if reference in node.arguments:
+                continue
+            source, _, output = reference.partition(".outputs.")
+            members = known.get(source, ())
+            if not output:
+                possible = [*variables, *node.arguments, *(f"{name}.outputs.<name>" for name in known)]
+                hint = format_hint(reference, possible)
+                problem = located.problem("UNKNOWN_REFERENCE", path, match[0], format_names(possible), hint)
+            elif not members:
+                problem = located.problem(
+                    "UNKNOWN_NODE", path, f"{source!r} in {match[0]}", format_names(known), format_hint(source, known)
+                )
+            elif len(members) > 1:
+                expected = " or ".join(f"${{{member}.outputs.{output}}}" for member in members)
+                problem = located.problem("AMBIGUOUS_REFERENCE", path, match[0], expected)
+            else:
+                yield DataEdge(node=members[0], output=output, path=path)
+                continue
+            problems.append(problem)

@@ -1,0 +1,181 @@
+"""The goal graph: a checked DAG of nodes, each bound to a skill and a target. Its document is TASK.md.
+
+Upstream: `goal_graphs/*.yaml`. Downstream: `compiler` and `mission`. Nodes belong to the agent; only a ready node
+becomes a session. Paper sections 3.3 and 4.1.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.checks import check_bindings, check_spec
+from phyagentos.agent.goals.expansion import Node, expand_nodes
+from phyagentos.agent.goals.selector import Choice
+from phyagentos.agent.goals.spec import GoalSpec
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.documents.markdown import escape_label
+from phyagentos.protocol.documents.schema import Located, parse_yaml, read_yaml, salvage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalGraph:
+    """One goal as a DAG.
+
+    Attributes:
+        spec: As authored, overrides applied.
+        source: The file.
+        nodes: By name, in authored order.
+        choices: Skill, target and bound parameters of each node.
+        dag: Edges lead from a node to those that wait for it; attribute `data` names the outputs that flow.
+        order: Node names in an order that respects every edge; authored order decides where edges do not.
+    """
+
+    spec: GoalSpec
+    source: str
+    nodes: Mapping[str, Node]
+    choices: Mapping[str, Choice]
+    dag: "nx.DiGraph[str]"
+    order: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the goal."""
+        return self.spec.goal
+
+    def find_successors(self, node: str) -> frozenset[str]:
+        """Every node that waits for this one, directly or not."""
+        return frozenset(nx.descendants(self.dag, node))
+
+    def max_replans(self, node: str) -> int:
+        """Children that a node may have."""
+        own = self.nodes[node].spec.max_replans
+        return self.spec.defaults.max_replans if own is None else own
+
+
+def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, str] | None = None) -> GoalGraph:
+    """Read and check a goal graph.
+
+    Args:
+        path: The YAML file.
+        catalogue: What it can be built from.
+        overrides: Dotted path -> YAML value that replaces what the file says (`targets.arm` -> `panda`).
+
+    Raises:
+        DefinitionError: With every problem of the file.
+    """
+    graph, problems = _load(path, catalogue, overrides or {})
+    if graph is None or problems:
+        raise DefinitionError(problems)
+    return graph
+
+
+def check_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, str] | None = None) -> list[Problem]:
+    """Every problem of a goal graph; empty when it can run."""
+    return _load(path, catalogue, overrides or {})[1]
+
+
+def render_mermaid(graph: GoalGraph, states: Mapping[str, str] | None = None) -> str:
+    """The DAG as a Mermaid flowchart; data edges carry the names of their outputs.
+
+    Args:
+        graph: What to draw.
+        states: Node -> state, shown and coloured when given.
+    """
+    ids = {name: f"n{index}" for index, name in enumerate(graph.nodes)}
+    lines = ["flowchart LR"]
+    for name, choice in graph.choices.items():
+        state = (states or {}).get(name, "")
+        label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{choice.skill} on {choice.target}')}"
+        label += f"<br/>{state}" if state else ""
+        lines.append(f'    {ids[name]}["{label}"]' + (f":::{state}" if state else ""))
+    for before, after, facts in graph.dag.edges(data=True):
+        outputs = facts["data"]
+        arrow = f'-- "{escape_label(", ".join(outputs))}" -->' if outputs else "-->"
+        lines.append(f"    {ids[before]} {arrow} {ids[after]}")
+    colors = {
+        "done": "#cde8c9",
+        "active": "#fde9b3",
+        "ready": "#d6e4f7",
+        "blocked": "#f3c6c2",
+        "invalidated": "#e6d5ee",
+    }
+    used = set((states or {}).values())
+    lines += [f"    classDef {state} fill:{color}" for state, color in colors.items() if state in used]
+    return "\n".join(lines) + "\n"
+
+
+def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tuple[GoalGraph | None, list[Problem]]:
+    try:
+        located = override_yaml(read_yaml(path), overrides)
+    except DefinitionError as error:
+        return None, list(error.problems)
+    spec, problems = salvage(GoalSpec, located)
+    if spec is None:
+        return None, problems
+    problems += catalogue.problems
+    nodes = expand_nodes(spec, located, problems)
+    dag = _build_dag(nodes)
+    while cycle := _find_cycle(dag):
+        start = nodes[cycle[0]]
+        problems.append(
+            located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
+        )
+        dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
+    problems += check_spec(spec, nodes, located, catalogue)
+    rank = {name: index for index, name in enumerate(nodes)}
+    order = tuple(nx.lexicographical_topological_sort(dag, key=rank.__getitem__))
+    choices, more = check_bindings(spec, nodes, dag, order, located, catalogue)
+    told = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
+    unique = list(reversed(told.values()))
+    if len(choices) < len(nodes):
+        return None, unique
+    graph = GoalGraph(spec=spec, source=located.source, nodes=nodes, choices=choices, dag=dag, order=order)
+    return graph, unique
+
+
+def _build_dag(nodes: Mapping[str, Node]) -> "nx.DiGraph[str]":
+    dag: nx.DiGraph[str] = nx.DiGraph()
+    dag.add_nodes_from(nodes)
+    for node in nodes.values():
+        for before in node.after:
+            outputs = tuple(dict.fromkeys(edge.output for edge in node.data if edge.node == before))
+            dag.add_edge(before, node.name, data=outputs)
+    return dag
+
+
+def _find_cycle(dag: "nx.DiGraph[str]") -> list[str]:
+    """Names along one cycle, the first repeated at the end; empty when there is none."""
+    if nx.is_directed_acyclic_graph(dag):  # much cheaper than to look for one
+        return []
+    edges = nx.find_cycle(dag)
+    return [*(edge[0] for edge in edges), edges[0][0]]
+
+
+def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
+    """The same data with single values replaced; `targets.arm` names a place by its keys."""
+    if not overrides or not isinstance(located.data, dict):
+        return located
+    data = dict(located.data)
+    for dotted, text in overrides.items():
+        *parents, key = dotted.split(".")
+        place: dict[str, Any] = data
+        for parent in parents:
+            inner = place.get(parent)
+            if inner is not None and not isinstance(inner, dict):
+                raise DefinitionError(
+                    Problem(code="INVALID_OVERRIDE", address=dotted, found=f"{parent!r} is no mapping")
+                )
+            place[parent] = dict(inner or {})
+            place = place[parent]
+        if parents == ["targets"] and key not in place:  # a role that no node names binds nothing
+            roles = [str(role) for role in place]
+            expected, hint = format_names(roles), format_hint(key, roles)
+            raise DefinitionError(
+                Problem(code="INVALID_OVERRIDE", address=dotted, found=repr(key), expected=expected, hint=hint)
+            )
+        place[key] = parse_yaml(text, f"--set {dotted}").data
+    return Located(data=data, source=located.source, marks=located.marks)

@@ -1,0 +1,254 @@
+"""The selector: which skill brings about what is wanted, and which target can carry it out. Paper section 3.3.
+
+Upstream: `goal_graph`. Downstream: `compiler`. A wanted predicate is unified with what each skill guarantees, which
+binds the skill's parameters; a pair of skill and target remains when the target offers all that the skill needs. Every
+refusal keeps its reason, and the reasons of the choice are printed.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.spec import Promise
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.predicates.predicate import Predicate, parse_predicate, substitute
+from phyagentos.protocol.world.predicates.syntax import (
+    And,
+    Call,
+    Compare,
+    Formula,
+    Name,
+    Not,
+    Number,
+    Point,
+    Term,
+    Variable,
+    format_value,
+    iter_calls,
+)
+
+ANY = "any"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """How and where a node will be carried out.
+
+    Attributes:
+        skill: Name of the skill.
+        target: Name of the target.
+        parameters: Arguments as authored, plus those bound by unification.
+        reasons: Why this one, one sentence each; empty when the author named both.
+        rejected: Candidate -> why not.
+    """
+
+    skill: str
+    target: str
+    parameters: Mapping[str, Any]
+    reasons: tuple[str, ...] = ()
+    rejected: Mapping[str, str] = field(default_factory=dict)
+
+
+def select(
+    skill: str | Promise,
+    target: str,
+    arguments: Mapping[str, Any],
+    catalogue: Catalogue,
+    *,
+    established: Sequence[str] = (),
+    address: str = "selector",
+) -> Choice:
+    """Choose skill and target for one node.
+
+    Args:
+        skill: A name, or what must be guaranteed.
+        target: A name of TARGETS.md, or `any`.
+        arguments: As authored.
+        catalogue: What there is.
+        established: What earlier nodes guarantee; a skill that must hold something from the start needs one of them.
+        address: Where the node stands, for messages.
+
+    Raises:
+        DefinitionError: When a name is unknown, or no candidate remains: with the reason of each rejection.
+    """
+    rejected: dict[str, str] = {}
+    skills = list(_iter_skills(skill, arguments, catalogue, established, rejected))
+    targets = sorted(catalogue.targets) if target == ANY else [target]
+    candidates = []
+    for score, runtime, parameters, reasons in skills:
+        for name in targets:
+            lacks = list(find_lacks(runtime, catalogue.targets[name])) if name in catalogue.targets else ["a profile"]
+            if lacks:
+                rejected[f"{runtime.skill} on {name}"] = f"{name} lacks {', '.join(lacks)}"
+            else:
+                candidates.append((score, runtime.skill, name, parameters, reasons))
+    if not candidates:
+        raise DefinitionError(_describe_nothing(skill, target, rejected, catalogue, address))
+    candidates.sort(key=lambda candidate: candidate[:3])
+    _, chosen, where, parameters, reasons = candidates[0]
+    more = list(reasons)
+    if target == ANY:
+        more.append(f"{where} offers what {chosen} needs: {_describe_needs(catalogue.skills[chosen])}")
+    for _, other, place, _, _ in candidates[1:]:
+        rejected[f"{other} on {place}"] = f"possible, but {chosen} on {where} comes first: fewer assumptions, then name"
+    return Choice(skill=chosen, target=where, parameters=parameters, reasons=tuple(more), rejected=rejected)
+
+
+def unify(wanted: Formula, offered: Formula) -> dict[str, Any] | None:
+    """Values of the variables of `offered` that make it equal to `wanted`, or None."""
+    match wanted, offered:
+        case Call(name, terms), Call(other, patterns) if name == other and len(terms) == len(patterns):
+            bound: dict[str, Any] = {}
+            for term, pattern in zip(terms, patterns, strict=True):
+                if not _unify_term(term, pattern, bound):
+                    return None
+            return bound
+        case Not(inner), Not(pattern_inner):
+            return unify(inner, pattern_inner)
+        case Compare(left, relation, limit), Compare(pattern_left, other_relation, other_limit):
+            same = relation == other_relation and limit == other_limit
+            return unify(left, pattern_left) if same else None
+    return {} if wanted == offered else None
+
+
+def _unify_term(term: Term, pattern: Term, bound: dict[str, Any]) -> bool:
+    if not isinstance(pattern, Variable):
+        return term == pattern
+    value = _value_of(term)
+    return value is not None and bool(bound.setdefault(pattern.path, value) == value)
+
+
+def _value_of(term: Term) -> Any:
+    match term:
+        case Name(text):
+            return text
+        case Number(value):
+            return value
+        case Point(position_m):
+            return list(position_m)
+        case Variable(path):
+            return f"${{{path}}}"
+    return None
+
+
+_Candidate = tuple[int, SkillRuntime, dict[str, Any], tuple[str, ...]]
+
+
+def _iter_skills(
+    skill: str | Promise,
+    arguments: Mapping[str, Any],
+    catalogue: Catalogue,
+    established: Sequence[str],
+    rejected: dict[str, str],
+) -> Iterator[_Candidate]:
+    if isinstance(skill, str):
+        if skill in catalogue.skills:
+            yield 0, catalogue.skills[skill], dict(arguments), ()
+        return
+    wanted = parse_predicate(skill.guarantees, template=True)
+    for name, runtime in sorted(catalogue.skills.items()):
+        found = _fit(wanted, runtime, arguments)
+        if isinstance(found, str):
+            rejected[name] = found
+            continue
+        parameters, promise = found
+        missing = _find_unestablished(runtime, parameters, established)
+        if missing:
+            rejected[name] = f"it must begin with {missing}, which no earlier node brings about"
+            continue
+        bindings = ", ".join(f"{key} = {format_value(value)}" for key, value in parameters.items())
+        reason = f"{name} guarantees {promise}, so {wanted.text} with {bindings}"
+        yield len(runtime.requires), runtime, parameters, (reason,)
+
+
+def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any]) -> tuple[dict[str, Any], str] | str:
+    """Parameters and the guarantees that were used, or why the skill does not fit."""
+    parameters = dict(arguments)
+    used: list[str] = []
+    parts = wanted.formula.parts if isinstance(wanted.formula, And) else (wanted.formula,)
+    for part in parts:
+        for text in runtime.guarantees:
+            bound = unify(part, parse_predicate(text, template=True).formula)
+            if bound is not None and all(parameters.get(key, value) == value for key, value in bound.items()):
+                parameters.update(bound)
+                used.append(text)
+                break
+        else:
+            return (
+                f"it does not guarantee {Predicate(part)}; it guarantees {'; '.join(runtime.guarantees) or 'nothing'}"
+            )
+    parameters.pop("target", None)
+    missing = [
+        key
+        for key, parameter in runtime.parameters.items()
+        if key not in parameters and not parameter.optional and parameter.default is None
+    ]
+    unknown = [key for key in parameters if key not in runtime.parameters]
+    if missing:
+        return f"parameter {missing[0]!r} follows neither from the guarantee nor from 'with'"
+    if unknown:
+        return f"it has no parameter {unknown[0]!r}"
+    return parameters, " and ".join(used)
+
+
+def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str | None:
+    """A thing that the skill must hold from the start and that nothing before it takes hold of."""
+    before = {parse_predicate(text, template=True).text for text in established}
+    for text in runtime.requires:
+        predicate = parse_predicate(substitute(text, parameters), template=True)
+        is_held = any(_held(predicate) == _held(parse_predicate(other, template=True)) for other in before)
+        if _is_holding(predicate) and not is_held:
+            return predicate.text
+    return None
+
+
+def begins_with_holding(runtime: SkillRuntime) -> bool:
+    """Whether a skill must hold something from the start."""
+    return any(_is_holding(parse_predicate(text, template=True)) for text in runtime.requires)
+
+
+def _is_holding(predicate: Predicate) -> bool:
+    return isinstance(predicate.formula, Call) and predicate.formula.name == "holding"
+
+
+def _held(predicate: Predicate) -> Term | None:
+    calls = [call for call in iter_calls(predicate.formula) if call.name == "holding"]
+    return calls[0].terms[1] if calls and isinstance(predicate.formula, Call) else None
+
+
+def find_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:
+    """What a skill needs and a target does not offer, in words."""
+    needs = runtime.needs
+    for what, needed, offered in (
+        ("observation", needs.observations, target.observations),
+        ("action", needs.actions, target.actions),
+        ("capability", needs.capabilities, target.capabilities),
+    ):
+        yield from (f"{what} {name}" for name in needed if name not in offered)
+
+
+def _describe_needs(runtime: SkillRuntime) -> str:
+    needs = (*runtime.needs.observations, *runtime.needs.actions, *runtime.needs.capabilities)
+    return ", ".join(needs) or "nothing"
+
+
+def _describe_nothing(
+    skill: str | Promise, target: str, rejected: Mapping[str, str], catalogue: Catalogue, address: str
+) -> Problem:
+    if isinstance(skill, str) and skill not in catalogue.skills:
+        names = list(catalogue.skills)
+        return Problem(
+            code="UNKNOWN_SKILL",
+            address=address,
+            found=repr(skill),
+            expected=format_names(names),
+            hint=format_hint(skill, names),
+        )
+    wanted = f"skill {skill!r}" if isinstance(skill, str) else f"a skill that guarantees {skill.guarantees!r}"
+    reasons = "; ".join(f"{name}: {why}" for name, why in rejected.items()) or "there is none"
+    return Problem(
+        code="NO_CANDIDATE", address=address, found=f"{wanted} on target {target!r}", hint=f"Rejected: {reasons}."
+    )

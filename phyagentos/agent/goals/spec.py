@@ -1,0 +1,141 @@
+"""The authoring format of goal graphs, version 1: what a person writes, as frozen models.
+
+Upstream: `goal_graphs/*.yaml`. Downstream: `goal_graph`, which gives it meaning. Everything that can be checked without
+knowing skills, targets and scenes is checked here; the JSON Schema for editors comes from these models.
+"""
+
+import re
+from typing import Any, Literal
+
+import pydantic
+
+from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
+
+NODE_NAME = r"^[a-z][a-z0-9_]*$"
+NAME_MAX = 80  # letters of a goal or node as authored; ids add a seed, or the values of a fan-out
+REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
+
+
+class Promise(Authored):
+    """A skill named by what it must bring about; the selector finds it."""
+
+    guarantees: str
+
+
+class LookaheadSpec(Authored):
+    """What is simulated before a session starts.
+
+    Attributes:
+        samples: Rollouts at most, each in a world of its own; clear cases take fewer.
+        threshold: Least share of successful rollouts with which a session is worth a try.
+    """
+
+    samples: int = pydantic.Field(default=16, ge=1, le=1000)
+    threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
+
+
+class Defaults(Authored):
+    """What holds for every node that does not say otherwise.
+
+    Attributes:
+        timeout_s: Longest execution in the target's time [s].
+        wall_timeout_s: Longest execution by the wall clock, thinking included [s].
+        queue_s: Longest wait for a free target, by the wall clock [s].
+        preflight_s: Longest check before a session starts, by the wall clock [s].
+        heartbeat_s: Longest silence of a runner, by the wall clock [s].
+        stall_s: Longest time without a control period while a runner says that it acts, by the wall clock [s].
+        think_s: Longest time without a control period while it waits for a planner, by the wall clock [s].
+        policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
+        max_replans: Children that a node may have.
+        reset_policy: When a target's world may be begun anew for this goal.
+        lookahead: What is simulated before a session starts; nothing when it is absent.
+    """
+
+    timeout_s: float = pydantic.Field(default=60.0, gt=0)
+    wall_timeout_s: float = pydantic.Field(default=120.0, gt=0)
+    queue_s: float = pydantic.Field(default=3600.0, gt=0)
+    preflight_s: float = pydantic.Field(default=120.0, gt=0)
+    heartbeat_s: float = pydantic.Field(default=10.0, gt=0)
+    stall_s: float = pydantic.Field(default=20.0, gt=0)
+    think_s: float = pydantic.Field(default=90.0, gt=0)
+    policy_s: float = pydantic.Field(default=10.0, gt=0)
+    max_replans: int = pydantic.Field(default=2, ge=0)
+    reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
+    lookahead: LookaheadSpec | None = None
+
+
+class Budget(Authored):
+    """What a whole goal may cost, first attempts included; nothing is submitted beyond it.
+
+    Attributes:
+        sessions: Sessions that may be submitted.
+        sim_time_s: Simulated time of all executions, after which no other session begins [s].
+    """
+
+    sessions: int | None = pydantic.Field(default=None, ge=1)
+    sim_time_s: float | None = pydantic.Field(default=None, gt=0)
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether it bounds nothing."""
+        return self.sessions is None and self.sim_time_s is None
+
+
+class NodeSpec(Authored):
+    """One node as authored.
+
+    Attributes:
+        skill: Name in SKILLRUNTIME.md, or what it must guarantee.
+        target: A role of `targets`, a name in TARGETS.md, or `any`.
+        arguments: Arguments of the skill (`with`); may hold `${variable}` and `${node.outputs.name}`.
+        after: Nodes that must be done before.
+        foreach: Variable -> values; one node per value (per combination when there are several variables).
+        requires: Preconditions, beside those of the skill.
+        hold: Conditions that must hold all through, beside those of the skill and the goal's constraints.
+        accept: Acceptance criteria, beside what the skill guarantees.
+        objective: What a person would say; written from skill and arguments when empty.
+        timeout_s: Overrides the default.
+        max_replans: Overrides the default.
+        priority: Larger runs first; a waiting session gains priority with time.
+        resources: What it must have for itself while it runs, beside those of the skill; see runtime_contract.yaml.
+        lookahead: Overrides the default; `false` for no look-ahead.
+    """
+
+    skill: str | Promise
+    target: str = "any"
+    arguments: dict[str, Any] = pydantic.Field(default_factory=dict, alias="with")
+    after: tuple[str, ...] = ()
+    foreach: dict[str, tuple[str | int | float | bool, ...]] = {}
+    requires: tuple[str, ...] = ()
+    hold: tuple[str, ...] = ()
+    accept: tuple[str, ...] = ()
+    objective: str = ""
+    timeout_s: float | None = pydantic.Field(default=None, gt=0)
+    max_replans: int | None = pydantic.Field(default=None, ge=0)
+    priority: int = pydantic.Field(default=0, ge=-PRIORITY_MAX, le=PRIORITY_MAX)
+    resources: tuple[str, ...] = ()
+    lookahead: LookaheadSpec | Literal[False] | None = None
+
+
+class GoalSpec(Authored):
+    """One goal graph as authored.
+
+    Attributes:
+        targets: Role -> name in TARGETS.md, or `any`.
+        constraints: Invariants, sampled all through every session.
+        sessions: Nodes by name.
+        accept: The goal's own acceptance, judged at the end against the goal's first snapshot.
+        budget: What the whole goal may cost; without end when empty.
+    """
+
+    version: Literal[1] = 1
+    goal: str = pydantic.Field(pattern=NODE_NAME)
+    objective: str
+    scene: str
+    targets: dict[str, str] = {}
+    constraints: tuple[str, ...] = ()
+    defaults: Defaults = Defaults()
+    sessions: dict[str, NodeSpec] = pydantic.Field(min_length=1)
+    accept: tuple[str, ...] = ()
+    budget: Budget = Budget()

@@ -1,0 +1,326 @@
+"""Why an objective was not met: one coded cause from evidence, for the replanner, for lessons, for people.
+
+Upstream: the verifier, which has found a criterion that is not true. It reads the trace, how the execution ended and
+what changed in the world; never what the simulated world was told to do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass
+from phyagentos.agent.judging.judges.predicates import evaluate_criterion
+from phyagentos.agent.judging.judging_faults import find_judging_fault
+from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
+from phyagentos.codes import CODES, Retry
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.verdicts import Criterion, Support
+from phyagentos.protocol.world.environment import Environment, Status
+from phyagentos.protocol.world.predicates.predicate import find_entities, find_things
+from phyagentos.protocol.world.truth import Truth
+
+MOVED_M = 0.015  # as the predicate `moved`
+DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
+GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
+FELL_M = 0.1  # nor is one that lies so much lower
+ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
+SURE = 0.7  # confidence of a pose from which it may be concluded that a thing cannot be had again
+
+HOPELESS = frozenset(cause for cause in Cause if CODES[cause].retry is Retry.NEVER)
+"""Causes that another attempt cannot mend."""
+
+_OF_CODES = {
+    "OBJECT_GONE": Cause.OBJECT_GONE,
+    "UNKNOWN_ENTITY": Cause.OBJECT_GONE,
+    "NOT_VISIBLE": Cause.OBJECT_HIDDEN,
+    "GRASP_MISSED": Cause.GRASP_MISSED,
+    "GRASP_LOST": Cause.GRASP_LOST,
+    "STILL_HELD": Cause.STILL_HELD,
+    "STALLED": Cause.STALLED,
+    "NO_PROGRESS": Cause.STALLED,
+    "NOT_AT_START": Cause.STALLED,
+    "OUT_OF_TIME": Cause.TIMED_OUT,
+    "PLANNER_LOST": Cause.RUNNER_LOST,
+    "TOO_WIDE": Cause.IMPOSSIBLE,
+    "UNMET": Cause.UNMET,
+    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN"), Cause.NO_PLAN),
+}
+_OF_ENDS = {
+    Ended.TIMED_OUT: Cause.TIMED_OUT,
+    Ended.STALLED: Cause.STALLED,
+    Ended.RUNNER_LOST: Cause.RUNNER_LOST,
+    Ended.TARGET_LOST: Cause.TARGET_LOST,
+    Ended.SAFETY_STOP: Cause.SAFETY_STOP,
+    Ended.CANCELLED: Cause.CANCELLED,
+}
+_OF_STOPS = {  # nothing about the motion was wrong; to go slower would only give the next one more occasions
+    "LEASE_LOST": Cause.RUNNER_LOST,  # whoever supervised it was gone
+    "DEADMAN": Cause.STALLED,  # a command came too late
+}
+_UNSEEN = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.OBJECT_GONE})
+_OF_MACHINE = frozenset({Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED})
+
+
+_OF_ADAPTERS = frozenset(
+    {
+        "TARGET_LIMIT",
+        "WRONG_SHAPE",
+        "NOT_FINITE",
+        "DISCONTINUOUS",
+        "ROTATION_INVALID",
+        "SET_POINTS_DISAGREE",
+        "CHUNK_LENGTH",
+        "RATE",
+    }
+)
+
+
+_POLICY = "policy"  # the leaf of a policy skill
+_OF_POLICIES = {  # how a policy's loop ends whatever the world looks like afterwards
+    "OBSERVATION_UNAVAILABLE": Cause.SENSOR_STALE,
+    **dict.fromkeys(("WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"), Cause.POLICY_FAILED),
+}
+"""Its sensors did not show it the present; a chunk of another form than declared, refused before any adapter."""
+
+
+class Layer(StrEnum):
+    """Where the cause lies, from the evidence inwards."""
+
+    EVIDENCE = "evidence"
+    WORLD = "world"
+    SAFETY = "safety"
+    RUNTIME = "runtime"
+    PLANNING = "planning"
+    EXECUTION = "execution"
+    ACCEPTANCE = "acceptance"
+
+
+_OF_LAYERS = {
+    Cause.EVIDENCE_MISSING: Layer.EVIDENCE,
+    Cause.SENSOR_STALE: Layer.EVIDENCE,
+    Cause.UNDECIDABLE: Layer.EVIDENCE,
+    Cause.NO_CRITERIA: Layer.EVIDENCE,
+    Cause.CRITERIA_CONTRADICT: Layer.ACCEPTANCE,
+    Cause.JUDGES_DISAGREE: Layer.EVIDENCE,
+    Cause.JUDGE_FAILED: Layer.EVIDENCE,
+    Cause.OBJECT_GONE: Layer.WORLD,
+    Cause.OBJECT_HIDDEN: Layer.WORLD,
+    Cause.OBJECT_MOVED: Layer.WORLD,
+    Cause.CONSTRAINT_VIOLATED: Layer.SAFETY,
+    Cause.SAFETY_STOP: Layer.SAFETY,
+    Cause.RUNNER_LOST: Layer.RUNTIME,
+    Cause.TARGET_LOST: Layer.RUNTIME,
+    Cause.TIMED_OUT: Layer.RUNTIME,
+    Cause.CANCELLED: Layer.RUNTIME,
+    Cause.NO_PLAN: Layer.PLANNING,
+    Cause.IMPOSSIBLE: Layer.PLANNING,
+    Cause.PLACED_WRONG: Layer.ACCEPTANCE,
+    Cause.WITHOUT_EFFECT: Layer.ACCEPTANCE,
+    Cause.NOTHING_CHANGED: Layer.ACCEPTANCE,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnosis:
+    """The cause of an objective that was not met.
+
+    Attributes:
+        cause: Coded.
+        leaf: Path of the leaf that decided, empty when none did.
+        fact: The deciding observation, in words, with its number.
+        object: The thing that it is about, None when it cannot be told.
+        is_hopeless: Whether another attempt cannot mend it.
+        stage: How far the skill had come.
+        support: The numbers of the evidence that it rests on.
+    """
+
+    cause: Cause
+    leaf: str = ""
+    fact: str = ""
+    object: str | None = None
+    is_hopeless: bool = False
+    stage: Stage = Stage.BEFORE
+    support: tuple[Support, ...] = ()
+
+    @property
+    def kind(self) -> CauseClass:
+        """Of the cause; what was lost while it was being lifted had never been held well."""
+        if self.cause is Cause.GRASP_LOST and self.stage < Stage.LIFTED:
+            return CauseClass.GRASP
+        return CLASSES.get(self.cause, CauseClass.OTHER)
+
+    @property
+    def layer(self) -> Layer:
+        """Where the cause lies."""
+        return _OF_LAYERS.get(self.cause, Layer.EXECUTION)
+
+
+def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
+    """The cause why `criteria` are not all true on this evidence."""
+    course = ManipulationTimeline.of(bundle, find_object(bundle, criteria))
+    cause, fact = _find_cause(bundle, criteria, course)
+    is_told = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
+    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(course, is_told=is_told)
+    if cause is Cause.CONSTRAINT_VIOLATED:
+        hopeless = hopeless or any(_is_still_violated(criterion, bundle) for criterion in criteria)
+    return Diagnosis(
+        cause=cause,
+        leaf=bundle.execution.leaf,
+        fact=fact,
+        object=course.name,
+        is_hopeless=hopeless,
+        stage=course.stage,
+        support=course.support,
+    )
+
+
+def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
+    """The cause when it was looked for again in vain: a thing that alone is not seen among others that are is gone."""
+    diagnosis = diagnose(bundle, criteria)
+    world, name = bundle.after, diagnosis.object
+    if world is None or name is None or diagnosis.cause not in _UNSEEN:
+        return diagnosis
+    others = [entity for entity in world.entities.values() if entity.movable and entity.name != name]
+    seen = [each for each in others if world.shows(each.name)]
+    if not seen or 2 * len(seen) < len(others):
+        return replace(diagnosis, cause=Cause.OBJECT_HIDDEN)
+    fact = f"{name} was looked for and not seen, {len(seen)} of {len(others)} other things were"
+    return replace(diagnosis, cause=Cause.OBJECT_GONE, fact=fact, is_hopeless=True)
+
+
+def find_object(bundle: Bundle, criteria: Sequence[Criterion] = ()) -> str | None:
+    """The movable thing that the session is about: its `object`, else the first one its parameters or criteria name."""
+    world = bundle.before or bundle.after
+    if world is None:
+        return None
+    parameters = bundle.session.parameters
+    named = [parameters.get("object"), *parameters.values()]
+    named += [name for criterion in criteria for name in find_entities(criterion.text)]
+    for name in named:
+        if isinstance(name, str) and name in world.entities and world.entities[name].movable:
+            return name
+    return None
+
+
+def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], course: ManipulationTimeline) -> tuple[Cause, str]:
+    execution = bundle.execution
+    if not criteria:
+        return Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted"
+    if bundle.after is None:
+        return Cause.EVIDENCE_MISSING, "the world was not observed after the session"
+    if (fault := find_judging_fault(criteria)) is not None:
+        return fault
+    if execution.ended in _OF_MACHINE:
+        return _OF_ENDS[execution.ended], _describe_end(bundle)
+    if course.name and course.now is None and course.stage < Stage.GRASPED:
+        return Cause.OBJECT_GONE, f"{course.name} is not in the world after the session"
+    violated = next((c for c in criteria if c.kind in {"hold", "constraint"} and c.truth is Truth.FALSE), None)
+    if violated is not None:
+        when = f" at {violated.at_s:.2f} s" if violated.at_s is not None else ""
+        return Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}"
+    if (disturbed := _find_disturbance(bundle, course)) is not None:
+        return disturbed
+    if execution.leaf == _POLICY and execution.code in _OF_POLICIES:
+        return _OF_POLICIES[execution.code], _describe_end(bundle)
+    if execution.code in _OF_ADAPTERS:
+        return Cause.ADAPTER_REFUSED, _describe_end(bundle)
+    if execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
+        return _OF_STOPS.get(execution.code, _OF_ENDS[execution.ended]), _describe_end(bundle)
+    if course.now is not None and not course.now.visible:
+        return Cause.OBJECT_HIDDEN, f"{course.name} was not seen after the session"
+    if execution.ended is Ended.SKILL_FAILED:
+        if execution.code.startswith("POLICY_"):
+            return Cause.POLICY_FAILED, _describe_end(bundle)
+        return _OF_CODES.get(execution.code, Cause.UNKNOWN), _describe_end(bundle)
+    return _judge_completed(bundle, criteria, course)
+
+
+def _find_disturbance(bundle: Bundle, course: ManipulationTimeline) -> tuple[Cause, str] | None:
+    """The thing moved although the robot had never taken hold of it, or had already let go of it."""
+    name, moved_m = course.name, course.moved_m
+    if course.now is None or not course.now.visible:
+        return None  # where it is now is not known
+    touched = course.stage >= Stage.GRASPED or _was_held(course)
+    if not touched and _is_out_of_reach(course):
+        return (
+            Cause.OBJECT_GONE,
+            f"{name} was carried off by {moved_m:.2f} m without being held; {_describe_end(bundle)}",
+        )
+    pushes = not course.grips  # a skill that only pushes moves things without holding them
+    if not touched and not pushes and moved_m > DISTURBED_M:
+        return Cause.OBJECT_MOVED, f"{name} moved {moved_m:.3f} m without being held; {_describe_end(bundle)}"
+    if course.stage is Stage.RELEASED and course.since_release_m > ROLLED_M:
+        text = f"{name} was put down and then moved {course.since_release_m:.3f} m without being held"
+        return Cause.OBJECT_MOVED, text
+    return None
+
+
+def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: ManipulationTimeline) -> tuple[Cause, str]:
+    """The skill reported success, yet a criterion is not true."""
+    name, moved_m = course.name, course.moved_m
+    if not any(criterion.truth is Truth.FALSE for criterion in criteria):
+        unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
+        after, now = bundle.after, course.now
+        if after is not None and now is not None and now.visible and not after.shows(now.name):
+            age_s = after.time_s - now.observed_at_s
+            return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
+        cause = Cause.UNDECIDABLE if _is_all_seen(unknown, bundle) else Cause.EVIDENCE_MISSING
+        return cause, f"{unknown.text} is unknown: {unknown.because}"
+    if bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
+        return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
+    wanted = [criterion.text for criterion in criteria if criterion.truth is Truth.FALSE]
+    if any(text.startswith("holding(") for text in wanted):
+        return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
+    if moved_m > MOVED_M:
+        return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"
+    return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {bundle.execution.ticks} commands"
+
+
+def _is_out_of_reach(course: ManipulationTimeline, *, is_told: bool = True) -> bool:
+    """Whether the thing fell off what it stood on, or was taken away; a lost runner may have carried it (not told)."""
+    was, now = course.was, course.now
+    if was is None or now is None or now.confidence < SURE or _was_held(course):
+        return False
+    fell_m = was.pose.position_m[2] - now.pose.position_m[2]
+    return fell_m > FELL_M or (is_told and course.moved_m > GONE_M and course.stage < Stage.LIFTED)
+
+
+def _was_held(course: ManipulationTimeline) -> bool:
+    """Whether a hand had it as the session began; when that opens, the thing falls."""
+    return course.was is not None and course.was.status is Status.HELD
+
+
+def _describe_end(bundle: Bundle) -> str:
+    """`pick/verify_grasp failed with GRASP_MISSED: the fingers, 0.4 mm apart, ... (width_m 0.0004)`."""
+    execution = bundle.execution
+    parts = [execution.leaf or "the execution", f"ended {execution.ended}"]
+    if execution.code:
+        parts.append(f"with {execution.code}")
+    event = find_failed_leaf(bundle)
+    message = (execution.message or (event.message if event else "")).rstrip(".")
+    numbers = [f"{k} {v:.4g}" for k, v in (event.numbers if event else {}).items() if isinstance(v, float)]
+    text = " ".join(parts) + (f": {message}" if message else "")
+    return f"{text} ({', '.join(numbers)})" if numbers else text
+
+
+def _has_anything_moved(before: Environment | None, after: Environment | None) -> bool:
+    if before is None or after is None:
+        return True
+    return before.entities.keys() != after.entities.keys() or any(
+        compute_move(before.entities[name], entity) > MOVED_M for name, entity in after.entities.items()
+    )
+
+
+def _is_all_seen(criterion: Criterion, bundle: Bundle) -> bool:
+    """Whether every thing that a criterion speaks of was seen at the end."""
+    after = bundle.after
+    if after is None or criterion.kind != "accept":
+        return False
+    return all(after.shows(name) for name in find_things(criterion.text, after))
+
+
+def _is_still_violated(criterion: Criterion, bundle: Bundle) -> bool:
+    if criterion.kind not in {"hold", "constraint"} or criterion.truth is not Truth.FALSE:
+        return False
+    return evaluate_criterion(criterion.text, "hold", bundle).truth is not Truth.TRUE

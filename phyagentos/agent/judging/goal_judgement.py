@@ -1,0 +1,192 @@
+"""The judgement of a whole goal, and the evidence of its sessions.
+
+Upstream: finished sessions. Downstream: `progress`. A goal is met when every node is done and its own acceptance is
+true in the latest snapshot, changes measured against the first one. Each simulated target has a world of its own: where
+those of a goal do not agree, nothing is known.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.goals.selector import ANY
+from phyagentos.agent.judging.judges.predicates import evaluate_on
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.sessions.evidence import AFTER, Bundle, read_bundle
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
+from phyagentos.protocol.world.environment import ENVIRONMENT, Environment, read_environment
+from phyagentos.protocol.world.predicates.library import ArgumentKind
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.truth import Truth
+
+Age = tuple[int, str]
+
+
+@dataclass(slots=True)
+class Seen:
+    """The first and the latest snapshot of some sessions.
+
+    Attributes:
+        initial: The world before the first session, None before any was observed.
+        now: The world after the latest.
+        now_file: Where that stands, relative to the workspace.
+    """
+
+    initial: Environment | None = None
+    now: Environment | None = None
+    now_file: str = AFTER
+    oldest: Age | None = None
+    latest: Age | None = None
+
+    def take_in(self, age: Age, bundle: Bundle) -> None:
+        """Know the snapshots of one more session."""
+        if bundle.before is not None and (self.oldest is None or age < self.oldest):
+            self.oldest, self.initial = age, bundle.before
+        if bundle.after is not None and (self.latest is None or age > self.latest):
+            self.latest, self.now = age, bundle.after
+            self.now_file = f"{bundle.execution.evidence}/{AFTER}"
+
+
+class Evidence:
+    """The bundles of one goal, and the first and the latest snapshot in those that were read.
+
+    Sessions are judged in the order of their end, so that order is also the age of what they saw. The world's own time
+    is not: it begins anew when a simulated world was lost.
+
+    Args:
+        root: The workspace.
+
+    Attributes:
+        root: As given.
+        all: What was seen by any session.
+        by_target: What was seen by those on one target.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._ages: dict[str, Age] = {}
+        self.all = Seen()
+        self.by_target: dict[str, Seen] = {}
+
+    def read(self, status: SessionStatus, *, with_course: bool = True) -> Bundle:
+        """The bundle of a session that has an execution; one that cannot be read is empty, which proves nothing.
+
+        Args:
+            status: Of the session.
+            with_course: Whether trace and events are wanted.
+        """
+        bundle = self._read(status, with_course)
+        age = self._ages.setdefault(bundle.session.id, self._compute_age(status))
+        for seen in (self.all, self.by_target.setdefault(bundle.session.target, Seen())):
+            seen.take_in(age, bundle)
+        return bundle
+
+    def _compute_age(self, status: SessionStatus) -> Age:
+        """What an earlier agent judged comes first, in the order of its verdicts; then what is judged here."""
+        return (0, status.updated_at) if status.state in FINAL_STATES else (len(self._ages) + 1, "")
+
+    def take_in(self, status: SessionStatus) -> None:
+        """Know the snapshots of a session, without reading them again."""
+        if status.contract.id not in self._ages:
+            self.read(status, with_course=False)
+
+    def find_latest(self) -> Environment | None:
+        """The latest snapshot that was judged; before the first, what ENVIRONMENT.md says."""
+        if self.all.now is not None:
+            return self.all.now
+        try:
+            return read_environment((self.root / ENVIRONMENT.file).read_text(encoding="utf-8"))
+        except (OSError, DefinitionError):
+            return None
+
+    def _read(self, status: SessionStatus, with_course: bool) -> Bundle:
+        execution = status.execution
+        if execution is None:
+            id = status.contract.id
+            raise ExecutionError("EXECUTION_MISSING", f"session {id} is {status.state} and was never executed")
+        folder = self.root / execution.evidence
+        try:
+            return read_bundle(folder, status.contract, execution, with_course=with_course)
+        except ExecutionError as error:
+            told = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
+            return Bundle(
+                folder=folder,
+                session=status.contract,
+                execution=told,
+                before=None,
+                after=None,
+                holds=(),
+                trace=(),
+                events=(),
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """The verdict of a goal.
+
+    Attributes:
+        verdict: Success or failure.
+        reason: One sentence.
+        criteria: The goal's own acceptance.
+        initial: The first snapshot of the goal.
+        now: The latest.
+    """
+
+    verdict: Verdict
+    reason: str
+    criteria: tuple[Criterion, ...] = ()
+    initial: Environment | None = None
+    now: Environment | None = None
+
+
+def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str]) -> Outcome:
+    """Whether the goal is met.
+
+    Args:
+        graph: With the goal's own acceptance.
+        evidence: Of its finished sessions.
+        blocked: Node that cannot be done -> why.
+    """
+    criteria = tuple(_judge(text, graph, evidence) for text in graph.spec.accept)
+    missed = [criterion for criterion in criteria if criterion.truth is not Truth.TRUE]
+    if blocked:
+        node, why = next(iter(blocked.items()))
+        verdict, reason = Verdict.FAILURE, f"node {node} cannot be done: {why}"
+    elif missed:
+        verdict, reason = Verdict.FAILURE, f"{missed[0].text} is {missed[0].truth}: {missed[0].because}"
+    else:
+        verdict = Verdict.SUCCESS
+        reason = f"every node is done and all {len(criteria)} criteria of the goal are true"
+    return Outcome(
+        verdict=verdict, reason=reason, criteria=criteria, initial=evidence.all.initial, now=evidence.all.now
+    )
+
+
+def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
+    """One criterion, in the world of the target that it names, else in those of all."""
+    roles = {role: target for role, target in graph.spec.targets.items() if target != ANY}
+    predicate = parse_predicate(text).rename_targets(roles)
+    worlds = {target: seen for target, seen in evidence.by_target.items() if seen.now is not None}
+    named = {reference.name for reference in predicate.iter_references() if reference.kind is ArgumentKind.TARGET}
+    if named & worlds.keys():
+        worlds = {target: worlds[target] for target in named & worlds.keys()}
+    targets = {choice.target for choice in graph.choices.values()}
+    only = targets.pop() if len(targets) == 1 else None
+    told = {target: _judge_in(predicate.text, seen, only) for target, seen in worlds.items()}
+    if not told:
+        return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because="no session left a snapshot")
+    if len({criterion.truth for criterion in told.values()}) > 1:
+        because = ", ".join(f"{criterion.truth} in the world of {target}" for target, criterion in sorted(told.items()))
+        return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because=because)
+    return told[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
+
+
+def _judge_in(text: str, seen: Seen, target: str | None) -> Criterion:
+    assert seen.now is not None, "worlds without a snapshot are left out"
+    return evaluate_on(text, "accept", seen.now, seen.initial, target=target, evidence=seen.now_file)

@@ -1,0 +1,154 @@
+"""The registry of judges, by the names that `verification.judges` and `paos verify --with` use.
+
+Upstream: the shipped judges, and installed packages, which announce a `JudgeDefinition` by the entry point group
+`phyagentos.judges`, under its own name. Downstream: `assembly`, which fills it; importing this module registers
+nothing. A judge of others never takes the verifier down: where it raises, or answers with anything but criteria, its
+answer is unknown.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+
+from phyagentos.agent.judging.judges.judge import Judge, make_unknown
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeOption, Verification
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgeSettings:
+    """What a judge is made from.
+
+    Attributes:
+        verification: The whole block of the settings.
+        options: Those that the block `options` gives this judge.
+        clock: For a judge that has to wait.
+        address: Where the block stands, for messages.
+    """
+
+    verification: Verification
+    clock: Clock
+    options: Mapping[str, JudgeOption] = field(default_factory=dict)
+    address: str = "runtime_contract.yaml: verification"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgeDefinition:
+    """One judge that can be asked.
+
+    Attributes:
+        name: As written in the settings.
+        open: Makes it; raises DefinitionError for settings that it cannot work with.
+        is_costly: Whether it is asked last, and only when nothing is false yet.
+        description: One sentence for people.
+    """
+
+    name: str
+    open: Callable[[JudgeSettings], Judge]
+    is_costly: bool = False
+    description: str = ""
+
+
+class JudgeRegistry:
+    """Judges by name."""
+
+    def __init__(self) -> None:
+        self._definitions: dict[str, JudgeDefinition] = {}
+
+    def register(self, definition: JudgeDefinition) -> None:
+        """Add one; raises ValueError when the name is taken: a plug-in never replaces another."""
+        if definition.name in self._definitions:
+            raise ValueError(f"judge {definition.name!r} is registered already")
+        self._definitions[definition.name] = definition
+
+    def register_installed(self) -> None:
+        """Add what installed packages announce; what does not load is refused to those who ask for it."""
+        for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
+            try:
+                definition = point.load()
+            except Exception as error:  # code of others; who never asks for it is not to suffer
+                self.register(_make_unloadable(point.name, f"{type(error).__name__}: {error}"))
+                continue
+            if not isinstance(definition, JudgeDefinition) or definition.name != point.name:
+                raise ValueError(f"entry point {point.value!r} is no JudgeDefinition of the name {point.name!r}")
+            self.register(_make_closed(definition))
+
+    def names(self) -> list[str]:
+        """Every name, sorted."""
+        return sorted(self._definitions)
+
+    def __iter__(self) -> Iterator[JudgeDefinition]:
+        return (self._definitions[name] for name in self.names())
+
+    def get(self, names: Sequence[str], address: str) -> list[JudgeDefinition]:
+        """Those of these names, in this order, each once.
+
+        Raises:
+            DefinitionError: `UNKNOWN_JUDGE` for each name that nobody registered.
+        """
+        problems = [
+            Problem(
+                code="UNKNOWN_JUDGE",
+                address=address,
+                found=repr(name),
+                expected=format_names(self._definitions),
+                hint=format_hint(name, self._definitions),
+            )
+            for name in names
+            if name not in self._definitions
+        ]
+        if problems:
+            raise DefinitionError(problems)
+        return [self._definitions[name] for name in dict.fromkeys(names)]
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignJudge:
+    """A judge of others, whose failures are its own.
+
+    Attributes:
+        other: Who is asked.
+        kind: Of the criterion that tells of a failure.
+    """
+
+    other: Judge
+    kind: str
+
+    @property
+    def name(self) -> str:
+        """Its own."""
+        return self.other.name
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """Its criteria; one that is unknown where it failed."""
+        try:
+            criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
+        except Exception as error:  # code of others; whatever it raises, the session must be judged
+            return [make_unknown(self.kind, self.kind, "", f"the judge raised {type(error).__name__}: {error}")]
+        known = [each for each in criteria if isinstance(each, Criterion)]
+        if len(known) == len(criteria):
+            return known
+        strangers = sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)})
+        return [make_unknown(self.kind, self.kind, "", f"the judge answered with {', '.join(strangers)}")]
+
+
+def _make_unloadable(name: str, reason: str) -> JudgeDefinition:
+    def open(settings: JudgeSettings) -> Judge:
+        found = f"judge {name!r}, whose package does not load: {reason}"
+        raise DefinitionError(
+            Problem(code="UNKNOWN_JUDGE", address=settings.address, found=found, expected="a package that loads")
+        )
+
+    return JudgeDefinition(name=name, open=open, description=f"Does not load: {reason}")
+
+
+def _make_closed(definition: JudgeDefinition) -> JudgeDefinition:
+    return JudgeDefinition(
+        name=definition.name,
+        open=lambda settings: ForeignJudge(definition.open(settings), definition.name),
+        is_costly=definition.is_costly,
+        description=definition.description,
+    )

@@ -1,0 +1,52 @@
+"""The judge of what was foreseen: the share of simulated rollouts in which the acceptance came true.
+
+Upstream: `lookahead.json`, which the runtime leaves in the bundle when somebody asked. Downstream: the verifier, which
+records it and never lets a prediction outvote what was observed (see `ADVISORY_KINDS`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult, read_lookahead
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.truth import Truth
+
+KIND = "lookahead"
+
+
+@dataclass(frozen=True, slots=True)
+class LookaheadJudge:
+    """Judges the chance of success that was simulated before the session."""
+
+    name: str = "lookahead/1"
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """One criterion when rollouts were asked for and made, none otherwise."""
+        if bundle.session.lookahead is None:
+            return []
+        try:
+            result = read_lookahead(bundle.folder)
+        except ExecutionError as error:
+            return [make_unknown(KIND, KIND, LOOKAHEAD, str(error))]
+        return [] if result is None else [_judge(result)]
+
+
+def _judge(result: LookaheadResult) -> Criterion:
+    text = f"{KIND} >= {result.threshold:g}"
+    if result.samples <= 0:
+        return make_unknown(text, KIND, LOOKAHEAD, "no rollout came to an end")
+    share = result.succeeded / result.samples
+    because = f"{result.succeeded} of {result.samples} rollouts met the acceptance"
+    if result.likely_cause:
+        because += f"; the others failed with {', '.join(f'{c} ({n})' for c, n in sorted(result.causes.items()))}"
+    return Criterion(
+        text=text,
+        kind=KIND,
+        truth=Truth.TRUE if share >= result.threshold else Truth.FALSE,
+        measured={"share": round(share, 4), "samples": result.samples, "cost_ms": round(result.cost_ms, 1)},
+        evidence=LOOKAHEAD,
+        because=because,
+    )

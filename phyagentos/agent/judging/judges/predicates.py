@@ -1,0 +1,78 @@
+"""The judge of acceptance: predicates on the snapshots before and after a session.
+
+Upstream: the contract's `accept`. Downstream: the verifier; the goal's own judgement uses the same evaluation. A fact
+about a thing that may move counts only when it was observed at the end, see `FRESH_S`: one that was true a while ago
+says nothing about the world that the session left.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions.evidence import AFTER, Bundle
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.environment import FRESH_S, Environment
+from phyagentos.protocol.world.predicates.predicate import View, has_metric, parse_predicate
+
+_LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}
+_NO_METRICS: Mapping[str, float] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class PredicateJudge:
+    """Judges acceptance on the snapshots before and after."""
+
+    name: str = "predicates/2"
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """One criterion for each predicate of `accept` that speaks of no metric."""
+        return [evaluate_criterion(text, "accept", bundle) for text in bundle.session.accept if not has_metric(text)]
+
+
+def evaluate_criterion(
+    text: str, kind: str, bundle: Bundle, metrics: Mapping[str, float] = _NO_METRICS, evidence: str = AFTER
+) -> Criterion:
+    """One predicate on the snapshots of a bundle, with what was measured on the way."""
+    if bundle.after is None:
+        return make_unknown(text, kind, AFTER, "the world was not observed after the session")
+    if bundle.before is not None and _is_older(bundle.after, bundle.before, bundle.execution):
+        return make_unknown(text, kind, AFTER, "the snapshot after the session is older than the one before it")
+    view = View(
+        now=bundle.after,
+        initial=bundle.before,
+        target=bundle.session.target,
+        metrics=metrics,
+        max_age_s=FRESH_S,
+    )
+    return _evaluate(text, kind, view, evidence)
+
+
+def evaluate_on(
+    text: str, kind: str, now: Environment, initial: Environment | None, *, target: str | None, evidence: str
+) -> Criterion:
+    """One predicate on two snapshots; text that is no predicate is unknown, with the reason."""
+    return _evaluate(text, kind, View(now=now, initial=initial, target=target), evidence)
+
+
+def _evaluate(text: str, kind: str, view: View, evidence: str) -> Criterion:
+    try:
+        evaluation = parse_predicate(text).evaluate(view)
+    except DefinitionError as error:
+        return make_unknown(text, kind, evidence, str(error))
+    return Criterion(
+        text=text,
+        kind=kind,
+        truth=evaluation.truth,
+        measured=evaluation.measured,
+        evidence=evidence,
+        at_s=view.now.time_s,
+        because=evaluation.because,
+    )
+
+
+def _is_older(after: Environment, before: Environment, execution: Execution) -> bool:
+    """A world that began anew, because the old one was lost, counts its time and its revisions anew."""
+    began_anew = execution.ended in _LOST and after.revision < before.revision
+    return after.episode == before.episode and after.time_s < before.time_s and not began_anew

@@ -1,0 +1,137 @@
+"""The judge that looks at the pictures: one question for each acceptance criterion, asked of a vision-language model.
+
+Upstream: `before.png` and `after.png` of the bundle, and the `vision` block of the settings; without that block nothing
+is asked and nothing leaves the machine. Downstream: the verifier, which weighs the answers like any other criterion. It
+fails closed: no picture, no answer in time, an answer of another form than the one asked for, all mean unknown.
+"""
+
+import base64
+import hashlib
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import msgspec
+
+from phyagentos.agent.judging.judges.judge import make_unknown
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE, Bundle
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.predicates.library import get_predicate_library
+from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate
+from phyagentos.protocol.world.predicates.syntax import iter_calls
+from phyagentos.protocol.world.truth import Truth
+
+KIND = "vision"
+REMEMBERED = 64  # answers; the verifier may ask twice about one session
+_SYSTEM = (
+    "You judge whether a statement about a robot's workspace is true in the second of two pictures. The first shows "
+    "the workspace before a task, the second after it. Answer with one JSON object and nothing else: "
+    '{"truth": "true" | "false" | "unknown", "because": "<one sentence>"}. '
+    "Say unknown when the pictures do not show it."
+)
+
+
+class VisionEndpoint(Protocol):
+    """Who is asked."""
+
+    @property
+    def name(self) -> str:
+        """Model and host, as recorded; never the key."""
+        ...
+
+    def complete(self, messages: Sequence[dict[str, Any]]) -> str:
+        """The text that the model answers with.
+
+        Raises:
+            ExecutionError: `MODEL_UNREACHABLE`, `MODEL_REFUSED` or `MODEL_MALFORMED`.
+        """
+        ...
+
+
+class _Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    truth: Truth
+    because: str
+
+
+@dataclass(frozen=True, slots=True)
+class VisionJudge:
+    """Judges acceptance on pictures.
+
+    Attributes:
+        endpoint: Who is asked.
+        max_questions: Criteria of one session that are asked about.
+    """
+
+    endpoint: VisionEndpoint
+    max_questions: int = 8
+    _known: "OrderedDict[str, Criterion]" = field(default_factory=OrderedDict, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        """`vision/1(model at host)`."""
+        return f"vision/1({self.endpoint.name})"
+
+    def judge(self, bundle: Bundle) -> Sequence[Criterion]:
+        """One criterion for each predicate of `accept` that can be seen at all."""
+        texts = [text for text in bundle.session.accept if not has_metric(text)]
+        pictures = []
+        for name in (PICTURE_BEFORE, PICTURE_AFTER):
+            try:
+                pictures.append((bundle.folder / name).read_bytes())
+            except OSError:
+                return [make_unknown(text, KIND, name, f"there is no picture {name}") for text in texts]
+        return [
+            self._ask(text, bundle.session.objective, pictures)
+            if number < self.max_questions
+            else make_unknown(text, KIND, PICTURE_AFTER, f"only {self.max_questions} criteria are asked about")
+            for number, text in enumerate(texts)
+        ]
+
+    def _ask(self, text: str, objective: str, pictures: Sequence[bytes]) -> Criterion:
+        key = hashlib.sha256(b"\0".join([text.encode(), objective.encode(), *pictures])).hexdigest()
+        if key in self._known:
+            self._known.move_to_end(key)
+            return self._known[key]
+        try:
+            answer = _read_answer(self.endpoint.complete(_build_messages(text, objective, pictures)))
+        except ExecutionError as error:  # another time it may answer, so this is not remembered
+            return make_unknown(text, KIND, PICTURE_AFTER, str(error))
+        criterion = Criterion(
+            text=text, kind=KIND, truth=answer.truth, evidence=PICTURE_AFTER, because=answer.because[:400]
+        )
+        self._known[key] = criterion
+        if len(self._known) > REMEMBERED:
+            self._known.popitem(last=False)
+        return criterion
+
+
+def _build_messages(text: str, objective: str, pictures: Sequence[bytes]) -> list[dict[str, Any]]:
+    question = f"Task: {objective}\nStatement: {text}\n{_explain(text)}\nIs the statement true in the second picture?"
+    images = [
+        {"type": "image_url", "image_url": {"url": f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"}}
+        for png in pictures
+    ]
+    return [
+        {"role": "system", "content": _SYSTEM},
+        {"role": "user", "content": [{"type": "text", "text": question}, *images]},
+    ]
+
+
+def _explain(text: str) -> str:
+    """What the predicates of a statement mean, one line each."""
+    try:
+        calls = list(iter_calls(parse_predicate(text).formula))
+    except DefinitionError:
+        return ""
+    known = (get_predicate_library().find(call.name) for call in calls)
+    lines = {f"{found.signature} means: {found.description}" for found in known if found is not None}
+    return "\n".join(sorted(lines))
+
+
+def _read_answer(content: str) -> _Answer:
+    try:
+        return msgspec.json.decode(content, type=_Answer)
+    except (msgspec.MsgspecError, UnicodeError) as error:
+        raise ExecutionError("MODEL_MALFORMED", f"not the JSON object that was asked for: {error}") from error

@@ -1,0 +1,74 @@
+"""Whether the judging itself is why an objective was not called met, whatever the world looks like.
+
+Upstream: the criteria of one judgement. Downstream: `diagnosis`, which asks here before it looks for a cause in the
+world. Three faults can be told from the criteria alone: two of them exclude one another, two judges answer differently
+about one statement, or a judge could not be asked while all that was measured is true.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import chain
+
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.syntax import And, Formula, Not, render
+from phyagentos.protocol.world.truth import Truth
+
+_OF_THE_WAY = frozenset({"hold", "constraint", "metric", "requires"})
+"""Kinds that speak of other moments than the end."""
+_UNANSWERED = "MODEL_"  # codes of a judge that gave no usable answer
+
+
+def find_judging_fault(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """The verifier's own fault and the deciding fact in words; None when the criteria can be believed."""
+    criteria = [criterion for criterion in criteria if criterion.kind != "lookahead"]
+    return _find_contradiction(criteria) or _find_dispute(criteria) or _find_silence(criteria)
+
+
+def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """Two demands on the end that no world meets together."""
+    texts = dict.fromkeys(criterion.text for criterion in criteria if criterion.kind not in _OF_THE_WAY)
+    demands = set(chain.from_iterable(_iter_demands(text) for text in texts))
+    for demand in sorted((each for each in demands if isinstance(each, Not)), key=render):
+        if demand.body in demands:
+            fact = f"{render(demand.body)} and {render(demand)} are both asked for, and no world meets both"
+            return Cause.CRITERIA_CONTRADICT, fact
+    return None
+
+
+def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """Everything that is false is true to another judge."""
+    believed = {each.text: each for each in criteria if each.truth is Truth.TRUE and each.kind not in _OF_THE_WAY}
+    denied = [criterion for criterion in criteria if criterion.truth is Truth.FALSE]
+    if not denied or any(each.text not in believed or each.kind in _OF_THE_WAY for each in denied):
+        return None
+    worst = denied[0]
+    known = believed[worst.text]
+    fact = f"{worst.text} is true to {known.kind} ({known.because}) and false to {worst.kind} ({worst.because})"
+    return Cause.JUDGES_DISAGREE, fact
+
+
+def _find_silence(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """Nothing is open but what a judge gave no answer to."""
+    unknown = [criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN]
+    if not unknown or any(criterion.truth is Truth.FALSE for criterion in criteria):
+        return None
+    if not all(map(_is_unanswered, unknown)):
+        return None
+    return Cause.JUDGE_FAILED, f"{unknown[0].text} was not judged by {unknown[0].kind}: {unknown[0].because}"
+
+
+def _is_unanswered(criterion: Criterion) -> bool:
+    """Whether its judge failed, rather than the evidence: a criterion of no statement is that of a judge of others."""
+    is_of_model = criterion.kind == "vision" and criterion.because.startswith(_UNANSWERED)
+    return is_of_model or criterion.text == criterion.kind
+
+
+def _iter_demands(text: str) -> Iterator[Formula]:
+    """The parts of a criterion that must all be true."""
+    try:
+        formula = parse_predicate(text).formula
+    except DefinitionError:
+        return  # its judge has called it unknown, and says why
+    yield from formula.parts if isinstance(formula, And) else (formula,)

@@ -1,0 +1,144 @@
+"""The course of a session as its evidence tells it: how far the skill came, and what its thing did meanwhile.
+
+Upstream: the evidence bundle. Downstream: `diagnosis`. It reads the robot's own record (leaves, fingers) and what was
+seen before and after; never what the simulated world was told to do.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, EXECUTION, TRACE, Bundle, TraceEvent
+from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.verdicts import Support
+from phyagentos.protocol.world.environment import Entity
+
+_GRIPPING = frozenset({"close_gripper", "verify_grasp", "plan_grasp", "attach", "detach"})
+
+
+class Stage(IntEnum):
+    """How far a skill of manipulation came with its thing."""
+
+    BEFORE = 0
+    """The fingers have not closed."""
+    CLOSED = 1
+    """They have closed."""
+    GRASPED = 2
+    """Both fingers touched the thing."""
+    LIFTED = 3
+    """It was still held after lifting."""
+    RELEASED = 4
+    """The fingers let it go."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ManipulationTimeline:
+    """What happened.
+
+    Attributes:
+        name: The thing that the session is about, None when it cannot be told.
+        was: It before the session.
+        now: It after the session.
+        stage: How far the skill came.
+        grips: Whether the skill takes hold of things at all.
+        moved_m: From before to after [m]; 0 when one of them is missing.
+        since_release_m: From where it was let go to where it is now [m]; 0 when it was not let go.
+        support: Where these numbers stand.
+    """
+
+    name: str | None
+    was: Entity | None
+    now: Entity | None
+    stage: Stage
+    grips: bool
+    moved_m: float
+    since_release_m: float
+    support: tuple[Support, ...]
+
+    @classmethod
+    def of(cls, bundle: Bundle, name: str | None) -> "ManipulationTimeline":
+        """Read it off a bundle."""
+        was = bundle.before.entities.get(name) if name and bundle.before else None
+        now = bundle.after.entities.get(name) if name and bundle.after else None
+        stage = _find_stage(bundle)
+        released = _find_release(bundle) if stage is Stage.RELEASED else None
+        since_m = math.dist(released, now.pose.position_m) if released and now else 0.0
+        return cls(
+            name=name,
+            was=was,
+            now=now,
+            stage=stage,
+            grips=not bundle.trace or any(event.leaf in _GRIPPING for event in bundle.trace),
+            moved_m=compute_move(was, now),
+            since_release_m=since_m,
+            support=_find_support(bundle, name, was, now, stage, since_m),
+        )
+
+
+def compute_move(was: Entity | None, now: Entity | None) -> float:
+    """Between two sightings of a thing [m]; 0 when one of them is missing."""
+    return math.dist(was.pose.position_m, now.pose.position_m) if was and now else 0.0
+
+
+def find_failed_leaf(bundle: Bundle) -> TraceEvent | None:
+    """The last failure of the leaf that decided the end of the execution."""
+    failures = (event for event in reversed(bundle.trace) if event.status == "FAILURE")
+    return next((event for event in failures if event.path == bundle.execution.leaf), None)
+
+
+def _find_stage(bundle: Bundle) -> Stage:
+    stage, checks = Stage.BEFORE, 0
+    for event in bundle.trace:
+        if event.status != "SUCCESS":
+            continue
+        if event.leaf == "close_gripper":
+            stage, checks = Stage.CLOSED, 0
+        elif event.leaf == "verify_grasp":
+            checks += 1
+            stage = Stage.GRASPED if checks == 1 else Stage.LIFTED
+        elif event.leaf == "attach":
+            stage = Stage.LIFTED
+        elif event.leaf == "detach" or (event.leaf == "open_gripper" and stage is Stage.LIFTED):
+            stage = Stage.RELEASED
+    if not bundle.trace and bundle.execution.code == "GRASP_LOST":
+        return Stage.LIFTED  # the skill's own word, where nothing else was recorded
+    if not bundle.trace and bundle.execution.ended is Ended.COMPLETED:
+        return Stage.RELEASED
+    return stage
+
+
+def _find_release(bundle: Bundle) -> tuple[float, ...] | None:
+    """Where the thing was let go, as the leaf saw it (3,) [m]."""
+    sites = [e.numbers.get("position_m") for e in bundle.trace if e.leaf == "detach" and e.status == "SUCCESS"]
+    return tuple(sites[-1]) if sites and sites[-1] else None
+
+
+def _find_support(
+    bundle: Bundle, name: str | None, was: Entity | None, now: Entity | None, stage: Stage, since_m: float
+) -> tuple[Support, ...]:
+    execution, leaf = bundle.execution, find_failed_leaf(bundle)
+    found = [Support(file=EXECUTION, field="ended", value=str(execution.ended))]
+    if execution.code:
+        found.append(Support(file=EXECUTION, field="code", value=execution.code))
+    if leaf is not None:
+        found += [
+            Support(file=TRACE, field=f"{leaf.path}.{key}", value=value)
+            for key, value in leaf.numbers.items()
+            if isinstance(value, float | int | str)
+        ]
+    if bundle.trace:
+        found.append(Support(file=TRACE, field="stage", value=stage.name.lower()))
+    if was is not None:
+        found.append(Support(file=BEFORE, field=f"entities.{name}.pose.position_m", value=_format(was)))
+    if now is not None:
+        found.append(Support(file=AFTER, field=f"entities.{name}.pose.position_m", value=_format(now)))
+        found.append(Support(file=AFTER, field=f"entities.{name}.visible", value=now.visible))
+    elif name:
+        found.append(Support(file=AFTER, field=f"entities.{name}", value="absent"))
+    if since_m:
+        found.append(Support(file=TRACE, field="metres moved since release", value=round(since_m, 4)))
+    return tuple(found)
+
+
+def _format(entity: Entity) -> str:
+    return ", ".join(f"{value:.3f}" for value in entity.pose.position_m)

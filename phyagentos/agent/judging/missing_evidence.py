@@ -1,0 +1,36 @@
+"""What should be looked at again before an objective that is unknown is called missed.
+
+Upstream: the verifier, whose criteria are unknown and none is false. Downstream: the replanner, which looks again
+(`Attempt.wants`). Only acceptance can be seen afterwards: what had to hold all through is over.
+"""
+
+from collections.abc import Sequence
+
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import find_things
+from phyagentos.protocol.world.truth import Truth
+
+MOST = 8  # things; a child session looks at one, or at a few that stand together
+
+
+def find_wants(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:
+    """Things that acceptance speaks of and the last snapshot does not show well enough, in the order of the criteria.
+
+    Args:
+        criteria: Of one judgement.
+        after: The snapshot after the session, None when there is none.
+    """
+    if after is None:
+        return ()
+    unknown = [each for each in criteria if each.kind == "accept" and each.truth is Truth.UNKNOWN]
+    found = [name for criterion in unknown for name in _find_unseen(criterion, after)]
+    return tuple(dict.fromkeys(found))[:MOST]
+
+
+def _find_unseen(criterion: Criterion, after: Environment) -> list[str]:
+    things = find_things(criterion.text, after)
+    unseen = [name for name in things if not after.shows(name)]
+    if unseen or after.sensing == "truth":
+        return unseen
+    return [name for name in things if name in after.entities and after.entities[name].movable]  # seen, not sharply

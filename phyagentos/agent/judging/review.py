@@ -1,0 +1,47 @@
+"""A judgement that is added to a session which has its verdict: it stands beside the others and changes nothing.
+
+Upstream: a person who asks for another pair of eyes. Downstream: the journal (`review`), `paos why`. The session is
+judged on the evidence that it left, as it lies in the workspace now; the record says by whom, and what was read.
+"""
+
+import msgspec
+
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.sessions.lifecycle import REVIEW, compile_table
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.admission import Entry
+from phyagentos.store.journal import Journal
+
+
+def review_session(workspace: Workspace, journal: Journal, status: SessionStatus, verifier: SessionVerifier) -> Attempt:
+    """Judge a session once more and record it; every earlier judgement and the session's state stay.
+
+    Args:
+        workspace: With the evidence.
+        journal: Opened for the agent's side.
+        status: The session as the journal tells it.
+        verifier: Who judges.
+
+    Raises:
+        DefinitionError: `NOT_JUDGED` when it has no verdict yet, or was never executed.
+    """
+    id = status.contract.id
+    if (status.state, REVIEW) not in compile_table() or status.execution is None:
+        hint = "'paos judge' judges what waits for a verdict." if status.execution is not None else ""
+        raise DefinitionError(
+            Problem(
+                code="NOT_JUDGED",
+                address=f"session {id}",
+                found=f"state {status.state}",
+                expected="a session that was executed and has its verdict",
+                hint=hint,
+            )
+        )
+    attempt = verifier.judge(Evidence(workspace.root).read(status), History())
+    attempt = msgspec.structs.replace(attempt, is_review=True)
+    journal.commit([Entry(id, REVIEW, {"attempt": attempt})])
+    return attempt

@@ -1,0 +1,206 @@
+"""SessionVerifier: V(G, S0, ST, trace, history) -> success, failure or replan. Paper section 4.2.
+
+Upstream: the evidence bundle of a session that left `running`. Downstream: the journal, the replanner, memory. How the
+execution ended never makes a success and never prevents one; only criteria on evidence decide. Whether the verdict
+decides is the mode's affair, see `VerificationMode`.
+"""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import msgspec
+
+from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
+from phyagentos.agent.judging.judges.holds import HoldJudge
+from phyagentos.agent.judging.judges.judge import ADVISORY_KINDS, Judge, make_unknown
+from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
+from phyagentos.agent.judging.judges.metrics import MetricJudge
+from phyagentos.agent.judging.judges.predicates import PredicateJudge
+from phyagentos.agent.judging.missing_evidence import find_wants
+from phyagentos.protocol.sessions.evidence import Bundle, refer_to
+from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, EvidenceReference, Verdict
+from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.world.truth import Truth
+
+DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge(), MetricJudge(), LookaheadJudge())
+MOST_REFERENCES = 16  # a bundle has fewer files that can be judged on
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class History:
+    """What the verdict may take into account beside the evidence.
+
+    Attributes:
+        replans: Children that the node has had.
+        max_replans: Children that it may have.
+    """
+
+    replans: int = 0
+    max_replans: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionVerifier:
+    """Composes judges and decides.
+
+    Attributes:
+        judges: Asked in this order.
+        costly: Asked after them, and only when nothing is false yet.
+        mode: Whether the verdict decides.
+        name: Name and version, recorded with every judgement.
+    """
+
+    judges: Sequence[Judge] = DEFAULT_JUDGES
+    costly: Sequence[Judge] = ()
+    mode: VerificationMode = VerificationMode.RECOVERY
+    name: str = "session_verifier/2"
+
+    def judge(self, bundle: Bundle, history: History) -> Attempt:
+        """One judgement; the caller appends it to the session's attempts.
+
+        Success needs every criterion to be true. Otherwise the session is replanned when the cause can be mended and
+        the node has budget left, and has failed when not. When nothing is false and something is unknown, the cause is
+        `EVIDENCE_MISSING`, and `wants` says what should be looked at.
+        """
+        if self.mode is VerificationMode.OFF:
+            return self._skip(bundle)
+        if self.mode is VerificationMode.ENFORCE:
+            history = replace(history, max_replans=0)
+        attempt = self._weigh(bundle, history, self._ask(bundle))
+        return _audit(attempt, bundle) if self.mode is VerificationMode.AUDIT else attempt
+
+    def _ask(self, bundle: Bundle) -> tuple[Criterion, ...]:
+        criteria = [criterion for judge in self.judges for criterion in judge.judge(bundle)]
+        for judge in self.costly:
+            if all(each.truth is not Truth.FALSE for each in _choose_decisive(criteria)):
+                criteria += judge.judge(bundle)
+        return (*criteria, *_find_unanswered(bundle.session, criteria))
+
+    def _weigh(self, bundle: Bundle, history: History, criteria: tuple[Criterion, ...]) -> Attempt:
+        decisive = _choose_decisive(criteria)
+        if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):
+            reason = _explain_success(bundle, decisive)
+            return self._sign(bundle, criteria, verdict=Verdict.SUCCESS, reason=reason)
+        diagnosis, wants = _find_reason(bundle, decisive)
+        has_budget = history.replans < history.max_replans
+        verdict = Verdict.REPLAN if has_budget and not diagnosis.is_hopeless else Verdict.FAILURE
+        return self._sign(
+            bundle,
+            criteria,
+            verdict=verdict,
+            cause=diagnosis.cause.value,
+            reason=f"{_explain(diagnosis, decisive)} {self._explain_decision(diagnosis, history, wants)}",
+            wants=wants,
+            diagnosis=diagnosis,
+        )
+
+    def _skip(self, bundle: Bundle) -> Attempt:
+        reason = f"verification is off, nobody judged: the execution ended {bundle.execution.ended}."
+        return Attempt(
+            verdict=Verdict.UNVERIFIED, criteria=(), reason=reason, sensing="none", verifier=self.name, mode=self.mode
+        )
+
+    def _sign(
+        self,
+        bundle: Bundle,
+        criteria: tuple[Criterion, ...],
+        *,
+        verdict: Verdict,
+        reason: str,
+        cause: str = "",
+        wants: tuple[str, ...] = (),
+        diagnosis: Diagnosis | None = None,
+    ) -> Attempt:
+        return Attempt(
+            verdict=verdict,
+            criteria=criteria,
+            cause=cause,
+            reason=reason,
+            sensing=bundle.after.sensing if bundle.after else "none",
+            verifier=self.name,
+            mode=self.mode,
+            judges=tuple(judge.name for judge in (*self.judges, *self.costly)),
+            found=verdict,
+            wants=wants,
+            evidence=_refer(bundle, criteria),
+            kind=diagnosis.kind.value if diagnosis else "",
+            support=diagnosis.support if diagnosis else (),
+        )
+
+    def _explain_decision(self, diagnosis: Diagnosis, history: History, wants: Sequence[str]) -> str:
+        if diagnosis.is_hopeless:
+            return "Another attempt cannot mend it."
+        if self.mode is VerificationMode.ENFORCE:
+            return "Nothing is replanned: verification only enforces."
+        if history.replans >= history.max_replans:
+            return f"The budget of {history.max_replans} replans is spent."
+        look = f"First look again at {', '.join(wants)}. " if wants else ""
+        return f"{look}Replan {history.replans + 1} of {history.max_replans}."
+
+
+def _choose_decisive(criteria: Sequence[Criterion]) -> Sequence[Criterion]:
+    """What was observed; predictions only where nothing was."""
+    observed = [criterion for criterion in criteria if criterion.kind not in ADVISORY_KINDS]
+    return observed or criteria
+
+
+def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterator[Criterion]:
+    """What the contract asks and none of these judges answers: unknown, lest it count as met."""
+    for kind, other, texts in (("accept", "hold", session.accept), ("hold", "accept", session.hold)):
+        answered = {each.text for each in criteria if each.kind not in ADVISORY_KINDS and each.kind != other}
+        for text in texts:
+            if text not in answered:
+                yield make_unknown(text, kind, "", "none of the judges that were asked answers it")
+
+
+def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnosis, tuple[str, ...]]:
+    """Why it was not met, and what should be looked at again when that cannot be told."""
+    diagnosis = diagnose(bundle, criteria)
+    is_open = criteria and all(criterion.truth is not Truth.FALSE for criterion in criteria)
+    judged = [each for each in criteria if each.evidence]  # a look helps where a judge looked and could not tell
+    wants = find_wants(judged, bundle.after) if is_open else ()
+    if not wants or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
+        return diagnosis, ()
+    unseen = ", ".join(wants)
+    fact = diagnosis.fact if diagnosis.cause is Cause.EVIDENCE_MISSING else f"{unseen} must be seen again"
+    return replace(diagnosis, cause=Cause.EVIDENCE_MISSING, fact=fact, is_hopeless=False), wants
+
+
+def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
+    """The same judgement, where the execution's own report decides."""
+    ended = bundle.execution.ended
+    verdict = Verdict.SUCCESS if ended is Ended.COMPLETED else Verdict.FAILURE
+    reason = f"audit: the execution ended {ended}, which decides; the evidence says {attempt.found}. {attempt.reason}"
+    return msgspec.structs.replace(attempt, verdict=verdict, reason=reason)
+
+
+def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceReference, ...]:
+    """The files that were read: those of the bundle, and those that judges opened themselves."""
+    known = {reference.file for reference in bundle.references}
+    references = list(bundle.references)
+    for name in dict.fromkeys(criterion.evidence for criterion in criteria):
+        if name and name not in known and "/" not in name:
+            with contextlib.suppress(OSError):  # the judge found none either, and said so
+                references.append(refer_to(name, (bundle.folder / name).read_bytes()))
+    return tuple(references[:MOST_REFERENCES])
+
+
+def _explain_success(bundle: Bundle, criteria: Sequence[Criterion]) -> str:
+    text = f"acceptance: all {len(criteria)} criteria are true; {criteria[0].text}: {criteria[0].because}."
+    if bundle.execution.ended is Ended.COMPLETED:
+        return text
+    leaf = f" at {bundle.execution.leaf}" if bundle.execution.leaf else ""
+    code = f" with {bundle.execution.code}" if bundle.execution.code else ""
+    return f"{text} The execution ended {bundle.execution.ended}{leaf}{code}, which does not change what was achieved."
+
+
+def _explain(diagnosis: Diagnosis, criteria: Sequence[Criterion]) -> str:
+    worst = next((criterion for criterion in criteria if criterion.truth is Truth.FALSE), None)
+    worst = worst or next((criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN), None)
+    text = f"{diagnosis.layer}: {diagnosis.fact}."
+    if worst is not None and worst.text not in diagnosis.fact:
+        text += f" {worst.text} is {worst.truth}: {worst.because}."
+    return text

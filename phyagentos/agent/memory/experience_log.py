@@ -1,0 +1,190 @@
+"""The lane of memory: the truth of what was experienced and what people said about it, append-only and never rewritten.
+
+Upstream: whoever remembers or corrects. Downstream: `experience`, which computes everything else from it. The same
+segments, frame, lock and chain of hashes as the journal's (docs/journal.md), in `memory/<lane>/`; what its records mean
+is not judged by the lifecycle, hence not the journal itself.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.agent.memory.episodes import Episode
+from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.memory_entries import Scope
+from phyagentos.store.follower import Follower, Position
+from phyagentos.store.log_partition import choose_lane
+from phyagentos.store.partition_lock import PartitionLock
+from phyagentos.store.records import Record, Tail, encode_record
+from phyagentos.store.segments import SystemIO, choose_next_name, locate
+from phyagentos.store.writer import SegmentWriter
+
+SEGMENT_BYTES = 16 << 20
+MARK_BYTES = 128
+_OPENING, _CLOSING = "\n```yaml\n", "\n```\n"
+
+
+class Edit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """What somebody says about an entry; the latest word on each matter stands.
+
+    Attributes:
+        entry: Id of the lesson or fact.
+        retracts: It shall not count any more.
+        reason: Why.
+        note: What is added.
+        scope: Where it holds, instead of what was computed.
+        statement: Of a fact that a person adds.
+        source: Of a fact that a person adds.
+        by: Who.
+    """
+
+    entry: str
+    retracts: bool = False
+    reason: str = ""
+    note: str = ""
+    scope: Scope | None = None
+    statement: str = ""
+    source: str = ""
+    by: str = ""
+
+
+Event = Episode | Edit
+_KINDS: dict[str, type[Episode | Edit]] = {"episode": Episode, "edit": Edit}
+
+
+class LogPosition(msgspec.Struct, frozen=True):
+    """How far the records were read, and what stands there: other records at the same place are not these.
+
+    Attributes:
+        position: Behind the last record that was read.
+        mark: The last bytes before it.
+    """
+
+    position: Position
+    mark: str
+
+
+class ExperienceLog:
+    """Reads and extends the records of one workspace's memory.
+
+    Args:
+        root: `memory/` of the workspace.
+        by: Name of the writer.
+        side: On whose behalf it writes.
+        clock: For the time of records.
+        durable: Whether to wait for the disk.
+    """
+
+    def __init__(self, root: Path, *, by: str, side: Side, clock: Clock, durable: bool = True) -> None:
+        self.folder = root / choose_lane(root)
+        self._by, self._side, self._clock, self._durable = by, side, clock, durable
+        self._known: Position | None = None  # as far as this object has looked; only a shortcut
+
+    def read(self, place: LogPosition | None = None) -> tuple[list[tuple[int, Event]], LogPosition | None]:
+        """Everything behind a place, each with its number, and the place behind it; None while nothing was recorded.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`.
+            FileNotFoundError: Other records stand there now, or none.
+        """
+        if place is not None and self._read_mark(place.position) != place.mark:
+            raise FileNotFoundError(f"{self.folder}: not the records that were read before")
+        if not self.folder.is_dir():
+            return [], None
+        follower = Follower(self.folder, place.position if place else None)
+        try:
+            records = follower.read_new()
+            self._known = follower.position
+            known = LogPosition(self._known, self._read_mark(self._known)) if self._known else None
+            return list(_iter_events(records)), known
+        finally:
+            follower.close()
+
+    def _read_mark(self, position: Position) -> str:
+        """Raises FileNotFoundError where there is no such segment."""
+        with locate(self.folder, position.segment).open("rb") as file:
+            file.seek(max(0, position.offset - MARK_BYTES))
+            return file.read(min(MARK_BYTES, position.offset)).hex()
+
+    def append(self, events: Sequence[Event]) -> None:
+        """Record all of these, or none.
+
+        Raises:
+            ExecutionError: `JOURNAL_WRITE_FAILED`, `JOURNAL_NOT_DURABLE`, `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`.
+        """
+        if not events:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        lock = PartitionLock(self.folder)
+        writer = SegmentWriter(self.folder, lock, SystemIO(), durable=self._durable)
+        follower = Follower(self.folder, self._known)
+        try:
+            lock.acquire()
+            try:
+                records = self._write(events, writer, follower)
+                self._known = follower.position
+            finally:
+                lock.release()
+            if self._durable:
+                writer.sync(records[-1].seq, follower)
+        finally:
+            writer.close()
+            follower.close()
+            lock.close()
+
+    def _write(self, events: Sequence[Event], writer: SegmentWriter, follower: Follower) -> list[Record]:
+        follower.advance()
+        today = self._clock.wall_iso()
+        if follower.segment is None:
+            writer.create(choose_next_name(None, today[:10]), follower)
+            follower.advance()
+        elif follower.tail is Tail.DAMAGED:
+            raise follower.describe_damage()
+        writer.open(follower)
+        if follower.tail is Tail.TORN:  # nobody was ever told that it stands
+            writer.cut(follower.offset)
+            follower.tail = Tail.CLEAN
+        if follower.offset >= SEGMENT_BYTES:
+            writer.seal()
+            writer.create(choose_next_name(str(follower.segment), today[:10]), follower)
+            follower.advance()
+            writer.open(follower)
+        records = [
+            self._make_record(event, follower.seq + 1 + index, len(events) - 1 - index, today)
+            for index, event in enumerate(events)
+        ]
+        data = b"".join(map(encode_record, records))
+        writer.append(data, follower)
+        follower.accept(data, records)
+        return records
+
+    def _make_record(self, event: Event, seq: int, more: int, at: str) -> Record:
+        is_episode = isinstance(event, Episode)
+        return Record(
+            seq=seq,
+            id=event.session if isinstance(event, Episode) else event.entry,
+            ev="episode" if is_episode else "edit",
+            by=self._by,
+            side=self._side.value,
+            at=at,
+            more=more,
+            markdown=f"{_OPENING}{msgspec.json.encode(event).decode()}{_CLOSING}",  # JSON is YAML, and read in no time
+        )
+
+
+def _iter_events(records: Sequence[Record]) -> Iterator[tuple[int, Event]]:
+    for record in records:
+        kind = _KINDS.get(record.ev)
+        if kind is None:
+            continue
+        try:
+            yield record.seq, msgspec.json.decode(_cut_body(record.markdown), type=kind)
+        except msgspec.MsgspecError as error:
+            raise ExecutionError("JOURNAL_DAMAGED", f"memory record {record.seq}: {error}") from error
+
+
+def _cut_body(markdown: str) -> str:
+    return markdown.removeprefix(_OPENING).removesuffix(_CLOSING)

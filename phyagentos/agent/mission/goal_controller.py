@@ -1,0 +1,393 @@
+"""One goal while it is pursued: what to record next, decided from records and evidence alone.
+
+Upstream: the fold of the journal. Downstream: `mission`, which commits what this asks for. Nothing is remembered beside
+the records (the agenda can be made anew from them), so an agent that was killed goes on where it stopped; each answer
+is one batch, recorded whole or not. A step costs what has changed, however large the graph is.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import msgspec
+import networkx as nx
+
+from phyagentos.agent.goals.compiler import Revision, SessionCompiler
+from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.judging.goal_judgement import Evidence, judge_goal
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.agent.memory.advice import Advisor, Foresight, NoAdvice, NoForesight, apply_advice
+from phyagentos.agent.mission.goal_facts import GoalFacts, is_foreseen
+from phyagentos.agent.mission.recovery import Recovery, is_look, join, join_evidence
+from phyagentos.agent.mission.worklist import Worklist
+from phyagentos.agent.repair.looking import LOOKS_MAX, settle
+from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.session import Ended, GoalId, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.admission import Entry, GoalEvent
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import Record
+
+NODES_A_RECORD = 1000  # a record has an upper limit; a larger graph takes several
+BATCH = 64  # verdicts recorded as one: enough to share the wait for the disk, few enough that nobody waits for them
+
+_TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan", Verdict.UNVERIFIED: "skip"}
+_OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalController:
+    """The decisions of one goal.
+
+    Attributes:
+        compiler: Of its graph.
+        ledger: Kept up to date by the mission.
+        evidence: Reads the bundles of its sessions.
+        verifier: Judges them.
+        agenda: What has changed since the last look.
+        advisor: Asked before a session is submitted.
+        foresight: Asked when look-ahead has refused one.
+        policy: Chooses what follows when a session did not meet its objective.
+        facts: What the records tell.
+    """
+
+    compiler: SessionCompiler
+    ledger: Ledger
+    evidence: Evidence
+    verifier: SessionVerifier
+    agenda: Worklist
+    advisor: Advisor = field(default_factory=NoAdvice)
+    foresight: Foresight = field(default_factory=NoForesight)
+    policy: RepairPolicy = field(default_factory=GraphRepair)
+    facts: GoalFacts = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "facts", GoalFacts(graph=self.graph, goal=self.goal, ledger=self.ledger))
+
+    @property
+    def graph(self) -> GoalGraph:
+        """The goal graph."""
+        return self.compiler.graph
+
+    @property
+    def goal(self) -> GoalId:
+        """Its id."""
+        return self.compiler.goal
+
+    @property
+    def recovery(self) -> Recovery:
+        """What follows for a miss."""
+        return Recovery(
+            facts=self.facts,
+            compiler=self.compiler,
+            evidence=self.evidence,
+            policy=self.policy,
+            restores=self.policy.restores and self.verifier.mode is VerificationMode.RECOVERY,
+            compile=self._compile,
+        )
+
+    @property
+    def status(self) -> GoalStatus:
+        """The goal as it stands."""
+        return self.ledger.goals[self.goal]
+
+    def open(self) -> list[Entry]:
+        """The goal, its graph, and the sessions of every node that waits for nothing."""
+        spec = self.graph.spec
+        nodes = {
+            name: {
+                "objective": node.spec.objective,
+                "skill": self.graph.choices[name].skill,
+                "target": self.graph.choices[name].target,
+                "after": list(node.after),
+                "reasons": list(self.graph.choices[name].reasons),
+            }
+            for name, node in self.graph.nodes.items()
+        }
+        asked = {"graph": spec.goal, "seed": self.compiler.seed, "objective": spec.objective, "scene": spec.scene}
+        judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
+        names = list(nodes)
+        parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
+        first = [name for name in self.graph.order if not self.graph.nodes[name].after]
+        return [
+            self._say(GoalEvent.GOAL_SUBMITTED, asked),
+            *(self._say(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
+            *self._keep_to_budget(self._start(first, {})),
+        ]
+
+    def take_in(self, record: Record) -> None:
+        """Note what a record changed; the ledger knows it already."""
+        self.agenda.take_in(record, self.ledger)
+
+    def decide(self) -> list[Entry]:
+        """The next batch; empty when there is nothing to do but wait."""
+        if self.status.verdict or self.status.is_cancelled:
+            return []
+        return self._keep_to_budget(self._judge_ended() or self._look_at_changed() or self._finish())
+
+    def iter_live(self) -> Iterator[SessionStatus]:
+        """Sessions of this goal that are not final."""
+        return (self.ledger.sessions[id] for id in self.agenda.iter_live())
+
+    def expect(self, id: SessionId) -> Session | None:
+        """What will probably be submitted once this session has succeeded; None when that cannot be told yet.
+
+        Memory is asked only when it is submitted: what it then changes was not expected.
+        """
+        contract = self.ledger.sessions[id].contract
+        for name in self._find_freed_by(contract.node, {contract.node: {}}) if not contract.purpose else ():
+            needs = {edge.node for edge in self.graph.nodes[name].data}
+            if contract.node not in needs and not self.facts.get_ids(name):
+                session = self._compile_plain(name, {}, None)
+                return session if isinstance(session, Session) else None
+        return None
+
+    # -- sessions ------------------------------------------------------------------------------------------------------
+
+    def _judge_ended(self) -> list[Entry]:
+        """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one.
+
+        Those whose judgement was interrupted come first, then the others in the order of their end.
+        """
+        waiting = [self.ledger.sessions[id] for id in self.agenda.iter_unjudged()]
+        waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)
+        entries: list[Entry] = []
+        fresh: dict[str, Mapping[str, Any]] = {}
+        for status in waiting[:BATCH]:
+            node = status.contract.node
+            bundle, attempt = self._judge(status)
+            finishes = not status.contract.purpose or is_look(status.contract)
+            if _lets_go_on(attempt, bundle) and finishes:
+                fresh[node] = bundle.execution.outputs
+                done = self._say_of(node, GoalEvent.NODE_DONE, attempt.reason)
+                freed = self._find_freed_by(node, fresh)
+                entries += [*_record_verdict(status, attempt), done, *self._start(freed, fresh)]
+            elif not entries:
+                attempt, follow = self.recovery.follow(status, bundle, attempt)
+                return [*_record_verdict(status, attempt), *follow]
+            else:
+                break
+        return entries
+
+    def _judge(self, status: SessionStatus) -> tuple[Bundle, Attempt]:
+        """The judgement of a session, and the evidence that it rests on.
+
+        A session that only looked is judged by the criteria of the one for whose sake it did, on what it saw.
+        """
+        facts, node = self.facts, status.contract.node
+        history = History(replans=facts.count_replans(node), max_replans=self.graph.max_replans(node))
+        judges_another = is_look(status.contract) and not self.recovery.prepares(status)
+        subject = facts.find_subject(status.contract) if judges_another else status
+        looks = subject is not status
+        seen = self.evidence.read(status, with_course=False)
+        bundle = join_evidence(self.evidence.read(subject, with_course=False), seen) if looks else seen
+        attempt = self.verifier.judge(bundle, history)
+        if attempt.found is not Verdict.SUCCESS:  # now it matters what happened on the way
+            course = self.evidence.read(subject)
+            bundle = join_evidence(course, seen) if looks else course
+            attempt = self.verifier.judge(bundle, history)
+        if looks:
+            told = f"{subject.contract.id}, on what {status.contract.id} saw: {attempt.reason}"
+            attempt = msgspec.structs.replace(attempt, reason=told)
+            if attempt.wants and facts.count_looks(subject.contract) >= LOOKS_MAX:
+                attempt = settle(bundle, attempt)
+        return bundle, attempt
+
+    # -- nodes ---------------------------------------------------------------------------------------------------------
+
+    def _look_at_changed(self) -> list[Entry]:
+        """What follows for the nodes that changed: a session for one that is free, an end for one that cannot be."""
+        entries: list[Entry] = []
+        blocked: set[str] = set()
+        names = self.agenda.iter_changed()
+        for name in names:
+            found = self._look_at(name, blocked)
+            if found is None:
+                continue
+            if not found:
+                self.agenda.settle(name)
+            elif found[0].ev == GoalEvent.NODE_BLOCKED:
+                blocked.add(name)
+                names.add(self.agenda.find_successors(name))
+            entries += found
+        return entries
+
+    def _look_at(self, name: str, blocked: set[str]) -> list[Entry] | None:
+        """What is to be done about one node, None when only a later look can tell; `blocked` are by this batch."""
+        node = self.status.nodes[name]
+        latest = self.ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
+        if latest is not None and latest.state == SessionState.REJECTED:
+            return self._follow_refusal(latest)
+        if latest is not None and latest.state == SessionState.CANCELLED:
+            return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+        waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
+        if node.state not in _OPEN and not waits_for_restoration:
+            return []
+        missing = self._find_missing(name)
+        for before in missing:
+            if before in blocked or self._get_state(before) is NodeState.BLOCKED:
+                return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
+        if missing:  # nobody wakes it for a node further back
+            return [] if self.agenda.count_missing(name) else None
+        return self._start((name,), {}) if latest is None else self.recovery.go_on(latest)
+
+    def _find_missing(self, name: str) -> list[str]:
+        """Nodes that are to be done before this one; once it had begun, those further back that are open again too."""
+        before: Iterable[str] = self.graph.nodes[name].after
+        if self.facts.get_ids(name) and not self.agenda.count_missing(name):
+            before = sorted(nx.ancestors(self.graph.dag, name))
+        return [each for each in before if self._get_state(each) is not NodeState.DONE]
+
+    def _follow_refusal(self, refused: SessionStatus) -> list[Entry]:
+        """Preflight refused a session: revise it when look-ahead says how, go on when it only prepared, else stop."""
+        name, contract = refused.contract.node, refused.contract
+        if contract.purpose:
+            return self.recovery.go_on(refused)
+        if is_foreseen(refused):
+            advice = self.foresight.revise(refused, self.evidence.root / "evidence" / contract.id)
+            if advice is not None:
+                reasons = (refused.reason, *advice.reasons)
+                revision = Revision(
+                    parent=contract.id,
+                    strategy=advice.strategy,
+                    requires=contract.requires,
+                    reasons=reasons,
+                    threshold=advice.threshold,
+                )
+                child = self._compile(name, {}, revision)
+                if isinstance(child, Session):
+                    return self.recovery.submit_child(child, reasons)
+        return self.recovery.follow_refusal(refused)
+
+    def _start(self, names: Iterable[str], fresh: Mapping[str, Mapping[str, Any]]) -> list[Entry]:
+        """Sessions for nodes that wait for nothing any more; `fresh` are outputs not yet in the records."""
+        entries: list[Entry] = []
+        for name in names:
+            again = self.facts.get_ids(name)
+            revision = Revision(parent=again[-1], strategy={}) if again else None
+            session = self._compile(name, fresh, revision)
+            if isinstance(session, str):
+                entries.append(self._say_of(name, GoalEvent.NODE_BLOCKED, session))
+                continue
+            ready = join(("everything before it is done", *session.advice))
+            entries.append(self._say_of(name, GoalEvent.NODE_READY, ready))
+            if revision:
+                entries += self.recovery.submit_child(session, ("it has to be done again",))
+            else:
+                entries.append(Entry(session.id, "submit", _to_body(session)))
+        return entries
+
+    # -- the goal ------------------------------------------------------------------------------------------------------
+
+    def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
+        """The same records, without the sessions that the goal's budget does not pay for: these block their nodes."""
+        if self.graph.spec.budget.is_endless or not any(entry.ev == "submit" for entry in entries):
+            return entries
+        left = self.facts.compute_left()
+        kept: list[Entry] = []
+        submitted = 0
+        for entry in entries:
+            why = replace(left, sessions=left.sessions - submitted).find_end() if entry.ev == "submit" else ""
+            if not why:
+                kept.append(entry)
+                submitted += entry.ev == "submit"
+                continue
+            node = str((entry.body or {}).get("node"))
+            id = f"node:{self.goal}/{node}"
+            kept = [each for each in kept if each.id != id or each.ev not in {GoalEvent.NODE_READY, GoalEvent.CHILD_OF}]
+            kept.append(self._say_of(node, GoalEvent.NODE_BLOCKED, why))
+        return kept
+
+    def _finish(self) -> list[Entry]:
+        """The verdict of the goal, or the nodes that the world has undone; empty while a session lives."""
+        if self.agenda.has_live():
+            return []
+        for status in self.facts.find_ended():
+            self.evidence.take_in(status)
+        blocked = {name: n.reason for name, n in self.status.nodes.items() if n.state is NodeState.BLOCKED}
+        outcome = judge_goal(self.graph, self.evidence, blocked)
+        mode = self.verifier.mode
+        if mode is VerificationMode.OFF and not blocked:
+            told = "verification is off: every execution completed, and nobody judged"
+            outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=told)
+        decides = mode in {VerificationMode.ENFORCE, VerificationMode.RECOVERY} and not blocked
+        if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
+            undone = self.recovery.find_undone()
+            restores = self.recovery.restores
+            payable = {name: reason for name, reason in undone.items() if restores and self.facts.has_replans(name)}
+            if payable:
+                return self.recovery.reopen(payable)
+            if undone:
+                outcome = replace(outcome, verdict=Verdict.FAILURE, reason=next(iter(undone.values())))
+            if restores and outcome.now is not None and not any(c.truth is Truth.FALSE for c in outcome.criteria):
+                looks = self.recovery.look_for(outcome.criteria, outcome.now)
+                if looks:
+                    return looks
+        body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
+        return [self._say(GoalEvent.GOAL_VERDICT, body)]
+
+    # -- facts ---------------------------------------------------------------------------------------------------------
+
+    def _compile(self, name: str, fresh: Mapping[str, Mapping[str, Any]], revision: Revision | None) -> Session | str:
+        """The next session of a node, or why it cannot be compiled."""
+        session = self._compile_plain(name, fresh, revision)
+        if isinstance(session, Session):
+            session = apply_advice(session, self.advisor.advise(session, self.evidence.all.now))
+        return session
+
+    def _compile_plain(self, name: str, fresh: Mapping[str, Any], revision: Revision | None) -> Session | str:
+        """As `_compile`, without what memory advises."""
+        sources = {edge.node for edge in self.graph.nodes[name].data}
+        outputs = {
+            source: fresh[source] if source in fresh else self.facts.find_outputs(source)
+            for source in sources
+            if source in fresh or self._get_state(source) is NodeState.DONE
+        }
+        attempt = len(self.facts.get_ids(name))
+        try:
+            return self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
+        except DefinitionError as error:
+            return str(error)
+
+    def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
+        """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""
+        return [
+            name
+            for name in self.agenda.find_successors(node)
+            if self._get_state(name) is NodeState.WAITING
+            and self.agenda.count_missing(name) <= len(fresh)
+            and all(b in fresh or self._get_state(b) is NodeState.DONE for b in self.graph.nodes[name].after)
+        ]
+
+    def _get_state(self, name: str) -> NodeState:
+        return self.status.nodes[name].state
+
+    def _say(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
+        return Entry(f"goal:{self.goal}", event, body)
+
+    def _say_of(self, node: str, event: GoalEvent, reason: str) -> Entry:
+        return Entry(f"node:{self.goal}/{node}", event, {"reason": reason})
+
+
+def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
+    """Whether what waits for the session may begin; where nobody judges, because its execution completed."""
+    is_completed = bundle.execution.ended is Ended.COMPLETED
+    return attempt.verdict is Verdict.SUCCESS or (attempt.verdict is Verdict.UNVERIFIED and is_completed)
+
+
+def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:
+    id = status.contract.id
+    verdict = Entry(id, _TRIGGERS[attempt.verdict], {"attempt": attempt}, status.epoch)
+    if status.state == SessionState.VERIFYING:
+        return [verdict]
+    return [Entry(id, "verify", epoch=status.epoch), verdict]
+
+
+def _to_body(session: Session) -> dict[str, Any]:
+    return dict(msgspec.to_builtins(session))

@@ -1,0 +1,126 @@
+"""What the records tell of one goal: the sessions of its nodes, which of them pursued the objective, what is spent.
+
+Upstream: the fold of the journal. Downstream: `progress` and `recovery`, which decide. Nothing here decides or records.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.repair import looking
+from phyagentos.agent.repair.budget import Left, compute_left
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions.session import GoalId, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions.tasks import NodeState
+from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
+from phyagentos.store.ledger import Ledger
+
+LOOKAHEAD_LOW = "LOOKAHEAD_LOW"  # preflight's code for a session whose simulation went too badly
+_BEGUN = (NodeState.ACTIVE, NodeState.DONE, NodeState.BLOCKED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalFacts:
+    """Questions about one goal.
+
+    Attributes:
+        graph: Its graph.
+        goal: Its id.
+        ledger: Kept up to date by the mission.
+    """
+
+    graph: GoalGraph
+    goal: GoalId
+    ledger: Ledger
+
+    def get_ids(self, name: str) -> tuple[SessionId, ...]:
+        """Sessions of a node, the oldest first."""
+        goal = self.ledger.goals.get(self.goal)
+        return goal.nodes[name].sessions if goal else ()
+
+    def get_sessions(self, name: str) -> tuple[SessionStatus, ...]:
+        """The same, as they stand."""
+        return tuple(self.ledger.sessions[id] for id in self.get_ids(name))
+
+    def get_state(self, name: str) -> NodeState:
+        """Of a node."""
+        return self.ledger.goals[self.goal].nodes[name].state
+
+    def find_own(self, name: str) -> SessionStatus | None:
+        """The latest session of a node that pursued its objective, rather than preparing it."""
+        return next((status for status in reversed(self.get_sessions(name)) if not status.contract.purpose), None)
+
+    def find_subject(self, session: Session) -> SessionStatus:
+        """The session for whose sake another was made: the nearest one above it that pursues the node's objective."""
+        status = self.ledger.sessions[session.id]
+        while status.contract.purpose and status.contract.parent in self.ledger.sessions:
+            status = self.ledger.sessions[status.contract.parent]
+        return status
+
+    def count_looks(self, subject: Session) -> int:
+        """Sessions that looked for the sake of another one."""
+        return sum(
+            status.contract.purpose == looking.PURPOSE and self.find_subject(status.contract).contract.id == subject.id
+            for status in self.get_sessions(subject.node)
+        )
+
+    def find_outputs(self, name: str) -> Mapping[str, Any]:
+        """What a finished node left for others."""
+        own = self.find_own(name)
+        return own.execution.outputs if own and own.execution else {}
+
+    def find_finished(self) -> dict[str, Session]:
+        """Nodes that are done -> the session that did it."""
+        goal = self.ledger.goals.get(self.goal)
+        done = [name for name, node in (goal.nodes.items() if goal else ()) if node.state is NodeState.DONE]
+        return {name: own.contract for name in done if (own := self.find_own(name)) is not None}
+
+    def find_ended(self) -> list[SessionStatus]:
+        """Sessions that were executed and judged."""
+        nodes = self.ledger.goals[self.goal].nodes
+        sessions = [self.ledger.sessions[id] for node in nodes.values() for id in node.sessions]
+        return [status for status in sessions if status.execution and status.state in FINAL_STATES]
+
+    def count_replans(self, name: str) -> int:
+        """Children with the node's own objective; what look-ahead refused moved nothing and is none."""
+        ids = self.get_ids(name)
+        if len(ids) < 2:
+            return 0
+        counted = (s for s in self.get_sessions(name) if not s.contract.purpose and not is_foreseen(s))
+        return max(0, sum(1 for _ in counted) - 1)
+
+    def has_replans(self, name: str) -> bool:
+        """Whether the node may have another child."""
+        return self.count_replans(name) < self.graph.max_replans(name)
+
+    def compute_left(self, node: str = "") -> Left:
+        """What the goal may still cost; nodes without a session are counted as one each, `node` left out."""
+        goal = self.ledger.goals.get(self.goal)
+        nodes = goal.nodes if goal else {}
+        sessions = [self.ledger.sessions[id] for each in nodes.values() for id in each.sessions]
+        needed = sum(each.state not in _BEGUN for name, each in nodes.items() if name != node)
+        return compute_left(self.graph.spec.budget, sessions, needed)
+
+    def compute_times(self) -> dict[str, float]:
+        """Skill -> mean simulated time of its sessions so far [s]."""
+        times: dict[str, list[float]] = {}
+        for status in self.find_ended():
+            if status.execution is not None and status.execution.sim_time_s > 0.0:
+                times.setdefault(status.contract.skill, []).append(status.execution.sim_time_s)
+        return {skill: sum(values) / len(values) for skill, values in times.items()}
+
+    def find_protected(self) -> frozenset[str]:
+        """Things that finished nodes have put where they belong."""
+        return frozenset(
+            name
+            for session in self.find_finished().values()
+            for text in session.accept
+            if (predicate := parse_predicate(text)).is_lasting
+            and (name := next(iter_entities(predicate), None)) is not None
+        )
+
+
+def is_foreseen(status: SessionStatus) -> bool:
+    """Whether a session was refused for what its simulation came to."""
+    return status.state == SessionState.REJECTED and LOOKAHEAD_LOW in status.reason

@@ -1,0 +1,58 @@
+"""Verdicts of sessions that serve no goal: those that a person or another program submitted by hand.
+
+Upstream: SESSIONS.md and the inbox (see `protocol.edits`). Downstream: the journal. No mission looks at such a session,
+so it waits in `awaiting_verification` until this judges it, by the same verifier on the same evidence. It has no node,
+so there is no budget: it has succeeded or failed, and another attempt is a new session by hand.
+"""
+
+from collections.abc import Iterator
+
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, SessionState
+from phyagentos.protocol.sessions.session import SessionId, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.admission import Entry
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
+
+_TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.UNVERIFIED: "skip"}
+
+
+def judge_by_hand(
+    workspace: Workspace, journal: Journal, verifier: SessionVerifier | None = None
+) -> list[tuple[SessionId, Attempt]]:
+    """Judge every session without a goal that waits for a verdict, the longest waiting first.
+
+    Args:
+        workspace: With the evidence.
+        journal: Opened for the agent's side.
+        verifier: Who judges.
+
+    Returns:
+        The verdicts that were recorded.
+    """
+    verifier = verifier or SessionVerifier()
+    ledger, follower = Ledger(), Follower(journal.folder)
+    for record in follower.read_new():
+        ledger.apply(record)
+    follower.close()
+    judged = []
+    for status in list(_iter_waiting(ledger)):
+        attempt = verifier.judge(Evidence(workspace.root).read(status), History())
+        trigger = _TRIGGERS.get(attempt.verdict, "refuse")
+        verdict = Entry(status.contract.id, trigger, {"attempt": attempt}, status.epoch)
+        begin = [] if status.state == SessionState.VERIFYING else [Entry(status.contract.id, "verify")]
+        try:
+            journal.commit([*begin, verdict])
+        except IllegalTransition:  # somebody else judged or cancelled it meanwhile
+            continue
+        judged.append((status.contract.id, attempt))
+    return judged
+
+
+def _iter_waiting(ledger: Ledger) -> Iterator[SessionStatus]:
+    waiting = (SessionState.VERIFYING, SessionState.AWAITING_VERIFICATION)
+    return (status for status in ledger.live_sessions() if not status.contract.goal and status.state in waiting)

@@ -1,0 +1,349 @@
+"""The mission: the only loop of the agent plane. It submits what is ready, waits, judges, until the goal is judged.
+
+Upstream: a goal graph and a seed. Downstream: the journal, where the runtime finds its sessions. The loop holds no
+state of its own: what to do next is decided by `progress` from the records, so a mission may be killed and run again.
+"""
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import yaml
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.compiler import SessionCompiler
+from phyagentos.agent.goals.graph import GoalGraph, override_yaml, read_goal_graph
+from phyagentos.agent.goals.spec import GoalSpec
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.agent.memory.advice import Advisor, Foresight, NoAdvice
+from phyagentos.agent.mission.goal_controller import GoalController
+from phyagentos.agent.mission.report import MissionReport, build_report
+from phyagentos.agent.mission.worklist import Worklist
+from phyagentos.agent.repair.foresight import LookaheadForesight
+from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.documents.schema import read_yaml, validate
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, find_cancel
+from phyagentos.protocol.sessions.outlook import Outlook
+from phyagentos.protocol.sessions.session import GoalId, SessionId, check_goal_id
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.admission import Entry, Fenced, GoalEvent, IllegalEvent
+from phyagentos.store.history import Histories
+from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.tasks import render_tasks
+from phyagentos.store.watch import Watch
+
+WAIT_S = 0.2  # longest time before a request to cancel is noticed
+PUBLISH_PERIOD_S = 0.2  # a person reads no faster
+PUBLISH_SHARE = 0.01  # of the time at most: with many goals TASK.md is long
+SYNC_AFTER_S = 0.02  # without news; until then the runtime's next start, which waits for the disk, covers a verdict
+GATHER_S = 0.02  # so long may a verdict wait for others, while every target has more to do than that
+GATHER_FROM = 32  # sessions that wait for each target: at a millisecond a session there is no end within that time
+TRIES = 20  # at a batch that another writer made out of date
+
+
+def _log(text: str) -> None:
+    print(text, file=sys.stderr)  # noqa: T201 - the agent's log
+
+
+class MissionObserver(Protocol):
+    """Somebody who looks on: a terminal, a recorder of benchmarks."""
+
+    def on_change(self, goal: GoalStatus, ledger: Ledger) -> None:
+        """New records were taken in; called in the loop's thread, must return soon and change nothing."""
+        ...
+
+
+class Mission:
+    """Pursues goals in one workspace, one after the other.
+
+    Args:
+        workspace: Where the planes meet.
+        journal: Opened for the side `agent`.
+        clock: For waiting and for wall times of the report.
+        verifier: Judges the sessions.
+        observers: Told of every change.
+        advisor: Asked before a session is submitted.
+        foresight: Asked when look-ahead has refused one; by default the best way that it rehearsed is taken.
+        policy: Chooses what follows when a session did not meet its objective; graph repair by default.
+        publishes_task: Whether TASK.md is rendered here; off where another process renders the views.
+        tell: Told what a person should know before the verdict; stderr by default.
+        is_runtime_alive: Asked while waiting for a goal; False ends the mission instead of waiting for ever.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        journal: Journal,
+        *,
+        clock: Clock,
+        verifier: SessionVerifier | None = None,
+        advisor: Advisor | None = None,
+        foresight: Foresight | None = None,
+        policy: RepairPolicy | None = None,
+        observers: Sequence[MissionObserver] = (),
+        publishes_task: bool = True,
+        tell: Callable[[str], None] = _log,
+        is_runtime_alive: Callable[[GoalStatus], bool] = lambda _: True,
+    ) -> None:
+        self._workspace, self._journal, self._clock = workspace, journal, clock
+        self._verifier = verifier or SessionVerifier()
+        self._advisor, self._foresight = advisor or NoAdvice(), foresight or LookaheadForesight()
+        self._policy = policy or GraphRepair()
+        self._observers = observers
+        self._publishes_task, self._tell = publishes_task, tell
+        self._is_runtime_alive = is_runtime_alive
+        self._cancelled = threading.Event()
+        self._outlook, self._foreseen = Outlook(workspace.cache), SessionId("")
+        self._next_publish_s = 0.0
+        self._published_seq = -1
+        self._is_durable = True  # what was recorded last, as far as this process knows
+        self.ledger = journal.open_ledger()
+
+    def run(
+        self, graph_file: Path, *, seed: int, overrides: Mapping[str, str] | None = None, goal: GoalId | None = None
+    ) -> MissionReport:
+        """Pursue a goal graph to its verdict; continues it when the workspace already knows the goal.
+
+        Args:
+            graph_file: The authored file; a copy stays in the workspace.
+            seed: Root of every random choice.
+            overrides: Dotted path -> YAML value, as of `--set`.
+            goal: Its id; `<graph>-<seed>` by default, with a further number when that one has its verdict.
+
+        Raises:
+            DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS` when the workspace knows
+                the goal with another graph. Nothing was recorded.
+            ExecutionError: `RUNTIME_LOST`, or an error of the journal.
+        """
+        catalogue = Catalogue.of_workspace(self._workspace)
+        graph = read_goal_graph(graph_file, catalogue, overrides)
+        self._read()
+        id = check_goal_id(self._choose_id(f"{graph.name}-{seed}") if goal is None else goal, "goal id")
+        file = self._workspace.goal_file_of(id)
+        if self._journal.knows(f"goal:{id}"):
+            self._check_same(graph, graph_file, id, file)
+            return self.resume(id)
+        if overrides:
+            data = override_yaml(read_yaml(graph_file), overrides).data
+            _write_durably(file, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
+        elif file.resolve() != graph_file.resolve():
+            _write_durably(file, graph_file.read_bytes())
+        run = self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
+        self._commit(run, run.open)
+        return self._pursue(run)
+
+    def resume(self, goal: GoalId) -> MissionReport:
+        """Go on with a goal that the workspace knows; one that has its verdict is only reported.
+
+        Raises:
+            DefinitionError: `UNKNOWN_GOAL`, or problems of the graph as it was submitted.
+        """
+        self._read()
+        if goal not in self.ledger.goals:
+            return self._report_past(goal)
+        if not self._is_spent(goal):
+            self._tell(f"continues goal {goal}")
+        catalogue = Catalogue.of_workspace(self._workspace)
+        graph = read_goal_graph(self._workspace.goal_file_of(goal), catalogue)
+        seed = self.ledger.goals[goal].seed
+        return self._pursue(self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed)))
+
+    def _report_past(self, goal: GoalId) -> MissionReport:
+        """Of a goal that ended so long ago that the ledger has let go of it."""
+        with Histories(self._journal.folder) as histories:
+            past = histories.fold_goal(goal)
+        if past is None:
+            raise DefinitionError(
+                Problem(
+                    code="UNKNOWN_GOAL",
+                    address=str(self._workspace.goals),
+                    found=repr(goal),
+                    expected=format_names(self.ledger.goals),
+                )
+            )
+        return build_report(past.goals[goal], past, wall_s=0.0)
+
+    def cancel(self) -> None:
+        """Ask for an end: live sessions are cancelled, the target is brought to rest. Any thread may call this."""
+        self._cancelled.set()
+
+    def _make_run(self, compiler: SessionCompiler) -> GoalController:
+        self.ledger.keep_goal(compiler.goal)  # the report comes after the verdict
+        return GoalController(
+            compiler=compiler,
+            ledger=self.ledger,
+            evidence=Evidence(self._workspace.root),
+            verifier=self._verifier,
+            agenda=Worklist(compiler.graph, compiler.goal, self.ledger),
+            advisor=self._advisor,
+            foresight=self._foresight,
+            policy=self._policy,
+        )
+
+    def _choose_id(self, name: str) -> GoalId:
+        """The first free id, or that of a goal without a verdict."""
+        id, number = GoalId(name), 2
+        while self._is_spent(id):
+            id, number = GoalId(f"{name}-{number}"), number + 1
+        return id
+
+    def _check_same(self, graph: GoalGraph, graph_file: Path, goal: GoalId, file: Path) -> None:
+        """Refuse to go on with a goal, or to report it, for another graph than its own."""
+        if validate(GoalSpec, read_yaml(file)) == graph.spec:
+            return
+        state, hint = "over", "Name another goal with --goal or --seed."
+        if not self._is_spent(goal):
+            state = "open"
+            hint = f"Run that one to continue it, cancel it with 'paos cancel {goal}', or name another with --goal."
+        raise DefinitionError(
+            Problem(
+                code="GOAL_DIFFERS",
+                address=str(graph_file),
+                found=f"another graph (overrides included) than that of goal {goal}, which is {state}",
+                expected=f"the graph of {file}",
+                hint=hint,
+            )
+        )
+
+    def _is_spent(self, id: GoalId) -> bool:
+        """Whether a goal of this id is over; the ledger has forgotten those that ended long ago."""
+        goal = self.ledger.goals.get(id)
+        return bool(goal.verdict) or goal.is_cancelled if goal else self._journal.knows(f"goal:{id}")
+
+    def _pursue(self, run: GoalController) -> MissionReport:
+        begin_s = self._clock.now_s()
+        with Watch([self._journal.folder], clock=self._clock) as watch:
+            while self._look(run):
+                if self._commit(run, lambda: self._decide(run)):
+                    watch.drain()  # before the look: what comes after it wakes the wait
+                    continue
+                self._publish()
+                self._expect(run)
+                if not self._wait(watch) and not self._is_runtime_alive(run.status):
+                    self._give_up(run)
+                if run.agenda.count_waiting() >= GATHER_FROM:
+                    self._clock.sleep(GATHER_S)
+        self._journal.sync()
+        self._publish(at_once=True)
+        return build_report(run.status, self.ledger, self._clock.now_s() - begin_s)
+
+    def _look(self, run: GoalController) -> bool:
+        """Take in what is new; whether the goal is still to be pursued."""
+        self._read(run)
+        return not self._is_over(run)
+
+    def _expect(self, run: GoalController) -> None:
+        """While only one session lives, let the runtime know what will probably come after it."""
+        live = tuple(run.agenda.iter_live())
+        if len(live) == 1 and live[0] != self._foreseen:
+            self._foreseen = live[0]
+            if (session := run.expect(live[0])) is not None:
+                self._outlook.expect(session)
+
+    def _wait(self, watch: Watch) -> bool:
+        """Until something changes; whether anything did. Who has time for that waits for the disk, too."""
+        if not self._is_durable:
+            if watch.wait(SYNC_AFTER_S):
+                return True
+            self._journal.sync()
+            self._is_durable = True
+        return watch.wait(WAIT_S)
+
+    def _decide(self, run: GoalController) -> list[Entry]:
+        if self._cancelled.is_set() or run.status.is_cancelled:
+            return self._cancel(run)
+        return run.decide()
+
+    def _is_over(self, run: GoalController) -> bool:
+        return bool(run.status.verdict) or (run.status.is_cancelled and not any(True for _ in run.iter_live()))
+
+    def _cancel(self, run: GoalController) -> list[Entry]:
+        body = {"reason": "somebody asked for an end"}
+        entries = [
+            Entry(status.contract.id, trigger, body)
+            for status in run.iter_live()
+            if (trigger := find_cancel(status.state)) is not None
+        ]
+        if not run.status.is_cancelled:
+            entries.append(Entry(f"goal:{run.goal}", GoalEvent.GOAL_CANCELLED, body))
+        return entries
+
+    def _give_up(self, run: GoalController) -> None:
+        self._read(run)
+        waiting = [status.contract.id for status in run.iter_live()]
+        if waiting and run.status.is_cancelled:
+            raise ExecutionError(
+                "RUNTIME_LOST",
+                f"goal {run.goal} is cancelled, but no watchdog brings {', '.join(waiting)} to rest. Start "
+                f"'paos watch', and the agent again with '--goal {run.goal}': that ends them.",
+            )
+        if waiting:
+            raise ExecutionError(
+                "RUNTIME_LOST",
+                f"goal {run.goal}: nobody runs {', '.join(waiting)} any more. Start 'paos watch' and run it again; "
+                "it continues from its records.",
+            )
+
+    def _read(self, run: GoalController | None = None) -> int:
+        """Take in new records; how many there were."""
+        records = self._journal.read_new()
+        for record in records:
+            self.ledger.apply(record)
+            if run is not None:
+                run.take_in(record)
+        if records and run is not None and run.goal in self.ledger.goals:
+            for observer in self._observers:
+                observer.on_change(run.status, self.ledger)
+        return len(records)
+
+    def _commit(self, run: GoalController, decide: Callable[[], list[Entry]]) -> int:
+        """Record what `decide` wants; decides anew when another writer was faster. How many entries there were."""
+        for _ in range(TRIES):
+            entries = decide()
+            if not entries:
+                return 0
+            try:
+                self._journal.commit(entries, durable=run.goal not in self.ledger.goals)
+            except (IllegalTransition, Fenced, IllegalEvent) as error:
+                refused = error
+                if not self._read(run):
+                    raise
+                continue
+            self._is_durable = False
+            return len(entries)
+        raise refused
+
+    def _publish(self, *, at_once: bool = False) -> None:
+        """TASK.md, when something changed and it is time."""
+        now_s = self._clock.now_s()
+        is_early = now_s < self._next_publish_s and not at_once
+        if not self._publishes_task or is_early or self.ledger.seq == self._published_seq:
+            return
+        publish(self._workspace.task, render_tasks(self.ledger))
+        self._published_seq = self.ledger.seq
+        cost_s = self._clock.now_s() - now_s
+        self._next_publish_s = now_s + max(PUBLISH_PERIOD_S, cost_s / PUBLISH_SHARE)
+
+
+def _write_durably(path: Path, data: bytes) -> None:
+    """Let a file appear as a whole, on the disk: a goal that was recorded can be read again after a power cut."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

@@ -1,0 +1,146 @@
+"""The report of one goal: what `paos run --json` prints, and what benchmarks count.
+
+Upstream: the fold of the journal at the end of a mission. Everything in it can be computed again from the records.
+"""
+
+import re
+from collections.abc import Sequence
+
+import msgspec
+
+from phyagentos.agent.mission.goal_facts import is_foreseen
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
+from phyagentos.store.ledger import Ledger
+
+CANCELLED = "cancelled"
+
+_CODE = re.compile(r"\b[A-Z]+(?:_[A-Z]+)+\b")
+_OF_WORLD = frozenset({"PRECONDITION_UNMET", "ENTITY_UNKNOWN"})  # what preflight finds in the world, not on paper
+
+
+class SessionReport(msgspec.Struct, frozen=True, kw_only=True):
+    """One session, as it ended.
+
+    Attributes:
+        state: Final state of the lifecycle.
+        ended: How the execution ended, empty when nothing was executed.
+        verdict: Empty when it was never judged.
+        cause: Coded cause when the objective was not met.
+        reason: Why the verdict fell, or why it was rejected or cancelled.
+        leaf: The leaf that decided the end of the execution.
+    """
+
+    id: SessionId
+    node: str
+    attempt: int
+    skill: str
+    target: str
+    objective: str
+    state: str
+    ended: str = ""
+    verdict: str = ""
+    cause: str = ""
+    reason: str = ""
+    leaf: str = ""
+    code: str = ""
+    sim_time_s: float = 0.0
+    ticks: int = 0
+    criteria: tuple[Criterion, ...] = ()
+
+
+class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
+    """One goal, as it ended.
+
+    Attributes:
+        verdict: `success`, `failure`, `unverified` or `cancelled`.
+        criteria: The goal's own acceptance.
+        nodes: Node -> state.
+        sessions: In the order of submission.
+        first_attempt_success: Node -> whether its first session succeeded; what look-ahead refused is no attempt.
+        replans: Budget spent.
+        was_rejected: Whether preflight refused the first session of a node, for another reason than that the world
+            had changed since the goal began (a thing was removed): that is an objective not met.
+        wall_s: Wall time of the mission [s].
+    """
+
+    goal: GoalId
+    graph: str
+    seed: int
+    verdict: str
+    reason: str
+    criteria: tuple[Criterion, ...]
+    nodes: dict[str, str]
+    sessions: tuple[SessionReport, ...]
+    first_attempt_success: dict[str, bool]
+    replans: int
+    was_rejected: bool
+    wall_s: float
+
+    @property
+    def exit_code(self) -> int:
+        """0 goal met, 1 not met, 3 rejected by preflight, 130 cancelled."""
+        if self.verdict == CANCELLED:
+            return 130
+        if self.verdict == Verdict.SUCCESS:
+            return 0
+        return 3 if self.was_rejected else 1
+
+
+def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionReport:
+    """The report of a goal that has ended."""
+    sessions = [status for status in ledger.sessions.values() if status.contract.goal == goal.id]
+    firsts: dict[str, SessionStatus] = {}
+    for status in sessions:
+        if not is_foreseen(status):  # which moved nothing and was revised
+            firsts.setdefault(status.contract.node, status)
+    return MissionReport(
+        goal=goal.id,
+        graph=goal.graph,
+        seed=goal.seed,
+        verdict=goal.verdict or (CANCELLED if goal.is_cancelled else ""),
+        reason=goal.reason,
+        criteria=goal.criteria,
+        nodes={name: node.state.value for name, node in goal.nodes.items()},
+        sessions=tuple(report_session(status) for status in sessions),
+        first_attempt_success={
+            name: name in firsts and firsts[name].state == SessionState.SUCCEEDED for name in goal.nodes
+        },
+        replans=goal.replans,
+        was_rejected=any(_was_refused(status, sessions) for status in firsts.values()),
+        wall_s=wall_s,
+    )
+
+
+def _was_refused(status: SessionStatus, sessions: Sequence[SessionStatus]) -> bool:
+    if status.state != SessionState.REJECTED:
+        return False
+    codes = set(_CODE.findall(status.reason))
+    has_begun = any(other.execution is not None for other in sessions)
+    return not (has_begun and codes and codes <= _OF_WORLD)
+
+
+def report_session(status: SessionStatus) -> SessionReport:
+    """One session as it stands."""
+    contract, execution = status.contract, status.execution
+    attempt = status.decision
+    return SessionReport(
+        id=contract.id,
+        node=contract.node,
+        attempt=contract.attempt,
+        skill=contract.skill,
+        target=contract.target,
+        objective=contract.objective,
+        state=status.state,
+        ended=execution.ended.value if execution else "",
+        verdict=attempt.verdict.value if attempt else "",
+        cause=attempt.cause if attempt else "",
+        reason=attempt.reason if attempt else status.reason,
+        leaf=execution.leaf if execution else "",
+        code=execution.code if execution else "",
+        sim_time_s=execution.sim_time_s if execution else 0.0,
+        ticks=execution.ticks if execution else 0,
+        criteria=attempt.criteria if attempt else (),
+    )

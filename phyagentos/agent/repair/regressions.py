@@ -1,0 +1,75 @@
+"""What no longer holds: achievements of finished nodes that the world has undone, and preconditions that are lost.
+
+Upstream: the latest snapshot. Downstream: `progress`, which opens such nodes again, and the revision of a child.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import Predicate, View, iter_entities, parse_predicate, substitute
+from phyagentos.protocol.world.predicates.syntax import Call
+from phyagentos.protocol.world.truth import Truth
+
+Promises = Mapping[str, Collection[str]]  # skill -> what it guarantees, as authored
+Worlds = Mapping[str, tuple[Environment, Environment | None]]  # target -> its latest snapshot and its first
+
+_TAKING = frozenset({"holding", "moved"})  # they pass, but whoever is to bring them about does not only look
+
+
+def find_undone(
+    finished: Mapping[str, Session],
+    find_later: Callable[[str], Collection[str]],
+    promises: Promises,
+    worlds: Worlds,
+) -> dict[str, str]:
+    """Finished nodes whose achievement no longer holds -> the fact that shows it.
+
+    Only lasting facts count (`inside`, not `holding`), and none about a thing that a node after it took up again.
+
+    Args:
+        finished: Node -> its latest succeeded session.
+        find_later: The nodes that wait for one, directly or not.
+        promises: Of the skills.
+        worlds: Of the targets that were seen.
+    """
+    undone = {}
+    for name, session in finished.items():
+        if session.target not in worlds:
+            continue
+        now, initial = worlds[session.target]
+        view = View(now=now, initial=initial, target=session.target)
+        for text in session.accept:
+            predicate = parse_predicate(text)
+            evaluation = predicate.evaluate(view)
+            if not predicate.is_lasting or evaluation.truth is not Truth.FALSE:
+                continue
+            later = [finished[other] for other in find_later(name) if other in finished]
+            if not any(_takes_up(other, next(iter_entities(predicate), None), promises) for other in later):
+                undone[name] = f"{text} no longer holds: {evaluation.because}"
+                break
+    return undone
+
+
+def _takes_up(session: Session, thing: str | None, promises: Promises) -> bool:
+    """Whether a session is to bring something about with one of its arguments, rather than to look at it.
+
+    What its skill guarantees tells; of a skill that guarantees nothing, what the session must achieve.
+    """
+    if thing not in session.parameters.values():
+        return False
+    values = {**session.parameters, "target": session.target}
+    facts = [substitute(text, values) for text in promises.get(session.skill, ())] or session.accept
+    predicates = (parse_predicate(text, template=True) for text in facts)
+    return any(
+        next(iter_entities(each), None) == thing
+        and (each.is_lasting or (isinstance(each.formula, Call) and each.formula.name in _TAKING))
+        for each in predicates
+    )
+
+
+def find_lost_preconditions(session: Session, now: Environment) -> tuple[Predicate, ...]:
+    """Preconditions of a contract that are false in the present world."""
+    view = View(now=now, initial=now, target=session.target)
+    predicates = (parse_predicate(text) for text in session.requires)
+    return tuple(predicate for predicate in predicates if predicate.evaluate(view).truth is Truth.FALSE)

@@ -1,0 +1,105 @@
+"""A recorded session, carried out once more from its own workspace: what `paos rerun` does."""
+
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from phyagentos.assembly.paths import STRIKES
+from phyagentos.assembly.runtime_plane import hire_worker
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.supervision.workers import Worker
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, Run, ToWorker
+from phyagentos.runtime.worker.rerun import find_differences
+from phyagentos.store.history import Histories
+from phyagentos.store.journal import choose_lane
+
+SETTINGS = ("safety.yaml", "sensors.yaml", "perception.yaml", "runtime_contract.yaml")
+
+
+@dataclass(frozen=True, slots=True)
+class Rerun:
+    """A session, repeated.
+
+    Attributes:
+        workspace: Where the second bundle is.
+        differences: Where it differs from the first; empty when it is the same, bit for bit.
+    """
+
+    session: str
+    workspace: Path
+    execution: Execution
+    differences: tuple[str, ...]
+
+
+def rerun_session(root: Path, session: str) -> Rerun:
+    """Repeat one recorded session from its own workspace, and compare the two bundles bit by bit.
+
+    Args:
+        root: The workspace.
+        session: Which one; it must have left its evidence there.
+
+    Raises:
+        DefinitionError: `UNKNOWN_SESSION`.
+        ExecutionError: When the repetition cannot be carried out.
+    """
+    recorded = Workspace.open(root)
+    status = find_session(recorded, session)
+    folder = recorded.evidence_of(SessionId(session))
+    repeated = Workspace.create(_choose_folder(recorded.root / "reruns", session), recorded.library())
+    for name in SETTINGS:
+        shutil.copyfile(recorded.root / name, repeated.root / name)
+    (repeated.root / STRIKES).parent.mkdir(exist_ok=True)
+    shutil.copyfile(folder / evidence.FAULTS, repeated.root / STRIKES)
+    with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
+        worker = hire_worker(repeated, status.contract.target, Path(sockets), pictures=False)
+        try:
+            finished = _order(worker, status, folder)
+        finally:
+            worker.stop()
+    differences = find_differences(folder, repeated.evidence_of(SessionId(session)))
+    return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
+
+
+def _order(worker: Worker, status: SessionStatus, folder: Path) -> Execution:
+    """Have a worker check and run a recorded session from its recorded start."""
+    session, epoch = status.contract, max(status.epoch, 1)
+    orders: tuple[ToWorker, ...] = (
+        Check(session=session, epoch=epoch, restore=str(folder / evidence.INITIAL)),
+        Run(session=session, epoch=epoch, evidence=f"evidence/{session.id}"),
+    )
+    answer = worker.receive()  # ready
+    for order in orders:
+        worker.send(order)
+        answer = worker.receive()
+        if isinstance(answer, Checked) and answer.problems:
+            raise DefinitionError(answer.problems)
+    if not isinstance(answer, Finished):
+        raise ExecutionError("RUNNER_LOST", f"the worker of {session.target!r} ended; see its log")
+    return answer.execution
+
+
+def find_session(workspace: Workspace, session: str) -> SessionStatus:
+    """A session as the journal tells it.
+
+    Raises:
+        DefinitionError: `NOT_EXECUTED` when it is unknown or left no evidence.
+    """
+    with Histories(workspace.sessions / choose_lane(workspace.sessions)) as histories:
+        status = histories.find_status(SessionId(session))
+    if status is None or status.execution is None:
+        problem = Problem(
+            code="NOT_EXECUTED", address=str(workspace.root), found=repr(session), expected="a session with evidence"
+        )
+        raise DefinitionError(problem)
+    return status
+
+
+def _choose_folder(parent: Path, name: str) -> Path:
+    number = 1
+    while (path := parent / f"{name}-{number}").exists():
+        number += 1
+    return path

@@ -1,0 +1,1 @@
+"""What targets, skills and policies can do, as authored files and documents."""

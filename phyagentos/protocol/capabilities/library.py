@@ -1,0 +1,115 @@
+"""Where trees, skills, scenes, robots, goal graphs and pristine documents are found.
+
+Search order: the folder of the user's own project, then libraries that installed packages announce by the entry point
+group `phyagentos.libraries` (a function that returns a folder), then what ships with this package. The first hit wins.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+
+ENTRY_POINT_GROUP = "phyagentos.libraries"
+
+
+def find_shipped_root() -> Path:
+    """The folder that ships: `share/` in an installed wheel, the checkout's root in development."""
+    package = Path(__file__).resolve().parents[2]
+    share = package / "share"
+    return share if share.is_dir() else package.parent
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """An ordered list of roots, each with any of trees/, skills/, scenes/, robots/, goal_graphs/, protocol/."""
+
+    roots: tuple[Path, ...]
+
+    @classmethod
+    def open(cls, *projects: Path) -> "Library":
+        """The library as seen from the given project folders."""
+        announced = [
+            Path(point.load()()) for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name)
+        ]
+        roots: list[Path] = []
+        for root in (*projects, *announced, find_shipped_root()):
+            resolved = root.resolve()
+            if resolved not in roots and resolved.is_dir():
+                roots.append(resolved)
+        return cls(tuple(roots))
+
+    def get_tree(self, name: str) -> Path:
+        """Path of `trees/<name>.yaml`; raises DefinitionError with the nearest name."""
+        return self._get("tree", name, f"trees/{name}.yaml", self.names_of_trees)
+
+    def get_skill(self, name: str) -> Path:
+        """Path of `skills/<name>/SKILL.md`."""
+        return self._get("skill", name, f"skills/{name}/SKILL.md", self.names_of_skills)
+
+    def get_scene(self, name: str) -> Path:
+        """Path of `scenes/<name>.yaml`."""
+        return self._get("scene", name, f"scenes/{name}.yaml", self.names_of_scenes)
+
+    def get_target(self, name: str) -> Path:
+        """Path of `robots/<name>/target.yaml`."""
+        return self._get("target", name, f"robots/{name}/target.yaml", self.names_of_targets)
+
+    def names_of_trees(self) -> list[str]:
+        """Every tree, sorted."""
+        return sorted(
+            {
+                path.relative_to(root / "trees").with_suffix("").as_posix()
+                for root, path in self._iter("trees", "**/*.yaml")
+            }
+        )
+
+    def names_of_skills(self) -> list[str]:
+        """Every skill, sorted."""
+        return sorted({path.parent.name for _, path in self._iter("skills", "*/SKILL.md")})
+
+    def names_of_scenes(self) -> list[str]:
+        """Every scene, sorted."""
+        return sorted(
+            {
+                path.relative_to(root / "scenes").with_suffix("").as_posix()
+                for root, path in self._iter("scenes", "**/*.yaml")
+            }
+        )
+
+    def names_of_targets(self) -> list[str]:
+        """Every target, sorted."""
+        return sorted({path.parent.name for _, path in self._iter("robots", "*/target.yaml")})
+
+    def names_of_goal_graphs(self) -> list[str]:
+        """Every goal graph, sorted."""
+        return sorted({path.stem for _, path in self._iter("goal_graphs", "*.yaml")})
+
+    def _iter(self, folder: str, pattern: str) -> Iterator[tuple[Path, Path]]:
+        for root in self.roots:
+            for path in sorted((root / folder).glob(pattern)):
+                yield root, path
+
+    def _get(self, what: str, name: str, relative: str, list_names: Callable[[], list[str]]) -> Path:
+        for path in _list_places(self.roots, relative):
+            if os.path.isfile(path):  # noqa: PTH113 - for every session, several times
+                return path
+        known = list_names()
+        raise DefinitionError(
+            Problem(
+                code=f"UNKNOWN_{what.upper().replace(' ', '_')}",
+                address=", ".join(str(root) for root in self.roots),
+                found=repr(name),
+                expected=format_names(known),
+                hint=format_hint(name, known),
+            )
+        )
+
+
+@lru_cache(maxsize=1024)
+def _list_places(roots: tuple[Path, ...], relative: str) -> tuple[Path, ...]:
+    """Where a file of the library may be, in the order of search."""
+    return tuple(root / relative for root in roots)

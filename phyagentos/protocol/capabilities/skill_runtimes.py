@@ -1,0 +1,222 @@
+"""Skills as the planes see them: SKILL.md front matter in, SKILLRUNTIME.md out. Paper sections 3.4 and 3.6.
+
+A skill declares what it needs, what it promises and which tree carries it out; it holds no code and no limits.
+"""
+
+from pathlib import Path
+from typing import Any, Literal, TypeGuard
+
+import pydantic
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document, split_front_matter
+from phyagentos.protocol.documents.schema import Authored, Located, parse_yaml, validate
+from phyagentos.protocol.settings.operations import Operation
+
+_NUMERIC: dict[str, tuple[type, ...]] = {
+    "number": (int, float),
+    "integer": (int,),
+    "boolean": (bool,),
+    "string": (str,),
+    "entity": (str,),
+    "place": (str,),
+}
+
+ParameterType = Literal["entity", "place", "point", "number", "integer", "string", "boolean"]
+
+
+class Parameter(Authored):
+    """One argument of a skill.
+
+    `entity` is the name of a thing, `place` of a thing with an interior or of a region, `point` three metres in the
+    world frame.
+
+    Attributes:
+        type: What it takes.
+        description: One sentence for people.
+        unit: Of a number.
+        default: Taken where nothing is said.
+        optional: Whether it may be left out without a default.
+        choices: The only values, where there are few.
+        minimum: Smallest number.
+        maximum: Largest number.
+    """
+
+    type: ParameterType
+    description: str = ""
+    unit: str = ""
+    default: Any = None
+    optional: bool = False
+    choices: tuple[str, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+
+
+class Output(Authored):
+    """A value a skill leaves behind, for data edges of the goal graph.
+
+    Attributes:
+        type: What it is.
+        description: One sentence for people.
+    """
+
+    type: ParameterType
+    description: str = ""
+
+
+class Needs(Authored):
+    """What a target must offer.
+
+    Attributes:
+        observations: Names of the target's `observations`.
+        actions: Names of the target's `actions`.
+        capabilities: Names of the target's `capabilities`.
+        operations: Operations besides commanding, observing, halting and settling.
+        resources: What no session on another target may use meanwhile; names of runtime_contract.yaml.
+        phyagentos: Versions of this software that can run it, as in `>=0.2,<1` (PEP 440); empty for any.
+    """
+
+    observations: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    capabilities: tuple[str, ...] = ()
+    operations: tuple[Operation, ...] = ()
+    resources: tuple[str, ...] = ()
+    phyagentos: str = ""
+
+
+class PromotedWay(Authored):
+    """A strategy that has proved itself as the default of a skill in one scope; written by memory, never by hand.
+
+    Attributes:
+        entry: Of KNOWLEDGE.md, which tells what it rests on.
+        scene: Name of the scene; empty for any, as below.
+        target: Name of the target.
+        object: Kind of the thing that is acted on.
+        destination: Kind of the place where it goes.
+        strategy: What is done differently.
+        rate: First attempts that succeeded when it was promoted.
+    """
+
+    entry: str
+    scene: str = ""
+    target: str = ""
+    object: str = ""
+    destination: str = ""
+    strategy: dict[str, Any]
+    rate: str = ""
+
+
+class SkillRuntime(Authored):
+    """The front matter of one SKILL.md.
+
+    Predicates may refer to parameters as `${name}`.
+
+    Attributes:
+        skill: Its name; also the folder's.
+        description: One sentence for people.
+        kind: `builtin` is carried out by a behaviour tree, `policy` by a policy server.
+        tree: Name of the tree; a policy has none.
+        parameters: By name.
+        outputs: By name.
+        requires: Predicates that must hold before it starts.
+        hold: Predicates that must hold all through.
+        guarantees: Predicates that hold after success; they are judged, never believed.
+        needs: Of its target.
+        action_space: How a policy speaks; a tree of leaves speaks the target's own language.
+        policy: The policy server of a `policy`.
+        promoted: Ways that have become its default somewhere.
+    """
+
+    skill: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
+    description: str
+    kind: Literal["builtin", "policy"] = "builtin"
+    tree: str
+    parameters: dict[str, Parameter] = {}
+    outputs: dict[str, Output] = {}
+    requires: tuple[str, ...] = ()
+    hold: tuple[str, ...] = ()
+    guarantees: tuple[str, ...] = ()
+    needs: Needs = Needs()
+    action_space: ActionSpace | None = None
+    policy: PolicyDescriptor | None = None
+    promoted: tuple[PromotedWay, ...] = ()
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _drop_tree_of_policy(cls, data: Any) -> Any:
+        """A policy is not carried out by a tree, so that it need not name one."""
+        is_policy = isinstance(data, dict) and data.get("kind") == "policy"
+        return {"tree": "", **data} if is_policy else data
+
+
+SKILLRUNTIME = DocumentFormat(
+    name="skillruntime",
+    file="SKILLRUNTIME.md",
+    says="Every skill that a workspace can run: parameters, conditions, promises, needs, and its behaviour tree.",
+    block=SkillRuntime,
+    key="skill",
+)
+
+
+def read_skill_runtimes(text: str, source: str = "") -> Document[SkillRuntime]:
+    """Read SKILLRUNTIME.md: skills by name.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, SKILLRUNTIME, source)
+
+
+def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
+    """Read `skills/<name>/SKILL.md`.
+
+    Raises:
+        DefinitionError: With every problem of the front matter.
+    """
+    front, first_line = split_front_matter(path.read_text(encoding="utf-8"), str(path))
+    located = parse_yaml(front, str(path), first_line)
+    skill = validate(SkillRuntime, located)
+    if skill.skill != path.parent.name:
+        raise DefinitionError(
+            located.problem("NAME_MISMATCH", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
+        )
+    return skill, located
+
+
+def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:
+    """The problem of a name that no SKILL.md carries."""
+    from phyagentos.errors import format_hint, format_names
+
+    return Problem(
+        code="UNKNOWN_SKILL",
+        address=address,
+        found=repr(name),
+        expected=format_names(known),
+        hint=format_hint(name, known),
+    )
+
+
+def find_mismatch(parameter: Parameter, value: Any) -> str:
+    """What the value of a parameter should have been; empty when it fits."""
+    if parameter.type == "point":
+        fits = isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
+        return "" if fits else "three numbers [m] in the world frame"
+    if parameter.type in {"number", "integer"} and not _is_number(value):
+        return parameter.type
+    if not isinstance(value, _NUMERIC[parameter.type]):
+        return "a name" if parameter.type in {"entity", "place"} else parameter.type
+    if parameter.choices and value not in parameter.choices:
+        return " or ".join(map(repr, parameter.choices))
+    if not _is_number(value):
+        return ""
+    if parameter.minimum is not None and value < parameter.minimum:
+        return f"at least {parameter.minimum} {parameter.unit}".rstrip()
+    if parameter.maximum is not None and value > parameter.maximum:
+        return f"at most {parameter.maximum} {parameter.unit}".rstrip()
+    return ""
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)

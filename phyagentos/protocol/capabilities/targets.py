@@ -1,0 +1,167 @@
+"""Targets as the planes see them: profiles in, TARGETS.md out. Paper section 3.5.
+
+A profile says what a target is and can do. Its limits for motion planning are the datasheet's; what the guard enforces
+stands in safety.yaml. In TARGETS.md each profile carries the health of its worker besides.
+"""
+
+from enum import StrEnum
+from typing import Literal
+
+import pydantic
+
+from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document
+from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
+
+Triple = tuple[float, float, float]
+Quadruple = tuple[float, float, float, float]
+
+
+class Arm(Authored):
+    """Joints and servo of an arm; all lists have one entry per joint, in chain order.
+
+    Attributes:
+        joints: Names in the model.
+        home_rad: Posture of rest [rad].
+        velocity_rad_s: Largest velocity that is planned [rad/s].
+        acceleration_rad_s2: Largest acceleration that is planned [rad/s^2].
+        jerk_rad_s3: Largest jerk that is planned [rad/s^3].
+        torque_nm: Largest torque of the servo [N m].
+        stiffness_nm_rad: Position gain of the servo [N m/rad].
+        damping_nms_rad: Velocity gain of the servo [N m s/rad].
+        payload_kg: Heaviest load [kg]; an arm of which it is not told carries nothing.
+    """
+
+    joints: tuple[str, ...]
+    home_rad: tuple[float, ...]
+    velocity_rad_s: tuple[float, ...]
+    acceleration_rad_s2: tuple[float, ...]
+    jerk_rad_s3: tuple[float, ...]
+    torque_nm: tuple[float, ...]
+    stiffness_nm_rad: tuple[float, ...]
+    damping_nms_rad: tuple[float, ...]
+    payload_kg: float = pydantic.Field(default=0.0, ge=0.0)
+
+
+class Gripper(Authored):
+    """A parallel gripper: `width_m` is the opening between the pads, one set-point for all fingers.
+
+    Attributes:
+        joints: Names in the model.
+        pads: Geoms that touch.
+        max_width_m: Widest opening [m].
+        stiffness_n_m: Position gain of the servo [N/m].
+        damping_ns_m: Velocity gain of the servo [N s/m].
+        force_n: Largest force of one finger [N].
+        close_time_s: Time it is given to close [s].
+    """
+
+    joints: tuple[str, ...]
+    pads: tuple[str, ...]
+    max_width_m: float
+    stiffness_n_m: float
+    damping_ns_m: float
+    force_n: float
+    close_time_s: float = 0.4
+
+
+class TargetProfile(Authored):
+    """One target of TARGETS.md.
+
+    Attributes:
+        target: Its name; also the folder's.
+        description: One sentence for people.
+        kind: `debug` has no physics: the target stands where it is told (see `runtime.drivers.debug`).
+        model: MJCF file, relative to the profile; none for `debug`.
+        embodiment: What it is (`arm`).
+        tcp: Site of the tool centre point; z approaches, y is the closing axis.
+        mount_position_m: Where its base stands in the world [m].
+        mount_quaternion_wxyz: How its base stands in the world.
+        control_period_s: Length of one command [s]; a whole number of physics steps.
+        physics_step_s: One step of the simulation [s].
+        workspace_m: Box that the target itself keeps its tool centre point in, least and greatest corner, world frame;
+            none for no such limit. Wider than what safety.yaml allows.
+        contact_force_n: Beyond this force on any part of it the target stops by itself [N].
+        arm: Its joints.
+        gripper: Its hand.
+        observations: What it offers; a skill's `needs.observations` are matched against these names.
+        actions: What it takes; a skill's `needs.actions` are matched against these names.
+        capabilities: What else a skill may need (`manipulation`).
+        operations: What it can be asked to do by a session that has authority.
+    """
+
+    target: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
+    description: str
+    kind: Literal["simulation", "real_robot", "debug"] = "simulation"
+    embodiment: str = "arm"
+    model: str = ""
+    tcp: str = "tcp"
+    mount_position_m: Triple = (0.0, 0.0, 0.0)
+    mount_quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
+    control_period_s: float = 0.02
+    physics_step_s: float = 0.002
+    workspace_m: tuple[Triple, Triple] | None = None
+    contact_force_n: float = 100.0
+    arm: Arm
+    gripper: Gripper
+    observations: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
+    capabilities: tuple[str, ...] = ()
+    operations: tuple[Operation, ...] = SESSION_OPERATIONS
+
+
+class Health(StrEnum):
+    """How the worker of a target is."""
+
+    NOT_STARTED = "not_started"
+    """No worker has run in this workspace."""
+    READY = "ready"
+    """Its process is alive; it waits or works."""
+    SILENT = "silent"
+    """Its process is alive and holds a session, but says nothing new."""
+    LOST = "lost"
+    """Its process ended while the runtime was running."""
+    STOPPED = "stopped"
+    """The runtime has ended, and the worker with it."""
+
+
+class TargetHealth(Authored):
+    """The health of one target, as the runtime last saw it.
+
+    Attributes:
+        state: See `Health`.
+        since: UTC wall time of the change; empty when it never started.
+        session: What it held when it fell silent or was lost; empty otherwise.
+    """
+
+    state: Health = Health.NOT_STARTED
+    since: str = ""
+    session: str = ""
+
+
+class RegisteredTarget(TargetProfile):
+    """One block of TARGETS.md: the profile, and how the target is.
+
+    Attributes:
+        health: Written by the runtime, never by a person.
+    """
+
+    health: TargetHealth = TargetHealth()
+
+
+TARGETS = DocumentFormat(
+    name="targets",
+    file="TARGETS.md",
+    says="Every target of a workspace: its profile, and how its worker is.",
+    block=RegisteredTarget,
+    key="target",
+)
+
+
+def read_targets(text: str, source: str = "") -> Document[RegisteredTarget]:
+    """Read TARGETS.md: targets by name.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, TARGETS, source)

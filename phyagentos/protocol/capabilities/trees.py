@@ -1,0 +1,310 @@
+"""Behaviour trees as people write them: `trees/<name>.yaml` in, frozen nodes out.
+
+Upstream: the library. Downstream: the runtime's tree loader (which knows the leaves), `tree_view` (which draws).
+Structure is checked here; ports against leaves are checked where leaves are known. `$name` refers to a key of the tree,
+anything else is a literal.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import pydantic
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, validate
+
+PortType = Literal[
+    "entity", "place", "point", "number", "integer", "string", "boolean", "pose", "approach", "approaches", "payload"
+]
+REFERENCE = re.compile(r"\$\{([a-z][a-z0-9_]*)\}")
+
+
+class TreePort(Authored):
+    """A typed input or output of a tree."""
+
+    type: PortType
+    description: str = ""
+    optional: bool = False
+    default: str | float | bool | None = None
+
+
+class TreeHeader(Authored):
+    """One `trees/<name>.yaml`."""
+
+    tree: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_/]*$", description="The file's name without suffix.")
+    description: str
+    inputs: dict[str, TreePort] = {}
+    outputs: dict[str, TreePort] = {}
+    root: dict[str, Any] | str = pydantic.Field(description="One node; every node is a mapping with one key.")
+
+
+class CompositeForm(Authored):
+    """Body of `sequence` and `fallback`."""
+
+    children: list[Any] = pydantic.Field(min_length=1)
+    name: str = ""
+
+
+class ParallelForm(CompositeForm):
+    """Body of `parallel`: succeeds when all or when one child does."""
+
+    policy: Literal["all", "one"] = "all"
+
+
+class InvertForm(Authored):
+    """Body of `invert`."""
+
+    child: Any
+    name: str = ""
+
+
+class RetryForm(InvertForm):
+    """Body of `retry`."""
+
+    attempts: int = pydantic.Field(ge=1)
+
+
+class TimeoutForm(InvertForm):
+    """Body of `timeout`; seconds of simulated time."""
+
+    seconds: float = pydantic.Field(gt=0.0)
+
+
+class SubtreeForm(Authored):
+    """Body of `subtree`: another tree, its inputs and outputs wired to keys of this one."""
+
+    tree: str
+    wiring: dict[str, Any] = pydantic.Field(default={}, alias="with")
+    name: str = ""
+
+
+class NodeKind(StrEnum):
+    """The node kinds of the format; every other key is the name of a leaf."""
+
+    SEQUENCE = "sequence"
+    """Children in order, until one fails."""
+    FALLBACK = "fallback"
+    """Children in order, until one succeeds."""
+    PARALLEL = "parallel"
+    """Children together."""
+    RETRY = "retry"
+    """The child again when it fails."""
+    TIMEOUT = "timeout"
+    """The child, for so long."""
+    INVERT = "invert"
+    """Success and failure of the child exchanged."""
+    CONDITION = "condition"
+    """A predicate, evaluated once."""
+    SUBTREE = "subtree"
+    """Another tree in this place."""
+    LEAF = "leaf"
+    """A leaf of the registry."""
+
+
+_FORMS: dict[NodeKind, type[Authored]] = {
+    NodeKind.SEQUENCE: CompositeForm,
+    NodeKind.FALLBACK: CompositeForm,
+    NodeKind.PARALLEL: ParallelForm,
+    NodeKind.RETRY: RetryForm,
+    NodeKind.TIMEOUT: TimeoutForm,
+    NodeKind.INVERT: InvertForm,
+    NodeKind.SUBTREE: SubtreeForm,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """`$name`: a key of the tree."""
+
+    key: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """One node of an authored tree.
+
+    Attributes:
+        kind: Which of the node kinds.
+        name: Unique among its siblings; part of the path in traces.
+        address: Where it stands in the file's data.
+        children: In order.
+        type: Leaf type or name of the subtree, else the kind.
+        wiring: Port -> `Reference` or literal, of leaves and subtrees.
+        amount: Attempts of `retry`, seconds of `timeout`.
+        policy: `all` or `one`, of `parallel`.
+        text: Predicate of `condition`.
+    """
+
+    kind: NodeKind
+    name: str
+    address: Address
+    children: tuple["Node", ...] = ()
+    type: str = ""
+    wiring: Mapping[str, Any] = field(default_factory=dict)
+    amount: float = 0.0
+    policy: str = ""
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """One authored tree: its header, its nodes and where they stand."""
+
+    header: TreeHeader
+    root: Node
+    located: Located
+
+
+def read_tree(path: Path) -> Tree:
+    """Read one tree file; a file that has not changed is parsed once in a process.
+
+    Raises:
+        DefinitionError: With every structural problem, each at file:line:column.
+    """
+    tree, problems = load_tree(path)
+    if tree is None or problems:
+        raise DefinitionError(problems)
+    return tree
+
+
+def load_tree(path: Path) -> tuple[Tree | None, tuple[Problem, ...]]:
+    """A tree as far as it can be read, and every structural problem of its file.
+
+    Raises:
+        DefinitionError: When the file is unreadable or no YAML.
+    """
+    try:
+        changed = path.stat()
+    except OSError:
+        return _load_tree(path, 0, 0)
+    return _load_tree(path, changed.st_mtime_ns, changed.st_size)
+
+
+@lru_cache(maxsize=256)
+def _load_tree(path: Path, _changed_ns: int, _size: int) -> tuple[Tree | None, tuple[Problem, ...]]:
+    located = read_yaml(path)
+    header, problems = salvage(TreeHeader, located)
+    if header is None:
+        return None, tuple(problems)
+    parts = header.tree.split("/")
+    if path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
+        problems.append(
+            located.problem("NAME_MISMATCH", ("tree",), repr(header.tree), f"the file's name {path.stem!r}")
+        )
+    root = _build(located, ("root",), problems, default_name=parts[-1])
+    tree = Tree(header=header, root=root, located=located) if root is not None else None
+    return tree, tuple(problems)
+
+
+def iter_nodes(node: Node) -> Iterator[Node]:
+    """The node and everything below it, parents first."""
+    yield node
+    for child in node.children:
+        yield from iter_nodes(child)
+
+
+def find_references(text: str) -> tuple[str, ...]:
+    """The names in `${name}` of a predicate, in order."""
+    return tuple(REFERENCE.findall(text))
+
+
+def _build(located: Located, address: Address, problems: list[Problem], default_name: str = "") -> Node | None:
+    data: Any = located.data
+    for step in address:
+        data = data[step]
+    if isinstance(data, str):
+        data = {data: None}
+    if not isinstance(data, dict) or len(data) != 1:
+        shown = f"a mapping with keys {', '.join(map(str, data))}" if isinstance(data, dict) else type(data).__name__
+        problems.append(located.problem("NOT_A_NODE", address, shown, "a mapping with one key: a node kind or a leaf"))
+        return None
+    key, body = next(iter(data.items()))
+    place = (*address, key) if isinstance(located_value(located, address), dict) else address
+    if key == NodeKind.CONDITION:
+        return _build_condition(located, place, body, problems, default_name)
+    if key in _FORMS:
+        return _build_control(located, NodeKind(key), place, problems, default_name)
+    return _build_leaf(located, str(key), place, body, problems, default_name)
+
+
+def located_value(located: Located, address: Address) -> Any:
+    """The data at an address."""
+    data: Any = located.data
+    for step in address:
+        data = data[step]
+    return data
+
+
+def _build_condition(
+    located: Located, place: Address, body: Any, problems: list[Problem], default_name: str
+) -> Node | None:
+    if not isinstance(body, str) or not body.strip():
+        problems.append(located.problem("NOT_A_PREDICATE", place, repr(body), "a predicate in quotes"))
+        return None
+    return Node(kind=NodeKind.CONDITION, type="condition", name=default_name or "condition", address=place, text=body)
+
+
+def _build_leaf(
+    located: Located, leaf: str, place: Address, body: Any, problems: list[Problem], default_name: str
+) -> Node | None:
+    if body is not None and not isinstance(body, dict):
+        problems.append(located.problem("NOT_A_WIRING", place, repr(body), "a mapping of ports"))
+        return None
+    wiring = {str(port): _parse_value(value) for port, value in (body or {}).items()}
+    name = wiring.pop("name", None)
+    return Node(kind=NodeKind.LEAF, type=leaf, name=str(name or default_name or leaf), address=place, wiring=wiring)
+
+
+def _build_control(
+    located: Located, kind: NodeKind, place: Address, problems: list[Problem], default_name: str
+) -> Node | None:
+    try:
+        form: Any = validate(_FORMS[kind], located, place)
+    except DefinitionError as error:
+        problems.extend(error.problems)
+        return None
+    children: tuple[Node, ...] = ()
+    if isinstance(form, CompositeForm):
+        built = [_build(located, (*place, "children", index), problems) for index in range(len(form.children))]
+        children = _name_apart([child for child in built if child is not None])
+    elif isinstance(form, InvertForm):
+        child = _build(located, (*place, "child"), problems)
+        children = (child,) if child is not None else ()
+    subtree = form.tree if isinstance(form, SubtreeForm) else ""
+    wiring = {port: _parse_value(value) for port, value in form.wiring.items()} if subtree else {}
+    return Node(
+        kind=kind,
+        type=subtree or kind.value,
+        name=form.name or default_name or subtree.rsplit("/", 1)[-1] or kind.value,
+        address=place,
+        children=children,
+        wiring=wiring,
+        amount=float(getattr(form, "attempts", 0) or getattr(form, "seconds", 0.0)),
+        policy=getattr(form, "policy", ""),
+    )
+
+
+def _name_apart(children: list[Node]) -> tuple[Node, ...]:
+    """Give siblings of the same name a number, so that paths in traces are unique."""
+    from dataclasses import replace
+
+    seen: dict[str, int] = {}
+    out = []
+    for child in children:
+        count = seen.get(child.name, 0) + 1
+        seen[child.name] = count
+        out.append(child if count == 1 else replace(child, name=f"{child.name}.{count}"))
+    return tuple(out)
+
+
+def _parse_value(value: Any) -> Any:
+    if isinstance(value, str) and value.startswith("$") and not value.startswith("${"):
+        return Reference(value[1:])
+    if isinstance(value, list):
+        return tuple(value)
+    return value

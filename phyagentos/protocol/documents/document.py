@@ -1,0 +1,289 @@
+"""Markdown with embedded YAML: the form of every protocol document.
+
+A document is prose for people; what programs read is its YAML front matter and its fenced `yaml` blocks, each named by
+the `##` heading above it. As data it is the front matter with one more key, `blocks`: heading -> block. That is what
+its JSON Schema describes. Upstream: the modules that say how a document is written. Downstream: its readers, `paos
+lint`, the schemas.
+"""
+
+import re
+from collections.abc import Container, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+
+if TYPE_CHECKING:
+    from phyagentos.protocol.documents.schema import Located
+
+BLOCKS = "blocks"
+_FRONT = re.compile(r"\A---\n(.*?\n)---\n", re.DOTALL)
+_FENCE = re.compile(r"(?P<ticks>`{3,}|~{3,})(?P<language>[^`\n]*)")
+BlockT = TypeVar("BlockT")
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One `## name` heading with its fenced YAML.
+
+    Attributes:
+        name: The heading's text.
+        yaml: The text between the fences.
+        line: Line of the file on which the YAML begins, counted from 1.
+    """
+
+    name: str
+    yaml: str
+    line: int
+
+
+class Front(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What stands between the two lines `---` at the top.
+
+    Attributes:
+        phy: Kind and version of the document (`lessons/1`).
+    """
+
+    phy: str
+
+
+class FrontMatter(Front, frozen=True, kw_only=True, omit_defaults=True):
+    """The same of a view of the journal.
+
+    Attributes:
+        view: Sequence number of the last journal record that it shows.
+    """
+
+    view: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DocumentFormat(Generic[BlockT]):
+    """How one kind of document is written.
+
+    Attributes:
+        name: Its kind; also the name of its schema and of its page (`sessions`).
+        file: Its name in a workspace (`SESSIONS.md`).
+        says: One sentence about what it holds.
+        block: What each block holds: a struct, or an authored model; None when it has no block.
+        headings: The only headings that carry a block; any where empty.
+        key: Field of the block that repeats the heading, empty when none does.
+        front: Its front matter.
+        lines: What each line is, for a document that consists of lines; None for every other.
+    """
+
+    name: str
+    file: str
+    says: str
+    block: type[BlockT] | None
+    headings: tuple[str, ...] = ()
+    key: str = ""
+    front: type[Front] = Front
+    lines: type[msgspec.Struct] | None = None
+
+    @property
+    def phy(self) -> str:
+        """Kind and version, as the front matter says it."""
+        return f"{self.name}/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Document(Generic[BlockT]):
+    """What a document says: its front matter and its blocks by heading."""
+
+    front: Front
+    blocks: dict[str, BlockT] = field(default_factory=dict)
+
+
+def read_document(
+    text: str, format: DocumentFormat[BlockT], source: str = "", *, passed_over: Container[str] = ()
+) -> Document[BlockT]:
+    """Read a document.
+
+    Args:
+        text: All of it.
+        format: Its kind.
+        source: File name for messages; the usual one by default.
+        passed_over: Headings whose blocks somebody else reads.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    source = source or format.file
+    problems: list[Problem] = []
+    front: Front | None = None
+    blocks: dict[str, BlockT] = {}
+    try:
+        front = _read_front(text, format, source)
+    except DefinitionError as error:
+        problems += error.problems
+    found, unclosed = _scan(text)
+    if unclosed:
+        problems.append(Problem(code="UNCLOSED_FENCE", address=f"{source}:{unclosed}:1", expected="a line '```' below"))
+    for block in found:
+        if block.name in passed_over:
+            continue
+        try:
+            if block.name in blocks:
+                raise DefinitionError(_problem(source, block, "DUPLICATE_BLOCK", repr(block.name), "each heading once"))
+            blocks[block.name] = _read_block(block, format, source)
+        except DefinitionError as error:
+            problems += error.problems
+    if problems or front is None:
+        raise DefinitionError(problems)
+    return Document(front, blocks)
+
+
+def extract_data(text: str, source: str = "") -> dict[str, Any]:
+    """Front matter and blocks as plain data, unchecked: what the JSON Schema of the document describes.
+
+    Raises:
+        DefinitionError: Where there is no front matter, or something is not YAML.
+    """
+    from phyagentos.protocol.documents.schema import parse_yaml  # late: whoever only stores records needs no schema
+
+    yaml, line = split_front_matter(text, source)
+    front = parse_yaml(yaml, source, line).data
+    data = dict(front) if isinstance(front, dict) else {}
+    return data | {BLOCKS: {each.name: parse_yaml(each.yaml, source, each.line).data for each in iter_blocks(text)}}
+
+
+def build_schema(format: DocumentFormat[Any]) -> dict[str, Any]:
+    """The JSON Schema of a document as `extract_data` gives it."""
+    from phyagentos.protocol.documents.struct_schema import build_struct_schema
+
+    _, definitions = build_struct_schema(format.front)
+    front = definitions.pop(format.front.__name__)
+    properties = front["properties"]
+    properties["phy"] = {"const": format.phy, "description": "Kind and version of the document."}
+    blocks: dict[str, Any] = {"type": "object", "description": "By heading." if format.block else "None."}
+    if format.block is None:
+        blocks["maxProperties"] = 0
+    else:
+        schema, more = _build_block_schema(format.block)
+        definitions |= more
+        if format.headings:
+            blocks |= {"properties": dict.fromkeys(format.headings, schema), "additionalProperties": False}
+        else:
+            blocks["additionalProperties"] = schema
+    properties[BLOCKS] = blocks
+    if format.lines is not None:
+        line, more = build_struct_schema(format.lines)
+        definitions |= more
+        properties["lines"] = {"type": "array", "items": line, "description": "Oldest first."}
+    return {
+        "title": format.file,
+        "description": format.says,
+        "type": "object",
+        "properties": properties,
+        "required": [*front["required"], BLOCKS],
+        "additionalProperties": False,
+        "$defs": definitions,
+    }
+
+
+def split_front_matter(text: str, source: str) -> tuple[str, int]:
+    """The YAML between the first two `---` lines, and the line it begins on.
+
+    Raises:
+        DefinitionError: When the text does not begin with front matter.
+    """
+    match = _FRONT.match(text)
+    if match is None:
+        raise DefinitionError(
+            Problem(
+                code="FRONT_MATTER_MISSING",
+                address=f"{source}:1:1",
+                found=repr(text.split("\n", 1)[0][:40]),
+                expected="a first line '---', YAML, and a line '---'",
+            )
+        )
+    return match[1], 2
+
+
+def iter_blocks(text: str) -> Iterator[Block]:
+    """The first fenced YAML block below each `## name` heading, in order; what is fenced is no heading."""
+    yield from _scan(text)[0]
+
+
+def _scan(text: str) -> tuple[list[Block], int]:
+    """Every block, and the line of a fence that nothing closes, 0 without one."""
+    blocks: list[Block] = []
+    name, fence, begin, opened = "", "", 0, 0
+    lines = text.split("\n")
+    for number, line in enumerate(lines):
+        if fence:
+            if line.rstrip().startswith(fence) and not line.rstrip().strip(fence[0]):
+                if begin and name:
+                    blocks.append(Block(name, "".join(f"{each}\n" for each in lines[begin:number]), begin + 1))
+                    name = ""
+                fence, begin = "", 0
+        elif match := _FENCE.match(line):
+            fence, opened = match["ticks"], number + 1
+            begin = number + 1 if match["language"].strip() == "yaml" else 0
+        elif line.startswith("## ") and line[3:].strip():
+            name = line[3:].strip()
+    return blocks, opened if fence else 0
+
+
+def _read_front(text: str, format: DocumentFormat[Any], source: str) -> Front:
+    from phyagentos.protocol.documents.schema import parse_yaml
+    from phyagentos.protocol.documents.struct_schema import convert_located
+
+    yaml, line = split_front_matter(text, source)
+    located = parse_yaml(yaml, source, line)
+    front = convert_located(format.front, located)
+    if front.phy != format.phy:
+        raise DefinitionError(located.problem("WRONG_DOCUMENT", ("phy",), repr(front.phy), repr(format.phy)))
+    return front
+
+
+def _read_block(block: Block, format: DocumentFormat[BlockT], source: str) -> BlockT:
+    from phyagentos.protocol.documents.schema import parse_yaml
+
+    if format.block is None or (format.headings and block.name not in format.headings):
+        hint = format_hint(block.name, format.headings)
+        expected = format_names(format.headings) if format.headings else "no block of YAML"
+        raise DefinitionError(_problem(source, block, "UNKNOWN_BLOCK", repr(block.name), expected, hint))
+    located = parse_yaml(block.yaml, source, block.line)
+    value = _convert(format.block, located)
+    if format.key:
+        name = _get(value, format.key)
+        if name != block.name:
+            raise DefinitionError(
+                located.problem(
+                    "NAME_MISMATCH", tuple(format.key.split(".")), repr(name), f"its heading {block.name!r}"
+                )
+            )
+    return value
+
+
+def _convert(kind: type[BlockT], located: "Located") -> BlockT:
+    from phyagentos.protocol.documents.schema import Authored, validate
+    from phyagentos.protocol.documents.struct_schema import convert_located
+
+    if issubclass(kind, Authored):
+        return validate(kind, located)
+    return convert_located(kind, located)
+
+
+def _build_block_schema(kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
+    from phyagentos.protocol.documents.schema import Authored
+    from phyagentos.protocol.documents.struct_schema import build_authored_schema, build_struct_schema
+
+    if not issubclass(kind, Authored):
+        return build_struct_schema(kind)
+    schema, definitions = build_authored_schema(kind)
+    return {"$ref": f"#/$defs/{kind.__name__}"}, definitions | {kind.__name__: schema}
+
+
+def _get(value: Any, key: str) -> Any:
+    for step in key.split("."):
+        value = getattr(value, step)
+    return value
+
+
+def _problem(source: str, block: Block, code: str, found: str, expected: str, hint: str = "") -> Problem:
+    return Problem(code=code, address=f"{source}:{block.line}:1", found=found, expected=expected, hint=hint)

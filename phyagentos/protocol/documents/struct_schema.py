@@ -1,0 +1,164 @@
+"""Structs out of located data with every problem at its place, and their JSON Schemas with a line for each field.
+
+`schema` does the same for authored models. Upstream: `document`. Downstream: msgspec, which stops at the first problem;
+so the data is walked along the type first.
+"""
+
+import inspect
+import re
+from collections.abc import Iterator
+from enum import Enum, EnumType
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.documents.schema import Address, Authored, Located
+
+StructT = TypeVar("StructT")
+REFERENCE = "#/$defs/{name}"
+_ATTRIBUTE = re.compile(r"^    (?P<name>\w+): (?P<text>.*(?:\n {8}.*)*)", re.MULTILINE)
+
+
+def convert_located(kind: type[StructT], located: Located, path: Address = ()) -> StructT:
+    """Located YAML data as a struct.
+
+    Args:
+        kind: The struct.
+        located: The data.
+        path: Where inside the data the struct begins.
+
+    Raises:
+        DefinitionError: With one problem per violation, each at file:line:column; an unknown key is one.
+    """
+    value = located.data
+    for step in path:
+        value = value[step]
+    problems = list(_iter_problems(kind, value, located, path))
+    if problems:
+        raise DefinitionError(problems)
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        raise DefinitionError(located.problem("INVALID_VALUE", path, found=str(error))) from error
+
+
+def build_struct_schema(kind: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The JSON Schema of a struct, as (schema, definitions).
+
+    Unknown keys are refused; what the docstrings say of a field becomes its description.
+    """
+    (schema,), definitions = msgspec.json.schema_components([kind], ref_template=REFERENCE)
+    kinds = {each.__name__: each for each in _iter_kinds(kind, set())}
+    for name, definition in definitions.items():
+        if name in kinds:
+            describe(definition, kinds[name])
+        if "properties" in definition:
+            definition["additionalProperties"] = False
+    return schema, definitions
+
+
+def build_authored_schema(kind: type[Authored]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The JSON Schema of an authored model, as (schema, definitions); docstrings become descriptions."""
+    schema = kind.model_json_schema(by_alias=True)
+    definitions = schema.pop("$defs", {})
+    describe(schema, kind)
+    for each in _iter_models(kind, set()):
+        if each.__name__ in definitions:
+            describe(definitions[each.__name__], each)
+    return schema, definitions
+
+
+def describe(definition: dict[str, Any], kind: type) -> None:
+    """Put what the docstring of a class says, of itself and of its fields, into its definition."""
+    summary, attributes = _read_docstring(kind)
+    if summary:
+        definition["description"] = summary
+    for field, text in attributes.items():
+        if field in definition.get("properties", {}):
+            definition["properties"][field]["description"] = text
+
+
+def _iter_problems(kind: Any, value: Any, located: Located, path: Address) -> Iterator[Problem]:
+    kind = getattr(kind, "__supertype__", kind)  # a NewType
+    origin, args = get_origin(kind), get_args(kind)
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        yield from _iter_struct_problems(kind, value, located, path)
+    elif origin is dict and isinstance(value, dict):
+        for key, each in value.items():
+            yield from _iter_problems(args[1], each, located, (*path, key))
+    elif origin is tuple and args[-1] is Ellipsis and isinstance(value, list):
+        for index, each in enumerate(value):
+            yield from _iter_problems(args[0], each, located, (*path, index))
+    elif origin in {Union, UnionType} and NoneType in args and len(args) == 2:
+        if value is not None:
+            yield from _iter_problems(next(arm for arm in args if arm is not NoneType), value, located, path)
+    else:
+        yield from _iter_leaf_problems(kind, value, located, path)
+
+
+def _iter_struct_problems(kind: type[msgspec.Struct], value: Any, located: Located, path: Address) -> Iterator[Problem]:
+    if not isinstance(value, dict):
+        yield located.problem("WRONG_TYPE", path, type(value).__name__, f"a mapping ({kind.__name__})")
+        return
+    fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+    for key, each in value.items():
+        if key in fields:
+            yield from _iter_problems(fields[key].type, each, located, (*path, key))
+        else:
+            hint = format_hint(str(key), fields)
+            yield located.problem("UNKNOWN_KEY", (*path, key), repr(key), format_names(fields), hint)
+    for name, field in fields.items():
+        if field.required and name not in value:
+            yield located.problem("MISSING_KEY", path, "nothing", f"key {name!r}", f"Add {name!r}.")
+
+
+def _iter_leaf_problems(kind: Any, value: Any, located: Located, path: Address) -> Iterator[Problem]:
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        shown = repr(value) if isinstance(value, str | int | float | bool | None) else type(value).__name__
+        expected, hint = str(error).removeprefix("Expected "), ""
+        if isinstance(kind, EnumType):
+            names = [str(member.value) for member in kind]  # type: ignore[var-annotated]  # any enum
+            expected, hint = format_names(names), format_hint(str(value), names)
+        yield located.problem("INVALID_VALUE", path, shown, expected, hint)
+
+
+def _iter_kinds(kind: Any, seen: set[Any]) -> Iterator[type]:
+    """Every struct and enum that a type is made of."""
+    kind = getattr(kind, "__supertype__", kind)
+    if isinstance(kind, EnumType):
+        yield kind
+    elif isinstance(kind, type) and issubclass(kind, msgspec.Struct) and kind not in seen:
+        seen.add(kind)
+        yield kind
+        for field in msgspec.structs.fields(kind):
+            yield from _iter_kinds(field.type, seen)
+    for arm in get_args(kind):
+        yield from _iter_kinds(arm, seen)
+
+
+def _iter_models(kind: Any, seen: set[Any]) -> Iterator[type[Authored]]:
+    """Every authored model that a type is made of."""
+    if isinstance(kind, type) and issubclass(kind, Authored) and kind not in seen:
+        seen.add(kind)
+        yield kind
+        for info in kind.model_fields.values():
+            yield from _iter_models(info.annotation, seen)
+    for arm in get_args(kind):
+        yield from _iter_models(arm, seen)
+
+
+def _read_docstring(kind: type) -> tuple[str, dict[str, str]]:
+    """The summary and the description of each field, inherited ones included."""
+    attributes: dict[str, str] = {}
+    for owner in reversed(kind.__mro__):
+        if not issubclass(owner, msgspec.Struct | Authored | Enum) or owner in {msgspec.Struct, Authored}:
+            continue
+        text = owner.__dict__.get("__doc__") or ""
+        _, _, listed = inspect.cleandoc(text).partition("Attributes:\n")
+        attributes |= {match["name"]: " ".join(match["text"].split()) for match in _ATTRIBUTE.finditer(listed)}
+    summary = inspect.cleandoc(kind.__doc__ or "").split("\n\nAttributes:")[0]
+    return " ".join(summary.split()), attributes

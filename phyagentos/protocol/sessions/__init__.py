@@ -1,0 +1,1 @@
+"""Records of sessions: contract, lifecycle, evidence, verdicts, goals, stop signals."""

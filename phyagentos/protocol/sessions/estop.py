@@ -1,0 +1,157 @@
+"""The latch of the emergency stop: one file of a workspace. While it is there nothing moves, whoever starts again.
+
+Upstream: the world process, which latches what it is asked for; the operator, who alone resets, with a reason.
+Downstream: every target. Software requests a stop and logs it; it claims no performance level (ISO 13849-1).
+"""
+
+import contextlib
+import os
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.documents.plain_text import clean
+
+LATCH = "estop.json"
+RESERVE = ".estop.reserve"
+_KEPT = "estop-reset-{stamp}.json"
+
+
+class Latch(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What stands in the file.
+
+    Attributes:
+        by: Who asked for the stop.
+        reason: Why.
+        at: UTC wall time.
+        reset_reason: Why it was reset; empty while it is latched.
+        reset_at: UTC wall time of that.
+    """
+
+    by: str = ""
+    reason: str = ""
+    at: str = ""
+    reset_reason: str = ""
+    reset_at: str = ""
+
+
+def is_latched(signals: Path) -> bool:
+    """Whether the stop is latched in a folder `signals/`."""
+    try:
+        os.stat(f"{signals}/{LATCH}")  # noqa: PTH116 - before every command
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
+
+
+def read_latch(signals: Path) -> Latch | None:
+    """The latch, or None; one that cannot be read is a latch all the same."""
+    try:
+        return msgspec.json.decode((signals / LATCH).read_bytes(), type=Latch)
+    except FileNotFoundError:
+        return None
+    except (ValueError, RecursionError):
+        return Latch(reason="the file of the latch cannot be read")
+
+
+def latch(signals: Path, wanted: Latch) -> None:
+    """Latch the stop; the first one stays. Targets see it at once, and it is durable when this returns.
+
+    A disk may take a second to write; nothing that moves waits for it. A latch that a lost supply leaves empty holds
+    all the same (see `read_latch`). On a full disk the reserve becomes the latch: a new name for an old file needs no
+    room.
+
+    Args:
+        signals: The folder `signals/` of a workspace.
+        wanted: By whom, why, when.
+
+    Raises:
+        OSError: The disk did not take it, or did not say that it has; whether it is latched tells `is_latched`.
+    """
+    try:
+        signals.mkdir(parents=True, exist_ok=True)
+        _link(signals, wanted)
+    except OSError:
+        if is_latched(signals):
+            raise
+        (signals / RESERVE).rename(signals / LATCH)
+    _sync_folder(signals)
+
+
+def provide_reserve(signals: Path) -> None:
+    """Have a file ready that can become the latch when the disk is full; a full disk has none."""
+    signals.mkdir(parents=True, exist_ok=True)
+    if not (signals / RESERVE).exists():
+        temporary = signals / f".{RESERVE}.{os.getpid()}.tmp"
+        try:
+            _write(temporary, Latch(reason="the disk was full: who asked and why could not be written"))
+            temporary.replace(signals / RESERVE)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+
+
+def _link(signals: Path, wanted: Latch) -> None:
+    temporary = signals / f".{LATCH}.{os.getpid()}.tmp"
+    try:
+        with temporary.open("wb") as file:
+            file.write(_encode(wanted))
+            file.flush()
+            with contextlib.suppress(FileExistsError):
+                (signals / LATCH).hardlink_to(temporary)
+            os.fsync(file.fileno())
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def reset(signals: Path, reason: str, clock: Clock) -> Path:
+    """Let targets move again; the latch is kept beside with the reason.
+
+    Args:
+        signals: The folder `signals/` of a workspace.
+        reason: Why it is safe again.
+        clock: For the time of the reset.
+
+    Returns:
+        Where the former latch lies.
+
+    Raises:
+        DefinitionError: `REASON_MISSING`; `NOT_LATCHED`.
+    """
+    if not reason.strip():
+        raise DefinitionError(
+            Problem(code="REASON_MISSING", address="reset", found="no reason", expected="why it is safe to move again")
+        )
+    held = read_latch(signals)
+    if held is None:
+        raise DefinitionError(Problem(code="NOT_LATCHED", address=str(signals), found="no latched emergency stop"))
+    at = clock.wall_iso()
+    kept = signals / _KEPT.format(stamp=at.replace(":", "").replace(".", ""))
+    temporary = signals / f".{LATCH}.{os.getpid()}.tmp"
+    _write(temporary, msgspec.structs.replace(held, reset_reason=reason.strip(), reset_at=at))
+    temporary.replace(signals / LATCH)
+    (signals / LATCH).rename(kept)  # a rename wakes whoever waits; a removal would not
+    _sync_folder(signals)
+    provide_reserve(signals)
+    return kept
+
+
+def _encode(content: Latch) -> bytes:
+    told = {name: clean(text) for name, text in msgspec.structs.asdict(content).items()}  # JSON takes not every text
+    return msgspec.json.format(msgspec.json.encode(Latch(**told))) + b"\n"
+
+
+def _write(path: Path, content: Latch) -> None:
+    with path.open("wb") as file:
+        file.write(_encode(content))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

@@ -1,0 +1,166 @@
+"""The evidence bundle of one session: `evidence/<session id>/`. Written by the recorder, read by the verifier.
+
+The bundle is complete without this package: the scene loads in MuJoCo alone, arrays in numpy alone, everything else
+is JSON or YAML. Paper section 4.2.
+"""
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.session import Execution, Session
+from phyagentos.protocol.sessions.verdicts import Criterion, EvidenceReference
+from phyagentos.protocol.world.environment import Environment
+
+CONTRACT = "contract.yaml"  # the session as submitted, adapter plan and hashes of the settings files
+SCENE_MODEL = "scene.mjb"  # compiled model, loadable by MuJoCo alone
+SCENE_XML = "scene.xml"  # the same, readable
+INITIAL = "initial.npz"  # state (mjSTATE_INTEGRATION), time, qpos, qvel, act
+TERMINAL = "terminal.npz"
+BEFORE = "environment_before.json"  # Environment
+AFTER = "environment_after.json"
+TRACE = "trace.jsonl"  # one TraceEvent per change of a node of the tree
+TRAJECTORY = "trajectory.npz"  # time_s, q_commanded, q_measured, qd_measured, gripper_*_m; force_n where it is felt
+EVENTS = "events.jsonl"  # safety interventions, signals, planner answers
+HOLDS = "holds.json"  # list of Criterion: worst value of each hold condition and constraint
+FAULTS = "faults.json"  # what the simulated world did; never read by the agent
+FINGERPRINT = "fingerprint.json"  # versions, CPU; the seeds stand in the contract
+EXECUTION = "execution.json"  # Execution
+PICTURE_BEFORE = "before.png"
+PICTURE_AFTER = "after.png"
+_READ_BYTES = 1 << 16  # most files are read at once
+
+
+class TraceEvent(msgspec.Struct, frozen=True, kw_only=True):
+    """One node of the tree changed its status.
+
+    Attributes:
+        tick: Number of the tree tick that carried a command (thinking ticks do not count).
+        time_s: Simulated time.
+        path: Slash-separated names from the root (`pick_and_place/pick/plan_grasp`).
+        leaf: Type of the node (`plan_grasp`, `sequence`).
+        status: `RUNNING`, `SUCCESS`, `FAILURE`, `INVALID`.
+        code: Coded reason of a failure.
+        message: One sentence for people.
+        numbers: What it measured or decided.
+    """
+
+    tick: int
+    time_s: float
+    path: str
+    leaf: str
+    status: str
+    code: str = ""
+    message: str = ""
+    numbers: dict[str, Any] = {}
+
+
+class Event(msgspec.Struct, frozen=True, kw_only=True):
+    """Something that happened beside the tree: an intervention of the guard, a signal, an answer of the planner."""
+
+    time_s: float
+    kind: str
+    code: str = ""
+    details: dict[str, Any] = {}
+
+
+class Bundle(msgspec.Struct, frozen=True, kw_only=True):
+    """What the verifier reads of a bundle.
+
+    Attributes:
+        before: World before the session, None when it could not be observed.
+        after: World after it.
+        holds: Worst sample of each hold condition and constraint.
+        references: The files that this was read from, with their hashes.
+    """
+
+    folder: Path
+    session: Session
+    execution: Execution
+    before: Environment | None
+    after: Environment | None
+    holds: tuple[Criterion, ...]
+    trace: tuple[TraceEvent, ...]
+    events: tuple[Event, ...]
+    references: tuple[EvidenceReference, ...] = ()
+
+
+def read_bundle(folder: Path, session: Session, execution: Execution, *, with_course: bool = True) -> Bundle:
+    """Read what a runner left.
+
+    Args:
+        folder: Of the bundle.
+        session: Whose it is.
+        execution: How it ended.
+        with_course: Whether trace and events are read too; they tell why something failed, not whether it did.
+
+    Raises:
+        ExecutionError: `EVIDENCE_UNREADABLE` when a file is damaged; a missing or empty one reads as None or empty.
+    """
+    names = (BEFORE, AFTER, HOLDS, *((TRACE, EVENTS) if with_course else ()))
+    try:
+        data = {name: found for name in names if (found := _find_bytes(f"{folder}/{name}"))}  # an empty one is none
+        return Bundle(
+            folder=folder,
+            session=session,
+            execution=execution,
+            before=_decode(data.get(BEFORE), Environment),
+            after=_decode(data.get(AFTER), Environment),
+            holds=_decode(data.get(HOLDS), tuple[Criterion, ...]) or (),
+            trace=_decode_lines(data.get(TRACE), TraceEvent),
+            events=_decode_lines(data.get(EVENTS), Event),
+            references=tuple(refer_to(name, found) for name, found in data.items()),
+        )
+    except (msgspec.MsgspecError, OSError) as error:
+        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
+
+
+def refer_to(file: str, data: bytes) -> EvidenceReference:
+    """What a judgement records of a file that it read."""
+    return EvidenceReference(file=file, sha256=hashlib.sha256(data).hexdigest())
+
+
+def encode_json(value: Any) -> bytes:
+    """Indented JSON."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write indented JSON."""
+    path.write_bytes(encode_json(value))
+
+
+def encode_lines(values: list[Any]) -> bytes:
+    """One JSON value a line."""
+    return b"".join([msgspec.json.encode(value) + b"\n" for value in values])
+
+
+def write_lines(path: Path, values: list[Any]) -> None:
+    """Write one JSON value a line."""
+    path.write_bytes(encode_lines(values))
+
+
+def _decode(data: bytes | None, kind: Any) -> Any:
+    return msgspec.json.decode(data, type=kind) if data else None
+
+
+def _decode_lines(data: bytes | None, kind: Any) -> Any:
+    return tuple(msgspec.json.decode(line, type=kind) for line in (data or b"").splitlines())
+
+
+def _find_bytes(path: str) -> bytes | None:
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return None
+    try:
+        data = os.read(fd, _READ_BYTES)
+        while part := os.read(fd, _READ_BYTES):
+            data += part
+        return data
+    finally:
+        os.close(fd)

@@ -1,0 +1,288 @@
+"""`manifest.json`: what a bundle holds, by SHA-256, and what has been taken out of it; large files are kept once.
+
+Upstream: the worker, which seals a bundle when its session has left `running`. Downstream: `retention`, `paos evidence
+verify`, `paos rerun`. Large files are hard links to `evidence/objects/<2 hex>/<sha256>.<ext>`, so that equal ones of
+many sessions take the space of one, a bundle stays a folder of ordinary files, and the file system itself counts who
+still needs them. Where no hard link can be made, a bundle keeps its own copy.
+"""
+
+import contextlib
+import hashlib
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.sessions.verdicts import Attempt
+
+MANIFEST = "manifest.json"
+OBJECTS = "objects"  # beside the bundles; a session's id holds a dot, so none is called that
+FORMAT = "evidence/1"
+SHARED_BYTES = 64 * 1024  # pictures, models and long traces are larger; what is smaller costs more to link than to keep
+
+_KNOWN_FILES = 64  # a few sessions' worth: what is shared by an episode is used again and again
+
+_Inode = tuple[int, int, int, int]  # device, number, size, time of the last change [ns]
+
+
+class FileRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One file of a bundle: SHA-256 of its bytes, hexadecimal, and how many there are."""
+
+    sha256: str
+    bytes: int
+
+
+class Thinning(msgspec.Struct, frozen=True, kw_only=True):
+    """What was once taken out of a bundle.
+
+    Attributes:
+        at: UTC wall time.
+        rule: Which rule of the policy asked for it (`keep_last 200, keep_days 30`, `max_bytes 20000000000`).
+        policy: The policy as a whole.
+        files: What is gone; a repetition of the session can still be compared with it.
+    """
+
+    at: str
+    rule: str
+    policy: dict[str, Any]
+    files: dict[str, FileRecord]
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """How the session ended and every judgement of it, with its numbers; as the journal tells it."""
+
+    state: str
+    at: str
+    attempts: tuple[Attempt, ...] = ()
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """`manifest.json`.
+
+    Attributes:
+        phy: Format of this file.
+        session: Whose bundle it is.
+        files: What the bundle holds, this file excepted.
+        sealed_late: Whether the hashes were taken by a later clean-up, because the worker had died before.
+        thinned: What was taken out, oldest first.
+        outcome: Written when something is taken out, so that the verdict stays explained by the bundle alone.
+    """
+
+    phy: str
+    session: str
+    files: dict[str, FileRecord]
+    sealed_late: bool = False
+    thinned: tuple[Thinning, ...] = ()
+    outcome: Outcome | None = None
+
+    @property
+    def gone(self) -> dict[str, FileRecord]:
+        """Every file that was taken out."""
+        return {name: record for thinning in self.thinned for name, record in thinning.files.items()}
+
+
+class Sealer:
+    """Seals the bundles of one workspace.
+
+    Args:
+        evidence: The folder of all bundles.
+    """
+
+    def __init__(self, evidence: Path) -> None:
+        self._objects = evidence / OBJECTS
+        self._known: dict[_Inode, FileRecord] = {}  # what many bundles share is hashed once
+
+    def seal(self, folder: Path, *, late: bool = False) -> Manifest:
+        """Hash every file of a bundle, share the large ones, and write the manifest; one that is there already stays.
+
+        Raises:
+            OSError: When a file cannot be read or the manifest not be written.
+            ExecutionError: `MANIFEST_DAMAGED`.
+        """
+        if sealed := read_manifest(folder):
+            return sealed
+        files = {entry.name: self._record(entry) for entry in sorted(_iter_files(folder), key=lambda entry: entry.name)}
+        manifest = Manifest(phy=FORMAT, session=folder.name, files=files, sealed_late=late)
+        temporary = _write_temporary(folder, manifest, durable=False)
+        try:
+            (folder / MANIFEST).hardlink_to(temporary)  # a clean-up may have been faster, and may have thinned it
+        except FileExistsError:
+            return self.seal(folder)
+        except OSError:  # a file system without links
+            temporary.replace(folder / MANIFEST)
+        finally:
+            temporary.unlink(missing_ok=True)
+        return manifest
+
+    def _record(self, entry: "os.DirEntry[str]") -> FileRecord:
+        status = entry.stat()
+        inode = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
+        record = self._known.pop(inode, None)
+        if record is None:
+            data = _read_bytes(entry.path)
+            record = FileRecord(sha256=hashlib.sha256(data).hexdigest(), bytes=len(data))
+            if len(data) >= SHARED_BYTES:
+                _share(Path(entry.path), data, self._objects / get_object_name(entry.name, record.sha256))
+            elif status.st_nlink == 1:
+                return record
+        self._known[inode] = record  # the last one used stands last
+        if len(self._known) > _KNOWN_FILES:
+            del self._known[next(iter(self._known))]
+        return record
+
+
+def get_object_name(name: str, sha256: str) -> str:
+    """Where the one copy of a large file lies, relative to `objects/`."""
+    return f"{sha256[:2]}/{sha256}{Path(name).suffix}"
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """The manifest of a bundle; None when it has not been sealed.
+
+    Raises:
+        ExecutionError: `MANIFEST_DAMAGED`.
+    """
+    path = folder / MANIFEST
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Manifest)
+    except FileNotFoundError:
+        return None
+    except (msgspec.MsgspecError, OSError) as error:
+        raise ExecutionError("MANIFEST_DAMAGED", f"{path}: {error}") from error
+
+
+def replace_manifest(folder: Path, manifest: Manifest) -> None:
+    """Replace the manifest as a whole, and wait for the disk: what it says is gone may be deleted then."""
+    _write_temporary(folder, manifest, durable=True).replace(folder / MANIFEST)
+    _sync_folder(folder)
+
+
+def unseal_bundle(folder: Path) -> None:
+    """Make a bundle ready to be written again: the manifest goes, shared files become its own."""
+    (folder / MANIFEST).unlink(missing_ok=True)
+    for entry in list(_iter_files(folder)):
+        status = entry.stat()
+        if status.st_nlink > 1 or not status.st_mode & stat.S_IWUSR:
+            private = folder / f".{entry.name}.{os.getpid()}.tmp"
+            shutil.copyfile(entry.path, private)
+            private.replace(entry.path)
+
+
+def check_bundle(folder: Path) -> list[Problem]:
+    """Hash a sealed bundle again.
+
+    Returns:
+        One problem for each file that is missing, damaged or not listed; `UNSEALED` for a bundle without a manifest.
+    """
+    try:
+        manifest = read_manifest(folder)
+    except ExecutionError as error:
+        return [Problem(code=error.code, address=str(folder / MANIFEST), found=str(error), expected="a manifest")]
+    if manifest is None:
+        hint = "Its hashes were never recorded; `paos evidence prune` records them as they are now."
+        return [Problem(code="UNSEALED", address=str(folder), found="no manifest.json", hint=hint)]
+    found = {entry.name: Path(entry.path) for entry in _iter_files(folder)}
+    expected = manifest.gone | manifest.files  # a clean-up that was interrupted may have left what it had listed
+    problems = [_missing(folder, name, record) for name, record in manifest.files.items() if name not in found]
+    problems += [
+        Problem(code="UNLISTED", address=str(path), found="a file that the manifest does not name")
+        for name, path in found.items()
+        if name not in expected
+    ]
+    problems += [
+        problem for name, path in found.items() if name in expected and (problem := _check(path, expected[name]))
+    ]
+    return problems
+
+
+def check_objects(evidence: Path) -> list[Problem]:
+    """Hash the large files again: each is named by the hash of its bytes."""
+    return [
+        problem
+        for path in iter_objects(evidence)
+        if (problem := _check(path, FileRecord(sha256=path.stem, bytes=path.stat().st_size)))
+    ]
+
+
+def iter_bundles(evidence: Path) -> Iterator[Path]:
+    """The folder of each bundle, sorted by session."""
+    if evidence.is_dir():
+        yield from (path for path in sorted(evidence.iterdir()) if path.is_dir() and path.name != OBJECTS)
+
+
+def iter_objects(evidence: Path) -> Iterator[Path]:
+    """The large files that are kept once."""
+    yield from sorted((evidence / OBJECTS).glob("??/*"))
+
+
+def _write_temporary(folder: Path, manifest: Manifest, *, durable: bool) -> Path:
+    temporary = folder / f".{MANIFEST}.{os.getpid()}.tmp"
+    with temporary.open("wb") as file:
+        file.write(msgspec.json.format(msgspec.json.encode(manifest), indent=2) + b"\n")
+        if durable:
+            file.flush()
+            os.fsync(file.fileno())
+    return temporary
+
+
+def _iter_files(folder: Path) -> Iterator["os.DirEntry[str]"]:
+    """The files of a bundle; temporary ones and the manifest are none of them."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if not entry.name.startswith(".") and entry.name != MANIFEST and entry.is_file(follow_symlinks=False):
+                yield entry
+
+
+def _read_bytes(path: str) -> bytes:
+    """A whole file, without a buffer: every bundle has ten of them."""
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+        return file.read()
+
+
+def _share(path: Path, data: bytes, shared: Path) -> None:
+    """Let a file and its object be one; a bundle that cannot share keeps its own copy."""
+    with contextlib.suppress(OSError):  # another file system, too many links, a file system without links
+        try:
+            _link(path, shared)
+        except FileExistsError:
+            if not shared.samefile(path) and shared.read_bytes() == data:  # never trade a sound file for a damaged one
+                temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+                temporary.hardlink_to(shared)
+                temporary.replace(path)
+
+
+def _link(path: Path, shared: Path) -> None:
+    try:
+        shared.hardlink_to(path)
+    except FileNotFoundError:
+        shared.parent.mkdir(parents=True, exist_ok=True)
+        shared.hardlink_to(path)
+    shared.chmod(stat.S_IRUSR | stat.S_IRGRP | stat.S_IROTH)  # a change in place would change every bundle
+
+
+def _check(path: Path, expected: FileRecord) -> Problem | None:
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    if found == expected.sha256:
+        return None
+    return Problem(code="MISMATCH", address=str(path), found=f"sha256 {found}", expected=expected.sha256)
+
+
+def _missing(folder: Path, name: str, record: FileRecord) -> Problem:
+    shared = folder.parent / OBJECTS / get_object_name(name, record.sha256)
+    hint = f"The same bytes lie in {shared}." if shared.exists() else ""
+    return Problem(
+        code="MISSING", address=str(folder / name), found="no such file", expected=f"sha256 {record.sha256}", hint=hint
+    )
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

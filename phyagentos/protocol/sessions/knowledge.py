@@ -1,0 +1,59 @@
+"""Knowledge: what repeated episodes show, and facts that people add. Its document is KNOWLEDGE.md.
+
+Upstream: the agent's memory, and people. Downstream: whoever plans next. Paper section 4.3.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+from phyagentos.protocol.documents.document import Document, DocumentFormat, Front, read_document
+from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
+
+
+class Fact(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
+    """One fact.
+
+    Attributes:
+        source: Where it comes from, when not from evidence (a person, a data sheet).
+        strategy: What the sessions that it counts did; empty for the skill's own way.
+        rate: First attempts that succeeded, with the 95 % interval.
+        promoted: Whether this way has become the default of the skill in this scope.
+    """
+
+    source: str = ""
+    strategy: dict[str, Any] = {}
+    rate: str = ""
+    promoted: bool = False
+
+
+KNOWLEDGE = DocumentFormat(
+    name="knowledge",
+    file="KNOWLEDGE.md",
+    says="Facts about a place that hold beyond one session.",
+    block=Fact,
+    key="id",
+)
+_HEAD = """# Knowledge
+
+What holds beyond one session: how often which way of doing something succeeded, and facts that people add. One section
+a fact; each names its source or its evidence.
+
+- **Written by** the agent, from the records of memory, at the end of a goal; at most 500, the best supported first.
+- **An edit is taken in** at the end of the next goal: a new section with a `source`, `state: retracted` with a
+  `reason`, `note`. A section that is missing means nothing.
+
+"""
+
+
+def render_knowledge(facts: Iterable[Fact]) -> str:
+    """KNOWLEDGE.md."""
+    return render_entries(Front(phy=KNOWLEDGE.phy), _HEAD, facts, "No fact has been recorded yet.\n")
+
+
+def read_knowledge(text: str, source: str = "") -> Document[Fact]:
+    """Read KNOWLEDGE.md: facts by id.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, KNOWLEDGE, source)

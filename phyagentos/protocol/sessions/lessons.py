@@ -1,0 +1,64 @@
+"""Lessons: under which conditions a strategy failed, and what helped. Their document is LESSONS.md.
+
+Upstream: verdicts and their evidence. Downstream: whoever plans next. A lesson is advice: it cannot widen a limit. It
+is born as a hypothesis, and counts only once a verdict has shown that its correction helps. Paper section 4.3.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+from phyagentos.protocol.documents.document import Document, DocumentFormat, Front, read_document
+from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
+
+
+class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
+    """One lesson.
+
+    Attributes:
+        objective: What was wanted and not reached.
+        cause: The coded cause that it is about (`GRASP_LOST`).
+        advice: What to do differently, as keys of a contract's `strategy`.
+        verified_by: The latest session in which a verdict showed that it helps; empty for a hypothesis.
+        baseline: How often the same succeeds without it.
+    """
+
+    objective: str = ""
+    cause: str = ""
+    advice: dict[str, Any] = {}
+    verified_by: str = ""
+    baseline: str = ""
+
+
+LESSONS = DocumentFormat(
+    name="lessons",
+    file="LESSONS.md",
+    says="What verified outcomes taught: under which conditions a strategy failed, and what helped.",
+    block=Lesson,
+    key="id",
+)
+_HEAD = """# Lessons
+
+What verified outcomes taught: under which conditions a strategy failed, and what helped. One section a lesson.
+
+- **Written by** the agent, from the records of memory, at the end of a goal; at most 500, the most useful first.
+- **Only `state: active` is ever used**: then a session with this correction was judged a success after one without it
+  had failed (`verified_by`). A hypothesis waits for its verdict.
+- **An edit is taken in** at the end of the next goal: `state: retracted` with a `reason`, `note`, and the words of
+  `scope`. A section that is missing means nothing. `paos memory why ID` tells where a lesson comes from.
+- **A lesson is advice.** It cannot widen a limit: limits are in `safety.yaml` only.
+
+"""
+
+
+def render_lessons(lessons: Iterable[Lesson]) -> str:
+    """LESSONS.md."""
+    return render_entries(Front(phy=LESSONS.phy), _HEAD, lessons, "No lesson has been recorded yet.\n")
+
+
+def read_lessons(text: str, source: str = "") -> Document[Lesson]:
+    """Read LESSONS.md: lessons by id.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, LESSONS, source)

@@ -1,0 +1,101 @@
+"""Signals of the runtime (RUNTIME_SIGNAL.md): who is alive, what each worker said last, what was asked for.
+
+Upstream: heartbeat files and stop requests. Downstream: people. Not the truth of anything: the state of a session is in
+the journal.
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+from phyagentos.protocol.capabilities.targets import Health
+from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document
+from phyagentos.protocol.sessions.heartbeats import Heartbeat
+
+
+class RuntimeState(StrEnum):
+    """Whether a runtime serves the workspace."""
+
+    NOT_STARTED = "not_started"
+    """None has been started."""
+    RUNNING = "running"
+    """One is running, if the time of the document is recent."""
+    ENDED = "ended"
+    """The last one ended in order."""
+
+
+class RequestState(StrEnum):
+    """What became of a request."""
+
+    WAITING = "waiting"
+    """Nobody has taken it yet."""
+    TAKEN = "taken"
+    """It was read and acted upon; what it did is in the log."""
+    REJECTED = "rejected"
+    """Nobody can read it; the reason lies beside it in `signals/rejected/`."""
+
+
+class WorkerSign(Heartbeat, frozen=True, kw_only=True):
+    """What the worker of one target said last.
+
+    Attributes:
+        health: How the worker is.
+    """
+
+    health: Health
+
+
+class Request(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One file in `signals/`.
+
+    Attributes:
+        file: Its name.
+        state: What became of it.
+        kind: `cancel`, `pause`, `resume` or `estop`; empty when it cannot be read.
+        session: Which session, `*` for all.
+        by: Who asks.
+        reason: Why.
+        at: UTC wall time, where it says one.
+    """
+
+    file: str
+    state: RequestState
+    kind: str = ""
+    session: str = ""
+    by: str = ""
+    reason: str = ""
+    at: str = ""
+
+
+class Signs(msgspec.Struct, frozen=True, kw_only=True):
+    """The block of RUNTIME_SIGNAL.md.
+
+    Attributes:
+        runtime: Whether a runtime serves the workspace.
+        at: UTC wall time of this document; renewed at least every ten seconds while a runtime runs.
+        workers: By target.
+        requests: The latest ones, newest last.
+    """
+
+    runtime: RuntimeState
+    at: str = ""
+    workers: dict[str, WorkerSign] = {}
+    requests: tuple[Request, ...] = ()
+
+
+RUNTIME_SIGNAL = DocumentFormat(
+    name="runtime_signal",
+    file="RUNTIME_SIGNAL.md",
+    says="Whether a runtime is running, what each worker said last, and which requests were made.",
+    block=Signs,
+    headings=("Signs",),
+)
+
+
+def read_runtime_signal(text: str, source: str = "") -> Document[Signs]:
+    """Read RUNTIME_SIGNAL.md; without a block before any runtime was started.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, RUNTIME_SIGNAL, source)

@@ -1,0 +1,266 @@
+"""A session: the unit of scheduling, preflight, execution, evidence and acceptance. Its document is SESSIONS.md.
+
+Upstream: the agent's compiler, or a person (see `edits`). Downstream: the watchdog. The contract is written once, with
+the `submit` record; a person may amend limits and priority while it is pending, then it never changes. What happens to
+it is told by later records (see `lifecycle`). Paper sections 3.1 and 3.5.
+"""
+
+import re
+from enum import StrEnum
+from typing import Annotated, Any, NewType
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.documents.document import Document, DocumentFormat, FrontMatter, read_document
+from phyagentos.protocol.sessions.lookahead import LookaheadRequest
+from phyagentos.protocol.sessions.verdicts import Attempt
+
+SessionId = NewType("SessionId", str)
+GoalId = NewType("GoalId", str)
+GOAL_ID_MAX, NODE_MAX = 100, 100  # letters: `<goal>.<node>.r<k>` names a folder, so with more 255 must be enough
+PRIORITY_MAX = 1_000_000
+_GOAL_ID = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{GOAL_ID_MAX - 1}}}")
+
+
+def check_goal_id(id: str, address: str) -> GoalId:
+    """The id of a goal, which names a file and begins the names of folders.
+
+    Args:
+        id: As a person wrote it.
+        address: Where, for messages.
+
+    Raises:
+        DefinitionError: `INVALID_NAME`.
+    """
+    if _GOAL_ID.fullmatch(id) is None:
+        expected = f"letters, digits, '.', '_', '-', the first a letter or digit, at most {GOAL_ID_MAX}"
+        raise DefinitionError(Problem(code="INVALID_NAME", address=address, found=repr(id), expected=expected))
+    return GoalId(id)
+
+
+class Ended(StrEnum):
+    """How the execution of a session ended; says nothing about whether the objective was met."""
+
+    COMPLETED = "completed"
+    """The skill ran to its end and reported success."""
+    SKILL_FAILED = "skill_failed"
+    """The skill ran to its end and reported failure."""
+    TIMED_OUT = "timed_out"
+    """The contract's time limit was reached."""
+    STALLED = "stalled"
+    """The target or the skill made no progress."""
+    RUNNER_LOST = "runner_lost"
+    """The worker process died."""
+    TARGET_LOST = "target_lost"
+    """The target no longer answered."""
+    SAFETY_STOP = "safety_stop"
+    """A safety layer or a violated constraint stopped the execution."""
+    CANCELLED = "cancelled"
+    """Somebody asked for an end."""
+
+
+INTERRUPTED = frozenset({Ended.TIMED_OUT, Ended.STALLED, Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.SAFETY_STOP})
+"""Ends in the middle of a motion: the hand may still hold what another session would let fall."""
+
+
+class ResetPolicy(StrEnum):
+    """When the world of a target may be begun anew for a session of another episode."""
+
+    NEVER = "never"
+    """Never: it acts in the episode that stands there, or in a world in which none has begun."""
+    BETWEEN_GOALS = "between_goals"
+    """Once every other goal of that target is over."""
+    ON_NEW_EPISODE = "on_new_episode"
+    """Whenever it belongs to another episode."""
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True):
+    """Bounds that the watchdog enforces.
+
+    Attributes:
+        timeout_s: Longest execution in the target's own time [s].
+        wall_timeout_s: Longest execution by the wall clock, thinking included [s].
+        queue_s: Longest wait for a free target, by the wall clock [s].
+        preflight_s: Longest check before it starts, by the wall clock [s].
+        heartbeat_s: Longest silence of the runner, by the wall clock [s].
+        stall_s: Longest time in which the runner says that it acts and no control period passes, by the wall clock [s].
+        think_s: Longest time in which it waits for a planner and no control period passes, by the wall clock [s].
+        policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
+    """
+
+    timeout_s: float = 60.0
+    wall_timeout_s: float = 120.0
+    queue_s: float = 3600.0
+    preflight_s: float = 120.0
+    heartbeat_s: float = 10.0
+    stall_s: float = 20.0
+    think_s: float = 90.0
+    policy_s: float = 10.0
+
+
+class Scene(msgspec.Struct, frozen=True, kw_only=True):
+    """Which world a session acts in.
+
+    Attributes:
+        name: Scene file, without suffix (`tabletop/cubes_and_trays`).
+        seed: Seed of the scene's randomisation.
+        episode: Sessions of one episode share one world; a new episode begins with a fresh one.
+    """
+
+    name: str
+    seed: int
+    episode: str
+
+
+class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The contract of one session, immutable once it is claimed.
+
+    Attributes:
+        id: Unique: `<goal>.<node>` plus `.r<k>` for the k-th child.
+        goal: The goal it serves; empty for a session that a person submitted by hand.
+        node: The node of the goal graph; empty without a goal.
+        parent: The session that this one revises, else None.
+        attempt: 0 for the first session of a node, then 1, 2, ...
+        objective: What a person would say.
+        skill: Name in SKILLRUNTIME.md.
+        target: Name in TARGETS.md.
+        parameters: The skill's arguments, fully substituted.
+        requires: Predicates that must hold before it starts.
+        hold: Predicates that must hold all through.
+        accept: Predicates that decide acceptance.
+        scene: The world it acts in.
+        seed: Root of every random choice of this session.
+        limits: Bounds.
+        strategy: What the replanner asks to do differently (`avoid_grasps`, `avoid_sites`, `speed`), empty at first.
+        priority: Larger runs first; a waiting session gains priority with time (`RuntimeContract.ageing_per_min`).
+        resources: What it must have for itself while it runs, beside its target (a tray that two arms reach).
+        reset_policy: When its target's world may be begun anew for it.
+        purpose: Empty when it pursues the objective of its node; `inspect` or `clear` when it prepares that.
+        advice: What memory advised for the strategy, one sentence each.
+        advised_by: Ids of the entries of memory that this rests on.
+        lookahead: What is to be simulated before it starts; None for nothing.
+    """
+
+    id: SessionId
+    goal: GoalId
+    node: str
+    objective: str
+    skill: str
+    target: str
+    parameters: dict[str, Any]
+    accept: tuple[str, ...]
+    scene: Scene
+    seed: int
+    parent: SessionId | None = None
+    attempt: int = 0
+    requires: tuple[str, ...] = ()
+    hold: tuple[str, ...] = ()
+    limits: Limits = Limits()
+    strategy: dict[str, Any] = {}
+    priority: int = 0
+    resources: tuple[str, ...] = ()
+    reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
+    purpose: str = ""
+    advice: tuple[str, ...] = ()
+    advised_by: tuple[str, ...] = ()
+    lookahead: LookaheadRequest | None = None
+
+
+class Amendment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """What a person changes of a contract that nobody has claimed yet; the body of the `amend` record.
+
+    Attributes:
+        limits: Limits that change, in seconds, by name.
+        priority: The new one, None for as before.
+    """
+
+    limits: dict[str, Annotated[float, msgspec.Meta(gt=0)]] = {}
+    priority: int | None = None
+
+
+def apply_amendment(contract: Session, amendment: Amendment) -> Session:
+    """The contract as amended; limits that nobody knows are left out."""
+    known = {name: value for name, value in amendment.limits.items() if name in Limits.__struct_fields__}
+    priority = contract.priority if amendment.priority is None else amendment.priority
+    return msgspec.structs.replace(
+        contract, limits=msgspec.structs.replace(contract.limits, **known), priority=priority
+    )
+
+
+class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What the runtime reports when a session leaves `running`; the body of the `finish` record.
+
+    Attributes:
+        ended: How the execution ended.
+        evidence: Folder of the bundle, relative to the workspace.
+        outputs: Values that later nodes may use (`place_site`).
+        leaf: Path of the leaf that decided the end, empty when all succeeded.
+        code: Coded reason, empty when completed.
+        message: One sentence for people.
+        sim_time_s: Simulated time spent [s].
+        interventions: Number of safety interventions.
+        ticks: Control periods commanded.
+        undecided: What the acceptance speaks of and the last look did not show; the target waits for the verdict.
+    """
+
+    ended: Ended
+    evidence: str
+    outputs: dict[str, Any] = {}
+    leaf: str = ""
+    code: str = ""
+    message: str = ""
+    sim_time_s: float = 0.0
+    interventions: int = 0
+    ticks: int = 0
+    undecided: tuple[str, ...] = ()
+
+
+class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A session as it stands: the fold of its records.
+
+    Attributes:
+        contract: As submitted and amended.
+        asked_by: Who submitted it.
+        state: A state of the lifecycle table.
+        epoch: Fencing token of the latest claim.
+        claimed_by: Who holds it.
+        execution: Present once it has left `running`.
+        attempts: Judgements so far, those included that were added after the verdict.
+        reason: Why it was rejected, cancelled or lost.
+        updated_at: Wall time of the latest record that changed its state, UTC.
+    """
+
+    contract: Session
+    state: str
+    asked_by: str = ""
+    epoch: int = 0
+    claimed_by: str = ""
+    execution: Execution | None = None
+    attempts: tuple[Attempt, ...] = ()
+    reason: str = ""
+    updated_at: str = ""
+
+    @property
+    def decision(self) -> Attempt | None:
+        """The judgement that decided; None before the verdict."""
+        return next((attempt for attempt in reversed(self.attempts) if not attempt.is_review), None)
+
+
+SESSIONS = DocumentFormat(
+    name="sessions",
+    file="SESSIONS.md",
+    says="Every live session and the latest finished ones: contract, state, execution, judgements.",
+    block=SessionStatus,
+    key="contract.id",
+    front=FrontMatter,
+)
+
+
+def read_sessions(text: str, source: str = "") -> Document[SessionStatus]:
+    """Read SESSIONS.md as it was rendered; what a person adds to it is read by `edits`.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column.
+    """
+    return read_document(text, SESSIONS, source)

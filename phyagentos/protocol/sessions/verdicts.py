@@ -1,0 +1,105 @@
+"""Judgements: what was asked, what was seen, what follows. Paper section 4.2 (SessionVerifier)."""
+
+from enum import StrEnum
+
+import msgspec
+
+from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.world.truth import Truth
+
+
+class Verdict(StrEnum):
+    """What the verifier decides about one session."""
+
+    SUCCESS = "success"
+    """Every criterion is true on the evidence."""
+    FAILURE = "failure"
+    """The objective was not met and no revision is worth its budget."""
+    REPLAN = "replan"
+    """The objective was not met, or cannot be told yet; a child session follows."""
+    UNVERIFIED = "unverified"
+    """Nobody judged, because verification is off; never a success."""
+
+
+class Criterion(msgspec.Struct, frozen=True, kw_only=True):
+    """One judged predicate.
+
+    Attributes:
+        text: The predicate as authored, after substitution.
+        kind: `accept`, `hold`, `constraint`, `requires`; `metric` of the settings, `vision`, `lookahead`.
+        truth: Its value.
+        measured: The numbers that decided it (name -> value; units in the names).
+        evidence: File of the bundle that was read.
+        at_s: Simulated time of the deciding observation [s].
+        because: One sentence for people.
+    """
+
+    text: str
+    kind: str
+    truth: Truth
+    measured: dict[str, float | str | bool] = {}
+    evidence: str = ""
+    at_s: float | None = None
+    because: str = ""
+
+
+class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):
+    """One file that a judgement read.
+
+    Attributes:
+        file: Its name in the bundle.
+        sha256: Of its bytes, hexadecimal.
+    """
+
+    file: str
+    sha256: str
+
+
+class Support(msgspec.Struct, frozen=True, kw_only=True):
+    """One fact of the evidence that a diagnosis rests on.
+
+    Attributes:
+        file: Of the bundle.
+        field: What in it.
+        value: As it stands there.
+    """
+
+    file: str
+    field: str
+    value: float | str | bool
+
+
+class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One judgement of one session; attempts are appended, never rewritten.
+
+    Attributes:
+        verdict: The decision.
+        criteria: Each criterion with the evidence that it used.
+        cause: Coded cause of what went wrong, empty on success (`GRASP_LOST`, `OBJECT_GONE`).
+        reason: One sentence that names the layer, the leaf and the number that decided.
+        sensing: `truth` or `perceived`.
+        verifier: Name and version of the verifier.
+        mode: What the judgement was for.
+        judges: Who was asked, each with its version and configuration, in this order.
+        found: What the criteria say; differs from the verdict only where the mode lets something else decide.
+        wants: What should be looked at again, because a criterion about it is unknown.
+        evidence: The files that were read.
+        kind: Class of the cause (`grasp`, `external disturbance`), empty on success.
+        support: The facts that the cause rests on.
+        is_review: Whether it was added to a session that had its verdict, and changed nothing.
+    """
+
+    verdict: Verdict
+    criteria: tuple[Criterion, ...]
+    cause: str = ""
+    reason: str = ""
+    sensing: str = "truth"
+    verifier: str = "session_verifier/2"
+    mode: VerificationMode = VerificationMode.RECOVERY
+    judges: tuple[str, ...] = ()
+    found: Verdict | None = None
+    wants: tuple[str, ...] = ()
+    evidence: tuple[EvidenceReference, ...] = ()
+    is_review: bool = False
+    kind: str = ""
+    support: tuple[Support, ...] = ()

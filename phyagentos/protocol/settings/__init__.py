@@ -1,0 +1,1 @@
+"""Settings files that people own, with their schemas."""

@@ -1,0 +1,118 @@
+"""perception.yaml: how observations become the facts of ENVIRONMENT.md. People own it.
+
+Upstream: a person. Downstream: the runtime's perception; hashed into every evidence bundle.
+"""
+
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Literal
+
+import pydantic
+
+from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
+from phyagentos.protocol.settings.sensors import read_sensors
+
+
+class Sensing(StrEnum):
+    """What the agent and the verifier see."""
+
+    PERCEIVED = "perceived"
+    """What the pipelines make of cameras, joints and touch."""
+    TRUTH = "truth"
+    """The simulator's own state: for tests, and where nothing is to be perceived."""
+
+
+class Pipeline(Authored):
+    """How one kind of fact is made from sensors.
+
+    Attributes:
+        sensors: Names in sensors.yaml.
+        produces: The facts that it makes.
+        description: One sentence for people.
+    """
+
+    sensors: tuple[str, ...]
+    produces: tuple[str, ...]
+    description: str = ""
+
+
+class Embedded(Authored):
+    """Settings of the embedded pipeline.
+
+    Attributes:
+        max_age_s: Older frames tell nothing of now [s].
+    """
+
+    max_age_s: float = pydantic.Field(default=0.3, gt=0.0, le=5.0)
+
+
+class DetectorChoice(Authored):
+    """A detector that tells things apart by words, where their colours do not.
+
+    Attributes:
+        name: `http`, or what an installed package announces (entry points `phyagentos.detectors`).
+        settings: Of the detector; those of `http` are url, timeout_s, score_min.
+    """
+
+    name: str
+    settings: dict[str, str | float] = {}
+
+
+class Perception(Authored):
+    """perception.yaml.
+
+    Attributes:
+        version: Of this format.
+        sensing: `perceived` believes the cameras; `truth` reads the simulator's state. Every verdict names it.
+        pipelines: By name.
+        embedded: Settings of the pipeline that ships.
+        detector: Instead of colours; absent for none.
+    """
+
+    version: Literal[1] = 1
+    sensing: Sensing
+    pipelines: dict[str, Pipeline]
+    embedded: Embedded = Embedded()
+    detector: DetectorChoice | None = None
+
+
+def read_perception(path: Path) -> Perception:
+    """Read perception.yaml.
+
+    Raises:
+        DefinitionError: With every problem; also when it names a sensor that sensors.yaml beside it lacks.
+    """
+    located = read_yaml(path)
+    perception = validate(Perception, located)
+    beside = path.parent / "sensors.yaml"
+    if beside.is_file():
+        sensors = read_sensors(beside).sensors
+        problems = [
+            located.problem(
+                "UNKNOWN_SENSOR",
+                ("pipelines", name, "sensors", index),
+                repr(sensor),
+                format_names(sensors),
+                format_hint(sensor, sensors),
+            )
+            for name, pipeline in perception.pipelines.items()
+            for index, sensor in enumerate(pipeline.sensors)
+            if sensor not in sensors
+        ]
+        if problems:
+            raise DefinitionError(problems)
+    return perception
+
+
+def declare_sensing(path: Path, sensing: Sensing) -> None:
+    """Write the choice into perception.yaml, which is hashed into the evidence; comments stay.
+
+    Raises:
+        DefinitionError: With every problem of the file.
+    """
+    if read_perception(path).sensing is not sensing:
+        text = re.sub(r"(?m)^sensing:[ \t]*[\"']?\w+[\"']?", f"sensing: {sensing}", path.read_text(encoding="utf-8"))
+        publish(path, text)

@@ -1,0 +1,97 @@
+"""runtime_contract.yaml: what both sides of the wire between runtime and world count on. People own it.
+
+Upstream: a person. Downstream: `retention` reads how long evidence is kept; preflight compares the other values with
+every target. Hashed into every evidence bundle.
+"""
+
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Literal
+
+import pydantic
+
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
+from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
+from phyagentos.protocol.settings.verification import Verification
+
+
+class WorldMode(StrEnum):
+    """How simulated time advances."""
+
+    LOCKSTEP = "lockstep"
+    """By commands only: a run can be repeated, bit for bit."""
+    REALTIME = "realtime"
+    """With the wall clock; a target without a command in time brings itself to rest."""
+
+
+class EvidenceRetention(Authored):
+    """What a clean-up may take out of bundles of succeeded sessions; every other bundle stays whole.
+
+    Attributes:
+        keep_last: So many of the newest succeeded sessions stay whole.
+        keep_days: Those younger than this stay whole too.
+        drop: What is taken out; contract, snapshots, held conditions, events and the manifest always stay.
+        max_bytes: Above this, bundles of succeeded sessions are thinned from the oldest on, kept or not; at last their
+            models go too. None: no bound.
+    """
+
+    keep_last: int = pydantic.Field(default=200, ge=0)
+    keep_days: float = pydantic.Field(default=30.0, ge=0)
+    drop: tuple[Literal["model", "pictures", "trace", "trajectory"], ...] = ("pictures", "trace", "trajectory")
+    max_bytes: int | None = pydantic.Field(default=None, gt=0)
+
+
+class RuntimeContract(Authored):
+    """runtime_contract.yaml: what both sides of the wire count on.
+
+    Attributes:
+        version: Of this format.
+        world_mode: How simulated time advances.
+        control_period_s: Length of one command [s].
+        physics_step_s: One step of the simulation, and one row of a command [s].
+        command_representation: What a command holds.
+        sampling_hz: How often hold conditions and constraints are sampled, in simulated time [Hz].
+        operations: Operations of a target that a session may use here, if the target offers them.
+        resources: What several targets can reach and one session at a time may have; a contract names no others.
+        ageing_per_min: Priority that a waiting session gains in a minute. At 1, a session of priority 5 goes before an
+            ordinary one that came up to five minutes earlier, and after it when it came later than that.
+        lease_s: A worker that has not heard from its watchdog for so long brings its target to rest [s]. Longer than a
+            slow disk keeps a watchdog busy, shorter than a person takes to wonder.
+        evidence: How long evidence is kept.
+        verification: Who judges sessions, and what a judgement is for.
+    """
+
+    version: Literal[1] = 1
+    world_mode: WorldMode
+    control_period_s: float = pydantic.Field(gt=0)
+    physics_step_s: float = pydantic.Field(gt=0)
+    command_representation: Literal["joint_position_velocity"]
+    sampling_hz: float = pydantic.Field(ge=10)
+    operations: tuple[Operation, ...] = SESSION_OPERATIONS
+    resources: tuple[str, ...] = ()
+    ageing_per_min: float = pydantic.Field(default=1.0, gt=0)
+    lease_s: float = pydantic.Field(default=15.0, ge=1.0)
+    evidence: EvidenceRetention = EvidenceRetention()
+    verification: Verification = Verification()
+
+
+def declare_world_mode(path: Path, mode: WorldMode) -> None:
+    """Write the mode into runtime_contract.yaml, which is hashed into the evidence; comments stay.
+
+    Raises:
+        DefinitionError: With every problem of the file.
+    """
+    if read_runtime_contract(path).world_mode is not mode:
+        text = re.sub(r"(?m)^world_mode:[ \t]*[\"']?\w+[\"']?", f"world_mode: {mode}", path.read_text(encoding="utf-8"))
+        publish(path, text)
+
+
+def read_runtime_contract(path: Path) -> RuntimeContract:
+    """Read runtime_contract.yaml.
+
+    Raises:
+        DefinitionError: With every problem of the file.
+    """
+    return validate(RuntimeContract, read_yaml(path))

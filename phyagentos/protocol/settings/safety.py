@@ -1,0 +1,191 @@
+"""safety.yaml: what the guard enforces, for each target. People own it; no skill, tree, prompt or memory can write it.
+
+Upstream: a person. Downstream: preflight and the guard. Each limit names where its number comes from, and the file is
+hashed into every evidence bundle.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
+
+Provenance = Literal["controller_enforced", "planner_constrained", "site_policy", "measured"]
+Reaction = Literal["refuse", "stop_category_1", "stop_category_2", "clamp"]
+
+UNITS = {
+    "joint_position_min": "rad",
+    "joint_position_max": "rad",
+    "joint_velocity_max": "rad/s",
+    "joint_acceleration_max": "rad/s^2",
+    "joint_jerk_max": "rad/s^3",
+    "workspace_box": "m",
+    "gripper_width_max": "m",
+    "gripper_force_max": "N",
+    "command_rate_max": "1/s",
+    "command_validity_max": "s",
+    "session_duration_max": "s",
+    "tracking_error_max": "rad",
+}
+BOXES = ("workspace_box", "keep_out")
+PER_JOINT = tuple(name for name in UNITS if name.startswith("joint_"))  # one number, or one per joint
+NO_SOURCE = {"", "?", "-", "n/a", "none", "unknown", "tbd", "todo", "guess", "guessed"}
+GUARDED = (  # codes of what the guard finds
+    "ESTOPPED", "EXPIRED", "EXPIRY_TOO_LATE", "RATE", "SESSION_TOO_LONG", "WRONG_SHAPE", "NOT_FINITE",
+    "JOINT_POSITION", "JOINT_VELOCITY", "JOINT_ACCELERATION", "JOINT_JERK", "SET_POINTS_DISAGREE",
+    "GRIPPER_WIDTH", "GRIPPER_FORCE", "WORKSPACE", "KEEP_OUT", "COLLISION",
+)  # fmt: skip
+CLAMPABLE = ("JOINT_POSITION", "GRIPPER_WIDTH")  # what can be projected without making it worse
+
+
+class Limit(Authored):
+    """One bound with its origin; an unsourced limit is refused at load.
+
+    Attributes:
+        value: A number, or one number per joint, or a box as ((x, y, z), (x, y, z)) minimum and maximum.
+        unit: `rad`, `rad/s`, `rad/s^2`, `m`, `1/s`, ...
+        source: Where the number comes from (datasheet, standard, measurement).
+        provenance: Who else stands behind it.
+    """
+
+    value: float | tuple[float, ...] | tuple[tuple[float, float, float], tuple[float, float, float]]
+    unit: str
+    source: str
+    provenance: Provenance
+
+
+class TargetLimits(Authored):
+    """What the guard enforces for one target; a list has one number per joint, and one number stands for all of them.
+
+    Attributes:
+        joint_position_min: Lowest joint positions [rad].
+        joint_position_max: Highest joint positions [rad].
+        joint_velocity_max: Largest joint velocities [rad/s].
+        joint_acceleration_max: Largest joint accelerations [rad/s^2].
+        joint_jerk_max: Largest jerk, as the mean of its magnitude over one control period [rad/s^3].
+        workspace_box: Where the tool centre point may be, world frame [m].
+        keep_out: Boxes that the tool centre point never enters, by name, world frame [m].
+        gripper_width_max: Widest opening [m].
+        gripper_force_max: Largest force of a finger [N].
+        command_rate_max: Most commands in a second of the target's own time [1/s].
+        command_validity_max: Longest time from a command to its expiry [s].
+        session_duration_max: Longest time from a session's first command to its last [s].
+        tracking_error_max: Largest distance between commanded and measured joint position [rad].
+        collision_depth_max: How deep a commanded posture may reach into the robot itself, or into the distance that
+            planning keeps from what stands fixed [m]; postures are not tested where nothing is said.
+        reactions: What is done about a broken limit, by code; a command is refused where nothing is said. A stop of
+            category 1 also ends the session's motion for good, category 2 holds (IEC 60204-1, 9.2.2).
+    """
+
+    joint_position_min: Limit
+    joint_position_max: Limit
+    joint_velocity_max: Limit
+    joint_acceleration_max: Limit
+    joint_jerk_max: Limit
+    workspace_box: Limit
+    keep_out: dict[str, Limit] = {}
+    gripper_width_max: Limit
+    gripper_force_max: Limit
+    command_rate_max: Limit
+    command_validity_max: Limit
+    session_duration_max: Limit
+    tracking_error_max: Limit
+    collision_depth_max: Limit | None = None
+    reactions: dict[str, Reaction] = {}
+
+    def iter_limits(self) -> Iterator[tuple[tuple[str, ...], Limit, str]]:
+        """Every limit with its path in the file and the unit it must have."""
+        for name, unit in UNITS.items():
+            yield (name,), getattr(self, name), unit
+        for name, limit in self.keep_out.items():
+            yield ("keep_out", name), limit, "m"
+        if self.collision_depth_max is not None:
+            yield ("collision_depth_max",), self.collision_depth_max, "m"
+
+
+class Safety(Authored):
+    """safety.yaml.
+
+    Attributes:
+        version: Of this format.
+        targets: Limits by name of the target; a target without limits never moves.
+    """
+
+    version: Literal[1] = 1
+    targets: dict[str, TargetLimits]
+
+
+def read_safety(path: Path) -> Safety:
+    """Read safety.yaml.
+
+    Raises:
+        DefinitionError: With every problem: a limit without a source, in another unit, or that bounds nothing.
+    """
+    located = read_yaml(path)
+    safety = validate(Safety, located)
+    problems = [
+        problem for target, limits in safety.targets.items() for problem in _check_limits(located, target, limits)
+    ]
+    if problems:
+        raise DefinitionError(problems)
+    return safety
+
+
+def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterator[Problem]:
+    for path, limit, unit in limits.iter_limits():
+        at = ("targets", target, *path)
+        if limit.source.strip().lower() in NO_SOURCE:
+            yield located.problem("UNSOURCED_LIMIT", (*at, "source"), repr(limit.source), "where the number comes from")
+        if limit.unit != unit:
+            yield located.problem("WRONG_UNIT", (*at, "unit"), repr(limit.unit), unit)
+        if path[0] in BOXES:
+            yield from _check_box(located, (*at, "value"), limit)
+        elif isinstance(limit.value, tuple) and not _is_per_joint(path[0], limit.value):
+            expected = "one number, or one per joint" if path[0] in PER_JOINT else "one number"
+            yield located.problem("INVALID_VALUE", (*at, "value"), str(list(limit.value)), expected)
+        elif path[0] not in {"joint_position_min", "joint_position_max"} and min(as_numbers(limit)) <= 0.0:
+            yield located.problem("INVALID_VALUE", (*at, "value"), str(limit.value), "greater than 0")
+    for code, reaction in limits.reactions.items():
+        at = ("targets", target, "reactions", code)
+        if code not in GUARDED:
+            yield located.problem("UNKNOWN_KEY", at, repr(code), format_names(GUARDED), format_hint(code, GUARDED))
+        elif reaction == "clamp" and code not in CLAMPABLE:
+            hint = f"Only {format_names(CLAMPABLE)} can be clamped."
+            yield located.problem("INVALID_VALUE", at, "clamp", "refuse, or a stop", hint)
+
+
+def _is_per_joint(name: str, values: tuple[object, ...]) -> bool:
+    return name in PER_JOINT and bool(values) and all(isinstance(each, float | int) for each in values)
+
+
+def _check_box(located: Located, at: tuple[str, ...], limit: Limit) -> Iterator[Problem]:
+    value = limit.value
+    if not isinstance(value, tuple) or len(value) != 2 or not all(isinstance(corner, tuple) for corner in value):
+        yield located.problem("INVALID_VALUE", at, str(value), "two corners of three numbers, least and greatest")
+    elif any(low >= high for low, high in zip(*value, strict=True)):
+        yield located.problem("INVALID_VALUE", at, str(value), "the least corner first")
+
+
+def as_numbers(limit: Limit) -> tuple[float, ...]:
+    """The numbers of a limit that is no box: one, or one per joint."""
+    return limit.value if isinstance(limit.value, tuple) else (limit.value,)  # type: ignore[return-value]
+
+
+def get_target_limits(safety: Safety, target: str, source: str) -> TargetLimits:
+    """The limits of one target.
+
+    Raises:
+        DefinitionError: When safety.yaml does not mention the target: nothing moves without limits.
+    """
+    if target not in safety.targets:
+        raise DefinitionError(
+            Problem(
+                code="LIMITS_MISSING",
+                address=source,
+                found=f"no limits for target {target!r}",
+                expected=format_names(safety.targets),
+                hint=f"Add targets.{target} with a source for each limit.",
+            )
+        )
+    return safety.targets[target]

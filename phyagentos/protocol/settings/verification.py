@@ -1,0 +1,122 @@
+"""The block `verification` of runtime_contract.yaml: who judges sessions, and what a judgement is for.
+
+Upstream: a person. Downstream: the agent's verifier; every judgement records the mode and the judges that made it.
+Nothing leaves the machine unless `vision` is written down here and named among the judges.
+"""
+
+from enum import StrEnum
+from importlib.metadata import entry_points
+from typing import Annotated, Self
+
+import pydantic
+
+from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+
+JUDGE_ENTRY_POINTS = "phyagentos.judges"
+"""Entry point group in which installed packages announce judges."""
+
+
+class VerificationMode(StrEnum):
+    """What a judgement is for."""
+
+    OFF = "off"
+    """Nothing is judged; what was executed stays unverified and is never called a success."""
+    AUDIT = "audit"
+    """Everything is judged and recorded; whether the execution completed decides."""
+    ENFORCE = "enforce"
+    """The verdict decides; what was not met has failed."""
+    RECOVERY = "recovery"
+    """The verdict decides; what was not met is replanned as long as the budget lasts."""
+
+
+class JudgeName(StrEnum):
+    """Who can be asked."""
+
+    PREDICATES = "predicates"
+    """Acceptance, on the snapshots before and after."""
+    HOLDS = "holds"
+    """What had to hold all through, on the worst samples."""
+    METRICS = "metrics"
+    """Numbers that were measured on the way."""
+    LOOKAHEAD = "lookahead"
+    """The chance that was simulated before; it advises."""
+    VISION = "vision"
+    """A model that looks at the pictures before and after."""
+
+
+JudgeOption = str | float | bool
+DEFAULT_JUDGES: tuple[str, ...] = (JudgeName.PREDICATES, JudgeName.HOLDS, JudgeName.METRICS, JudgeName.LOOKAHEAD)
+
+
+class VisionModel(Authored):
+    """A model that looks at pictures, behind an OpenAI-compatible endpoint.
+
+    Attributes:
+        url: Base of the endpoint, up to `/v1`.
+        model: As the endpoint calls it.
+        api_key_env: Environment variable that holds the key; empty when the endpoint wants none.
+        timeout_s: Longest wait for one answer, by the wall clock [s].
+        max_questions: Criteria of one session that are asked about; the others are unknown.
+    """
+
+    url: str = pydantic.Field(pattern=r"^https?://\S+$")
+    model: str = pydantic.Field(min_length=1)
+    api_key_env: str = pydantic.Field(default="", pattern=r"^([A-Za-z_][A-Za-z0-9_]*)?$")
+    timeout_s: float = pydantic.Field(default=20.0, gt=0)
+    max_questions: int = pydantic.Field(default=8, ge=1)
+
+
+class Verification(Authored):
+    """How sessions are judged.
+
+    Attributes:
+        mode: What a judgement is for.
+        judges: Asked in this order, shipped ones and those of installed packages; a costly one such as `vision` last,
+            and only when nothing is false.
+        criteria: Predicates that every session must meet beside its own acceptance (`metric(interventions) <= 0`).
+        vision: The model that the judge `vision` asks.
+        options: What a judge of an installed package is given, by its name.
+    """
+
+    mode: VerificationMode = VerificationMode.RECOVERY
+    judges: tuple[Annotated[str, pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")], ...] = pydantic.Field(
+        default=DEFAULT_JUDGES, min_length=1
+    )
+    criteria: tuple[str, ...] = ()
+    vision: VisionModel | None = None
+    options: dict[str, dict[str, JudgeOption]] = pydantic.Field(default_factory=dict)
+
+    @pydantic.field_validator("criteria")
+    @classmethod
+    def _check_criteria(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
+        for text in texts:
+            try:
+                parse_predicate(text)
+            except DefinitionError as error:
+                raise ValueError(str(error)) from error
+        return texts
+
+    @pydantic.field_validator("judges")
+    @classmethod
+    def _check_names(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if set(names) <= set(JudgeName):
+            return names
+        known = sorted({*map(str, JudgeName), *entry_points(group=JUDGE_ENTRY_POINTS).names})  # none is loaded
+        for name in names:
+            if name not in known:
+                raise ValueError(
+                    f"no judge {name!r}; possible: {format_names(known)}. {format_hint(name, known)}".strip()
+                )
+        return names
+
+    @pydantic.model_validator(mode="after")
+    def _check_judges(self) -> Self:
+        if JudgeName.VISION in self.judges and self.vision is None:
+            raise ValueError("the judge 'vision' needs a block 'vision' with url and model")
+        if self.criteria and JudgeName.METRICS not in self.judges:
+            raise ValueError("'criteria' are judged by 'metrics', which is not among the judges")
+        if strangers := sorted(set(self.options) - set(self.judges)):
+            raise ValueError(f"options of {', '.join(strangers)}, which is not among the judges")
+        return self

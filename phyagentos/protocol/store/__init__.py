@@ -1,1 +1,0 @@
-"""Where a workspace keeps its truth: the journal, what follows it, and signals."""

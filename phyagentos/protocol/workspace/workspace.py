@@ -1,0 +1,298 @@
+"""A workspace: the folder in which the two planes meet, with everything a run needs and everything it leaves.
+
+Upstream: the assembly and the command line. It holds copies of the trees, skills, scenes and robots it was created
+with, so that a run can be repeated from its own workspace; nothing is looked up outside it afterwards.
+"""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import render_skill_registry, render_target_registry
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.session import GoalId, SessionId
+
+MARKER = "workspace.yaml"
+_LOCK = ".create.lock"
+_LIBRARY_FOLDERS = ("trees", "skills", "scenes", "robots")
+_COPIED_WHOLE = frozenset({"skills", "robots"})  # one folder is one thing: never a mixture of two roots
+_LITTER = ("__pycache__", ".*")
+
+
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """Paths of one workspace; make one with `create` or `open`."""
+
+    root: Path
+
+    @classmethod
+    def create(cls, root: Path, library: Library) -> "Workspace":
+        """Make a workspace, or complete the one that stands there; what it already holds stays as it is.
+
+        Args:
+            root: The folder; it may be missing or empty.
+            library: Where trees, skills, scenes, robots and pristine documents are copied from.
+
+        Raises:
+            DefinitionError: `NOT_A_WORKSPACE` when the folder holds something else; every problem of a SKILL.md or
+                target.yaml.
+        """
+        root = root.resolve()
+        if root.exists() and not root.is_dir():
+            raise _not_a_workspace(root, "a file")
+        root.mkdir(parents=True, exist_ok=True)
+        is_ours = (root / MARKER).is_file() or (root / _LOCK).is_file()  # the latter: an interrupted `create`
+        if not is_ours and (names := sorted(path.name for path in root.iterdir())):
+            raise _not_a_workspace(root, ", ".join(names[:5]))
+        workspace = cls(root)
+        with FileLock(root / _LOCK):
+            workspace._complete(library)
+        return workspace
+
+    @classmethod
+    def open(cls, root: Path) -> "Workspace":
+        """An existing workspace.
+
+        Raises:
+            DefinitionError: `NOT_A_WORKSPACE`.
+        """
+        root = root.resolve()
+        if not (root / MARKER).is_file():
+            found = "no such folder" if not root.exists() else f"no {MARKER}"
+            raise _not_a_workspace(root, found)
+        return cls(root)
+
+    @property
+    def library_root(self) -> Path:
+        """Copies of trees/, skills/, scenes/, robots/."""
+        return self.root / "library"
+
+    @property
+    def sessions(self) -> Path:
+        """The journal, one folder a lane."""
+        return self.root / "sessions"
+
+    @property
+    def goals(self) -> Path:
+        """Goal graphs as they were submitted, `<goal id>.yaml`."""
+        return self.root / "goals"
+
+    @property
+    def evidence(self) -> Path:
+        """Evidence bundles, one folder a session."""
+        return self.root / "evidence"
+
+    @property
+    def memory(self) -> Path:
+        """The records of memory, one folder a lane."""
+        return self.root / "memory"
+
+    @property
+    def signals(self) -> Path:
+        """Where stop requests are dropped: `signals/new/`; taken ones lie beside it (see `mailbox`)."""
+        return self.root / "signals" / "new"
+
+    @property
+    def inbox(self) -> Path:
+        """Requests of writers without this library, `new/` and `tmp/` (see `edits.inbox`)."""
+        return self.root / "inbox"
+
+    @property
+    def heartbeats(self) -> Path:
+        """Signs of life, `<target>.json`."""
+        return self.root / "heartbeats"
+
+    @property
+    def logs(self) -> Path:
+        """What the processes print, and what each target received."""
+        return self.root / "logs"
+
+    @property
+    def cache(self) -> Path:
+        """What may be deleted at any time."""
+        return self.root / ".cache"
+
+    @property
+    def sessions_document(self) -> Path:
+        """SESSIONS.md."""
+        return self.root / "SESSIONS.md"
+
+    @property
+    def rejected_document(self) -> Path:
+        """SESSIONS.rejected.md: edits of SESSIONS.md that were not taken."""
+        return self.root / "SESSIONS.rejected.md"
+
+    @property
+    def edits(self) -> Path:
+        """Versions of SESSIONS.md that came out when a rendering was swapped in, until they are dealt with."""
+        return self.root / ".edits"
+
+    @property
+    def task(self) -> Path:
+        """TASK.md."""
+        return self.root / "TASK.md"
+
+    @property
+    def log(self) -> Path:
+        """LOG.md."""
+        return self.root / "LOG.md"
+
+    @property
+    def skill_registry(self) -> Path:
+        """SKILLRUNTIME.md."""
+        return self.root / "SKILLRUNTIME.md"
+
+    @property
+    def target_registry(self) -> Path:
+        """TARGETS.md."""
+        return self.root / "TARGETS.md"
+
+    @property
+    def environment(self) -> Path:
+        """ENVIRONMENT.md."""
+        return self.root / "ENVIRONMENT.md"
+
+    @property
+    def lessons(self) -> Path:
+        """LESSONS.md."""
+        return self.root / "LESSONS.md"
+
+    @property
+    def knowledge(self) -> Path:
+        """KNOWLEDGE.md."""
+        return self.root / "KNOWLEDGE.md"
+
+    @property
+    def runtime_signal(self) -> Path:
+        """RUNTIME_SIGNAL.md."""
+        return self.root / "RUNTIME_SIGNAL.md"
+
+    @property
+    def safety(self) -> Path:
+        """safety.yaml."""
+        return self.root / "safety.yaml"
+
+    @property
+    def sensors(self) -> Path:
+        """sensors.yaml."""
+        return self.root / "sensors.yaml"
+
+    @property
+    def perception(self) -> Path:
+        """perception.yaml."""
+        return self.root / "perception.yaml"
+
+    @property
+    def runtime_contract(self) -> Path:
+        """runtime_contract.yaml."""
+        return self.root / "runtime_contract.yaml"
+
+    def evidence_of(self, session: SessionId) -> Path:
+        """The evidence bundle of one session."""
+        return self.evidence / session
+
+    def goal_file_of(self, goal: GoalId) -> Path:
+        """The goal graph as it was submitted."""
+        return self.goals / f"{goal}.yaml"
+
+    def library(self) -> Library:
+        """The copies this workspace was created with, and nothing else."""
+        return Library((self.library_root,))
+
+    def _complete(self, library: Library) -> None:
+        for folder in (
+            self.sessions,
+            self.goals,
+            self.evidence,
+            self.signals,
+            self.inbox / "tmp",
+            self.inbox / "new",
+            self.heartbeats,
+            self.logs,
+            self.cache,
+        ):
+            folder.mkdir(parents=True, exist_ok=True)
+        is_new = not (self.root / MARKER).is_file()
+        if is_new:
+            skills, targets = (
+                render_skill_registry(library),
+                render_target_registry(library),
+            )  # before anything is copied
+            _copy_library(library, self.library_root)
+            publish(self.skill_registry, skills)
+            publish(self.target_registry, targets)
+        for path in _iter_pristine(library):
+            if not (self.root / path.name).exists():
+                shutil.copyfile(path, self.root / path.name)
+        if not self.skill_registry.exists():
+            publish(self.skill_registry, render_skill_registry(self.library()))
+        if not self.target_registry.exists():
+            publish(self.target_registry, render_target_registry(self.library()))
+        if is_new:
+            publish(self.root / MARKER, "# This folder is a workspace.\nphy: workspace/1\n")
+
+
+def _not_a_workspace(root: Path, found: str) -> DefinitionError:
+    return DefinitionError(
+        Problem(
+            code="NOT_A_WORKSPACE",
+            address=str(root),
+            found=found,
+            expected=f"a workspace (a folder with {MARKER}), or an empty folder to make one in",
+            hint="Name another folder with --workspace.",
+        )
+    )
+
+
+def _copy_library(library: Library, destination: Path) -> None:
+    """Copy every tree, skill, scene and robot; the first root that has one wins."""
+    for folder in _LIBRARY_FOLDERS:
+        (destination / folder).mkdir(parents=True, exist_ok=True)
+        seen: set[Path] = set()
+        for root in library.roots:
+            source = root / folder
+            if not source.is_dir() or source == destination / folder:
+                continue
+            for path in _iter_units(source, whole=folder in _COPIED_WHOLE):
+                copy = destination / folder / path.relative_to(source)
+                if copy not in seen:
+                    seen.add(copy)
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    _copy_unit(path, copy)
+
+
+def _copy_unit(source: Path, destination: Path) -> None:
+    """Copy a file or a folder so that it appears as a whole."""
+    temporary = destination.with_name(f".{destination.name}.tmp")
+    if source.is_dir():
+        shutil.rmtree(temporary, ignore_errors=True)
+        shutil.copytree(source, temporary, ignore=shutil.ignore_patterns(*_LITTER))
+        shutil.rmtree(destination, ignore_errors=True)  # of an interrupted `create`
+    else:
+        shutil.copyfile(source, temporary)
+    temporary.replace(destination)
+
+
+def _iter_units(folder: Path, *, whole: bool) -> Iterator[Path]:
+    """What is copied as one: direct children, or every file below."""
+    for path in sorted(folder.iterdir() if whole else folder.rglob("*")):
+        parts = path.relative_to(folder).parts
+        if any(part.startswith(".") or part == "__pycache__" for part in parts):
+            continue
+        if whole or path.is_file():
+            yield path
+
+
+def _iter_pristine(library: Library) -> Iterator[Path]:
+    """Documents and settings of the library's protocol/ folders; the first root that has one wins."""
+    seen = {"README.md"}
+    for root in library.roots:
+        for path in sorted((root / "protocol").glob("*")):
+            if path.suffix in {".md", ".yaml"} and path.is_file() and path.name not in seen:
+                seen.add(path.name)
+                yield path

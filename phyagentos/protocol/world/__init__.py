@@ -1,0 +1,1 @@
+"""Facts about the world: entities, scenes, faults, predicates."""

@@ -1,0 +1,326 @@
+"""What is in the world, as the planes share it: entities, relations, targets; ENVIRONMENT.md is its document.
+
+Upstream: the runtime's perception. Downstream: predicates, planning scenes, the verifier. Poses are in the frame
+`world` (z up, metres, quaternions w x y z) unless a name says otherwise. Paper section 4.1.
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.documents.document import DocumentFormat, read_document
+
+FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
+
+
+class ShapeKind(StrEnum):
+    """Primitive solids; sizes are half extents in metres, as in MuJoCo."""
+
+    BOX = "box"
+    """size = half x, half y, half z."""
+    CYLINDER = "cylinder"
+    """size = radius, half length; axis z."""
+    CAPSULE = "capsule"
+    """size = radius, half length of the cylinder part; axis z."""
+    SPHERE = "sphere"
+    """size = radius."""
+
+
+class Status(StrEnum):
+    """How a thing is known now."""
+
+    SEEN = "seen"
+    """Its pose was measured at `observed_at_s`."""
+    HELD = "held"
+    """In a gripper: it is felt, and its pose follows the hand."""
+    HIDDEN = "hidden"
+    """Its last place cannot be seen now; it may still be there."""
+    GONE = "gone"
+    """Its last place is seen and empty, and it was not found elsewhere."""
+
+
+class Pose(msgspec.Struct, frozen=True):
+    """A rigid pose `parent_T_child`.
+
+    Attributes:
+        position_m: (3,) [m].
+        quaternion_wxyz: (4,) unit quaternion.
+    """
+
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+
+class Shape(msgspec.Struct, frozen=True):
+    """One primitive solid of an entity, posed in the entity's own frame.
+
+    Attributes:
+        kind: Which solid.
+        size_m: Half extents (box), radius and half length (cylinder, capsule; axis z), radius (sphere) [m].
+        pose: `entity_T_shape`.
+    """
+
+    kind: ShapeKind
+    size_m: tuple[float, ...]
+    pose: Pose = Pose()
+
+
+class Interior(msgspec.Struct, frozen=True):
+    """The box in which something counts as inside, in the entity's own frame.
+
+    Attributes:
+        center_m: (3,) centre [m].
+        half_m: (3,) half extents [m].
+    """
+
+    center_m: tuple[float, float, float]
+    half_m: tuple[float, float, float]
+
+
+class Mechanism(msgspec.Struct, frozen=True):
+    """How a thing with a joint opens: what a drawing of the furniture tells.
+
+    Attributes:
+        kind: `slide` or `hinge`.
+        axis: (3,) direction of opening, in the entity's frame.
+        travel: From closed to open [m], or [rad] for a hinge.
+        closed: `world_T_entity` when it is closed.
+    """
+
+    kind: str
+    axis: tuple[float, float, float]
+    travel: float
+    closed: Pose
+
+
+class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A thing in the world, as believed at `observed_at_s`.
+
+    Attributes:
+        name: Unique name (`red_cube`).
+        kind: Class of thing (`cube`, `tray`, `bottle`, `wall`, `table`).
+        movable: Whether it can be moved at all; walls and tables cannot.
+        pose: `world_T_entity` of its body frame.
+        shapes: Its solids, in the entity frame.
+        interior: Where things can be put into it; absent when nothing can.
+        color: Colour word, empty when unknown.
+        visible: Whether it was seen where it is said to be, at `observed_at_s`; false for what is gone, and for what
+            was moved while nobody could see it.
+        held_by: Name of the target whose gripper touches it with both fingers, absent when nobody's.
+        speed_m_s: Magnitude of its linear velocity [m/s].
+        joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
+        mechanism: How it opens, for these things.
+        part_of: Name of the thing that it is fixed to.
+        observed_at_s: Simulated or robot time of the observation [s]: that of the frames, not that of the question.
+        confidence: 0..1.
+        source: Which sensor or pipeline said so.
+        status: How it is known now.
+        extent_m: (3,) size of what was seen of it, along its own axes [m]; absent when it was not measured.
+        in_hand: `tcp_T_entity` while it is held.
+        looks: So many measurements its pose is the mean of.
+        position_std_m: Standard deviation of its position, as whoever measured it states [m]; 0 where nobody does.
+        turn_std_rad: The same of its orientation [rad].
+        evidence: Where it was seen: `camera@time_s:left,top,width,height`, in pixels.
+    """
+
+    name: str
+    kind: str
+    pose: Pose
+    movable: bool = True
+    shapes: tuple[Shape, ...] = ()
+    interior: Interior | None = None
+    color: str = ""
+    visible: bool = True
+    held_by: str | None = None
+    speed_m_s: float = 0.0
+    joint: float | None = None
+    mechanism: Mechanism | None = None
+    part_of: str = ""
+    observed_at_s: float = 0.0
+    confidence: float = 1.0
+    source: str = ""
+    status: Status = Status.SEEN
+    extent_m: tuple[float, float, float] | None = None
+    in_hand: Pose | None = None
+    looks: int = 0
+    position_std_m: float = 0.0
+    turn_std_rad: float = 0.0
+    evidence: tuple[str, ...] = ()
+
+
+class Region(msgspec.Struct, frozen=True, kw_only=True):
+    """A named box of space, posed in the world, in which things may be put (`shelf_board`, `left_half`).
+
+    Attributes:
+        name: Unique name.
+        pose: `world_T_region` of its centre.
+        half_m: (3,) half extents [m].
+    """
+
+    name: str
+    pose: Pose
+    half_m: tuple[float, float, float]
+
+
+class TargetState(msgspec.Struct, frozen=True, kw_only=True):
+    """What a target says of itself.
+
+    Attributes:
+        q_rad: (n_joints,) measured joint positions [rad].
+        qd_rad_s: (n_joints,) measured joint velocities [rad/s].
+        gripper_width_m: Opening between the fingers [m].
+        tcp: `world_T_tcp`; z is the approach axis, y the closing axis.
+        holding: Names of the entities touched by both fingers.
+        fingers_touching: How many finger pads touch something: what the robot's own touch sensors tell.
+    """
+
+    q_rad: tuple[float, ...]
+    qd_rad_s: tuple[float, ...]
+    gripper_width_m: float
+    tcp: Pose
+    holding: tuple[str, ...] = ()
+    fingers_touching: int = 0
+
+
+class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What became of one thing since the revision before.
+
+    Attributes:
+        entity: Its name.
+        what: `appeared`, `moved`, `held`, `released`, `hidden`, `seen` (again), `gone`.
+        by_m: How far it moved [m]; 0 where it did not.
+    """
+
+    entity: str
+    what: str
+    by_m: float = 0.0
+
+
+class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """How one camera does.
+
+    Attributes:
+        status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `dark` (no depth
+            at all), `missing`, `unread` (no detector could tell what it shows).
+        time_s: Stamp of its latest frame [s].
+        digest: Hash of its latest whole frame.
+        since_s: When it came to this status [s].
+        detail: In words, or the target's own code.
+        pose: `world_T_camera` as it was told with that frame, in OpenCV's convention.
+        focal_px: (fx, fy, cx, cy) of the whole picture.
+        size_px: (width, height) of the whole picture.
+        pulse: Hash of a small window of its latest frame, and the stamp of that: `hash@time_s`.
+        pulse_s: When that window was asked for [s].
+    """
+
+    status: str = "live"
+    time_s: float = 0.0
+    digest: str = ""
+    since_s: float = 0.0
+    detail: str = ""
+    pose: Pose | None = None
+    focal_px: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    size_px: tuple[int, int] = (0, 0)
+    pulse: str = ""
+    pulse_s: float = 0.0
+
+
+class Environment(msgspec.Struct, frozen=True, kw_only=True):
+    """One snapshot of the world: the content of ENVIRONMENT.md.
+
+    Attributes:
+        time_s: Simulated or robot time of the snapshot [s].
+        scene: Name of the scene.
+        episode: The run of the scene this snapshot belongs to.
+        revision: Grows with each published snapshot.
+        sensing: `truth` (simulator state) or `perceived`.
+        entities: By name.
+        regions: By name.
+        targets: By name.
+        sensors: Cameras by name; empty where nothing is perceived.
+        looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
+        changes: What became of things since the revision before, the largest first.
+    """
+
+    time_s: float
+    scene: str
+    episode: str
+    revision: int
+    sensing: str
+    entities: dict[str, Entity]
+    regions: dict[str, Region] = {}
+    targets: dict[str, TargetState] = {}
+    sensors: dict[str, SensorHealth] = {}
+    looked_at_s: float = 0.0
+    changes: tuple[Change, ...] = ()
+
+    def shows(self, name: str) -> bool:
+        """Whether it tells where a thing or a region is: one that is fixed, or was seen `FRESH_S` ago at most."""
+        if name in self.regions:
+            return True
+        entity = self.entities.get(name)
+        if entity is None or not entity.movable:
+            return entity is not None
+        return entity.visible and self.time_s - entity.observed_at_s <= FRESH_S
+
+
+class Relation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One relation that is true in a snapshot.
+
+    Attributes:
+        name: `inside`, `on`, `holding`, `near`, `left_of`, `open`, `closed`.
+        arguments: Names of the target, things and places that it relates.
+        measured: The numbers that decided; units in the names.
+        observed_at_s: When the oldest of the movable things was observed [s].
+        source: Which sensors or pipelines said so.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    measured: dict[str, float | str | bool] = {}
+    observed_at_s: float = 0.0
+    source: str = ""
+
+    @property
+    def text(self) -> str:
+        """As a predicate: `inside(red_cube, red_tray)`."""
+        return f"{self.name}({', '.join(self.arguments)})"
+
+
+class Snapshot(Environment, frozen=True, kw_only=True):
+    """The block of ENVIRONMENT.md: a snapshot, and what follows from it.
+
+    Attributes:
+        relations: What is true in it, by the same rules as verdicts; at most 200, places before neighbours.
+    """
+
+    relations: tuple[Relation, ...] = ()
+
+
+ENVIRONMENT = DocumentFormat(
+    name="environment",
+    file="ENVIRONMENT.md",
+    says="The world as last observed: things, regions, targets, and the relations between them.",
+    block=Snapshot,
+    headings=("Snapshot",),
+)
+
+
+def read_environment(text: str, source: str = "") -> Snapshot:
+    """Read ENVIRONMENT.md.
+
+    Raises:
+        DefinitionError: With every problem, each at file:line:column; `NOTHING_OBSERVED` when it holds no snapshot.
+    """
+    blocks = read_document(text, ENVIRONMENT, source).blocks
+    if "Snapshot" not in blocks:
+        raise DefinitionError(
+            Problem(
+                code="NOTHING_OBSERVED",
+                address=f"{source or ENVIRONMENT.file}:1:1",
+                found="no block of YAML below '## Snapshot'",
+                hint="The worker of a target writes one at the end of its first session.",
+            )
+        )
+    return blocks["Snapshot"]

@@ -1,0 +1,370 @@
+"""The built-in predicates: each a small function from facts to a reading. See `predicate_library` for the contract.
+
+Tolerances are chosen for table-top things of 2 to 20 cm; each stands here once, with its reason.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from phyagentos.protocol.world.environment import Entity, TargetState
+from phyagentos.protocol.world.predicates.geometry import (
+    UP,
+    compute_box_distance,
+    compute_center,
+    compute_lowest,
+    compute_tilt,
+    compute_turn,
+    iter_tops_below,
+    rotate,
+    subtract,
+    to_child,
+)
+from phyagentos.protocol.world.predicates.library import (
+    AHEAD_S,
+    Argument,
+    ArgumentKind,
+    FactUnknown,
+    Place,
+    PredicateDefinition,
+    Reading,
+    View,
+    get_entity,
+    get_place,
+)
+
+RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on the rim is not inside
+FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
+GAP_M = 0.010  # greatest vertical gap of things that count as standing on each other
+FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centre of a footprint may be
+UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
+FALLEN_RAD = 0.79  # 45 degrees
+MOVED_M = 0.015  # settling and sensing noise stay below
+MOVED_RAD = math.radians(10)
+PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
+PERCEIVED_STD_RAD = 0.02
+DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
+OPEN_FRACTION = 0.9
+CLOSED_FRACTION = 0.1
+
+
+def _find_position_doubt(view: View, *entities: Entity | None) -> float:
+    """How far [m] apart two positions may really be from what was measured; what is fixed was measured by people."""
+    return _combine(view, entities, "position_std_m", PERCEIVED_STD_M)
+
+
+def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
+    """The same of orientations [rad]."""
+    return _combine(view, entities, "turn_std_rad", PERCEIVED_STD_RAD)
+
+
+def _combine(view: View, entities: Sequence[Entity | None], stated: str, perceived: float) -> float:
+    unstated = 0.0 if view.now.sensing == "truth" else perceived
+    variances = [
+        (getattr(entity, stated) or unstated) ** 2 for entity in entities if entity is not None and entity.movable
+    ]
+    return DOUBT_STDS * math.sqrt(sum(variances))
+
+
+def measure_inside(view: View, a: Entity, b: str) -> Reading:
+    """Let go of; centre within the sides of the interior box, lowest point between floor and rim, in its frame."""
+    if a.held_by:
+        return _tell_held(a)
+    box = get_place(view, b, 5.0)
+    if box.half_m == (0.0, 0.0, 0.0):
+        return Reading(-1.0, {"interior": False}, f"{b} has no interior")
+    local = to_child(box.pose, compute_center(a))
+    up = rotate(box.pose.quaternion_wxyz, UP)
+    low_m = compute_lowest(a, up) - sum(p * u for p, u in zip(box.pose.position_m, up, strict=True))
+    slack_m = {
+        "side_x_m": box.half_m[0] - abs(local[0]),
+        "side_y_m": box.half_m[1] - abs(local[1]),
+        "below_rim_m": box.half_m[2] - RIM_M - low_m,
+        "above_floor_m": low_m + box.half_m[2] + FLOOR_SLACK_M,
+    }
+    scales = (box.half_m[0], box.half_m[1], box.half_m[2], box.half_m[2])
+    margin, worst = min((s / max(h, 1e-3), name) for (name, s), h in zip(slack_m.items(), scales, strict=True))
+    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
+    shifted_m = -doubt_m if margin >= 0 else doubt_m
+    turned = min((s + shifted_m) / max(h, 1e-3) for s, h in zip(slack_m.values(), scales, strict=True))
+    side = "within" if margin >= 0 else "outside"
+    because = f"{a.name} is {abs(slack_m[worst]):.3f} m {side} the limit {worst.removesuffix('_m')} of {b}"
+    return Reading(margin, {name: round(s, 5) for name, s in slack_m.items()}, because, abs(margin - turned))
+
+
+def measure_on(view: View, a: Entity, b: str) -> Reading:
+    """Let go of; centre of the footprint above b's surface, vertical gap within a centimetre."""
+    if a.held_by:
+        return _tell_held(a)
+    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
+    gap_m = _find_gap(view, a, b, FOOTPRINT_SLACK_M)
+    if doubt_m:
+        sure = _find_gap(view, a, b, FOOTPRINT_SLACK_M - doubt_m)
+        possible = _find_gap(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
+        if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= GAP_M:
+            raise FactUnknown(f"whether {a.name} is above {b} is within what the measurement may be off")
+    if gap_m is None:
+        return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
+    because = f"the lowest point of {a.name} is {gap_m:+.3f} m from the surface of {b}, allowed are {GAP_M} m"
+    measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
+    return Reading(1.0 - abs(gap_m) / GAP_M, measured, because, doubt_m / GAP_M)
+
+
+def _tell_held(a: Entity) -> Reading:
+    """What a hand still holds goes where the hand goes next."""
+    return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
+
+
+def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
+    """Height [m] of a's lowest point above the nearest surface of b, None where the middle of a is not over b."""
+    center, low_m = compute_center(a), compute_lowest(a)
+    region = view.now.regions.get(b)
+    if region is not None:
+        x, y, _ = to_child(region.pose, center)
+        over = abs(x) <= region.half_m[0] + slack_m and abs(y) <= region.half_m[1] + slack_m
+        tops = [region.pose.position_m[2] - region.half_m[2]] if over else []
+    else:
+        tops = iter_tops_below(get_entity(view, b, 5.0), center[0], center[1], slack_m)
+    return min((low_m - top for top in tops), key=abs, default=None)
+
+
+def measure_holding(view: View, target: str, a: str) -> Reading:
+    """Both fingers of the target touch it. Touch sensors tell that they touch something, perception tells what."""
+    state = view.now.targets.get(target)
+    if view.now.sensing != "truth":
+        return _measure_perceived_holding(view, target, a, state)
+    if state is None:
+        if view.now.targets:
+            raise FactUnknown(f"target {target} is not in the snapshot")
+        held = get_entity(view, a, 0.5).held_by == target
+        return Reading(1.0 if held else -1.0, {"held": held}, f"{a} is {'' if held else 'not '}held by {target}")
+    held = a in state.holding
+    holds = ", ".join(state.holding) or "nothing"
+    because = f"{target} holds {holds} with fingers {state.gripper_width_m:.4f} m apart"
+    return Reading(1.0 if held else -1.0, {"held": held, "gripper_width_m": round(state.gripper_width_m, 5)}, because)
+
+
+def _measure_perceived_holding(view: View, target: str, a: str, state: TargetState | None) -> Reading:
+    entity = view.now.entities.get(a)
+    if state is None:
+        raise FactUnknown(f"target {target} is not in the snapshot")
+    touching = state.fingers_touching
+    measured = {"fingers_touching": touching, "gripper_width_m": round(state.gripper_width_m, 5)}
+    if touching < 2:
+        because = f"{touching} of the fingers of {target}, {state.gripper_width_m:.4f} m apart, touch anything"
+        return Reading(-1.0, {"held": False, **measured}, because)
+    if entity is None:
+        raise FactUnknown(f"{target} holds something, and {a} is not in the snapshot")
+    held = entity.held_by == target
+    if not held:
+        get_entity(view, a, 0.5)  # seen elsewhere, or what the fingers touch may be it
+    because = f"{target} holds something, which is {'' if held else 'not '}{a}"
+    return Reading(1.0 if held else -1.0, {"held": held, **measured}, because)
+
+
+def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
+    """Centre within `tol_m` of a point, or of a place's box."""
+    distance_m = compute_box_distance(place.pose, place.half_m, compute_center(a))
+    because = f"{a.name} is {distance_m:.3f} m from {place.name}, allowed are {tol_m:g} m"
+    scale_m = max(tol_m, 1e-3)
+    doubt = _find_position_doubt(view, a, view.now.entities.get(place.name)) / scale_m
+    return Reading((tol_m - distance_m) / scale_m, {"distance_m": round(distance_m, 5)}, because, doubt)
+
+
+def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
+    """Distance between centres."""
+    apart_m = math.dist(compute_center(a), b.pose.position_m)
+    because = f"{a.name} and {b.name} are {apart_m:.3f} m apart, allowed are {distance_m:g} m"
+    scale_m = max(distance_m, 1e-3)
+    doubt = _find_position_doubt(view, a, view.now.entities.get(b.name)) / scale_m
+    return Reading((distance_m - apart_m) / scale_m, {"distance_m": round(apart_m, 5)}, because, doubt)
+
+
+def measure_visible(view: View, a: str) -> Reading:
+    """It was seen, and not long ago where it can move. What was never seen is not visible: this one always knows."""
+    entity = view.now.entities.get(a)
+    if entity is None:
+        return Reading(-1.0, {"visible": False}, f"{a} is not in the snapshot")
+    age_s = view.now.time_s - entity.observed_at_s
+    seen = entity.visible and (not entity.movable or -AHEAD_S <= age_s <= 5.0)
+    return Reading(
+        1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
+    )
+
+
+def measure_exists(view: View, a: str) -> Reading:
+    """It is in the world. Absence proves nothing where the world is perceived rather than known."""
+    if a in view.now.entities:
+        get_entity(view, a, 30.0)
+        return Reading(1.0, {"exists": True}, f"{a} is in the snapshot")
+    if view.now.sensing != "truth":
+        raise FactUnknown(f"{a} is not in the snapshot, which does not prove that it is gone")
+    return Reading(-1.0, {"exists": False}, f"{a} is not in the world")
+
+
+def measure_upright(view: View, a: Entity) -> Reading:
+    """Its z axis within 15 degrees of the vertical."""
+    return _read_tilt(view, a, UPRIGHT_RAD, 1.0)
+
+
+def measure_fallen(view: View, a: Entity) -> Reading:
+    """Its z axis more than 45 degrees from the vertical."""
+    return _read_tilt(view, a, FALLEN_RAD, -1.0)
+
+
+def measure_moved(view: View, a: Entity) -> Reading:
+    """More than 1.5 cm or 10 degrees from where it was in the initial snapshot."""
+    if view.initial is None:
+        raise FactUnknown("there is no initial snapshot")
+    was = view.initial.entities.get(a.name)
+    if was is None:
+        raise FactUnknown(f"{a.name} is not in the initial snapshot")
+    moved_m = math.dist(a.pose.position_m, was.pose.position_m)
+    turned_rad = compute_turn(a.pose, was.pose)
+    margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
+    because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
+    doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
+    least = max((moved_m - doubt_m) / MOVED_M, (turned_rad - doubt_rad) / MOVED_RAD)
+    most = max((moved_m + doubt_m) / MOVED_M, (turned_rad + doubt_rad) / MOVED_RAD)
+    doubt = margin + 1.0 - least if margin >= 0 else most - 1.0 - margin
+    return Reading(margin, {"moved_m": round(moved_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
+
+
+def measure_open(view: View, a: Entity) -> Reading:
+    """Its joint is at least 90 % open."""
+    opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
+    return Reading(opening - OPEN_FRACTION, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
+
+
+def measure_closed(view: View, a: Entity) -> Reading:
+    """Its joint is at most 10 % open."""
+    opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
+    return Reading(CLOSED_FRACTION - opening, {"opening": opening}, f"{a.name} is {opening:.0%} open", doubt)
+
+
+def measure_tilt(view: View, a: Entity) -> Reading:
+    """Angle between its z axis and the vertical [rad]."""
+    tilt_rad = compute_tilt(a.pose)
+    because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees"
+    return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_turn_doubt(view, a))
+
+
+def measure_height(view: View, a: Entity) -> Reading:
+    """Height of its lowest point above the world's origin [m]."""
+    height_m = compute_lowest(a)
+    because = f"the lowest point of {a.name} is at {height_m:.3f} m"
+    return Reading(height_m, {"height_m": round(height_m, 5)}, because, _find_position_doubt(view, a))
+
+
+def measure_distance(view: View, a: Entity, b: Place) -> Reading:
+    """Distance between centres [m]."""
+    apart_m = math.hypot(*subtract(compute_center(a), b.pose.position_m))
+    because = f"{a.name} and {b.name} are {apart_m:.3f} m apart"
+    doubt = _find_position_doubt(view, a, view.now.entities.get(b.name))
+    return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, doubt)
+
+
+def measure_speed(view: View, a: Entity) -> Reading:
+    """Magnitude of its linear velocity [m/s]; one look at a thing does not tell it."""
+    if view.now.sensing == "perceived" and a.movable and a.looks < 2 and a.speed_m_s == 0.0:
+        raise FactUnknown(f"{a.name} was looked at once, which does not tell whether it moves")
+    return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
+
+
+def measure_metric(view: View, name: str) -> Reading:
+    """A number that was measured during the session; unknown in a snapshot alone, and where nobody measured it."""
+    if name not in view.metrics:
+        raise FactUnknown(f"nothing measured {name}")
+    value = view.metrics[name]
+    return Reading(value, {name: round(value, 6)}, f"{name} is {value:.4g}")
+
+
+def measure_unstated(view: View) -> Reading:
+    """Stands where a person has still to say what decides; always unknown, so never a success."""
+    del view
+    raise FactUnknown("nobody has said yet what decides: write a predicate in the place of unstated()")
+
+
+def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float) -> Reading:
+    tilt_rad = compute_tilt(a.pose)
+    because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees, the limit is {math.degrees(limit_rad):.0f}"
+    doubt = _find_turn_doubt(view, a) / limit_rad
+    return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, doubt)
+
+
+def _find_joint_doubt(view: View, a: Entity) -> float:
+    """The same of an opening, as a share of the travel."""
+    if a.mechanism is None:
+        return 0.0
+    find_doubt = _find_turn_doubt if a.mechanism.kind == "hinge" else _find_position_doubt
+    return find_doubt(view, a) / a.mechanism.travel
+
+
+def _get_joint(a: Entity) -> float:
+    if a.joint is None:
+        raise FactUnknown(f"{a.name} has no joint that was observed")
+    return a.joint
+
+
+_A = Argument("a", ArgumentKind.ENTITY)
+_ANYWHERE = Argument("b", ArgumentKind.PLACE)
+
+
+def _state(
+    name: str, measure: Callable[..., Reading], *more: Argument, max_age_s: float = 5.0, lasting: bool = True
+) -> PredicateDefinition:
+    return PredicateDefinition(
+        name=name,
+        arguments=(_A, *more),
+        measure=measure,
+        max_age_s=max_age_s,
+        lasting=lasting,
+        description=(measure.__doc__ or "").splitlines()[0],
+    )
+
+
+def _number(name: str, measure: Callable[..., Reading], *more: Argument, max_age_s: float) -> PredicateDefinition:
+    return replace(_state(name, measure, *more, max_age_s=max_age_s, lasting=False), is_number=True)
+
+
+BUILTINS: tuple[PredicateDefinition, ...] = (
+    _state("inside", measure_inside, Argument("b", ArgumentKind.CONTAINER)),
+    _state("on", measure_on, Argument("b", ArgumentKind.CONTAINER)),
+    _state("at", measure_at, Argument("place", ArgumentKind.PLACE), Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
+    _state("near", measure_near, _ANYWHERE, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
+    _state("upright", measure_upright),
+    _state("fallen", measure_fallen),
+    _state("open", measure_open),
+    _state("closed", measure_closed),
+    _state("moved", measure_moved, lasting=False),
+    replace(_state("visible", measure_visible, lasting=False), by_name=True),
+    replace(_state("exists", measure_exists, max_age_s=30.0), by_name=True),
+    PredicateDefinition(
+        name="holding",
+        arguments=(Argument("target", ArgumentKind.TARGET), _A),
+        measure=measure_holding,
+        max_age_s=0.5,
+        lasting=False,
+        by_name=True,
+        description="Both fingers of the target touch it.",
+    ),
+    PredicateDefinition(
+        name="metric",
+        arguments=(Argument("name", ArgumentKind.METRIC),),
+        measure=measure_metric,
+        is_number=True,
+        lasting=False,
+        description=(measure_metric.__doc__ or "").splitlines()[0],
+    ),
+    PredicateDefinition(
+        name="unstated",
+        arguments=(),
+        measure=measure_unstated,
+        lasting=False,
+        description=(measure_unstated.__doc__ or "").splitlines()[0],
+    ),
+    _number("tilt", measure_tilt, max_age_s=1.0),
+    _number("height", measure_height, max_age_s=1.0),
+    _number("distance", measure_distance, _ANYWHERE, max_age_s=1.0),
+    _number("speed", measure_speed, max_age_s=0.5),
+)

@@ -1,0 +1,238 @@
+"""What a predicate is worth on snapshots: Kleene's three values with a margin and the numbers that decided.
+
+The margin orders samples of one predicate from worst to best, as robust semantics of signal temporal logic do
+(Fainekos and Pappas 2009, doi:10.1016/j.tcs.2009.06.021): `and` takes the least, `or` the greatest.
+"""
+
+import math
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from phyagentos.protocol.world.environment import Pose
+from phyagentos.protocol.world.predicates.library import (
+    ArgumentKind,
+    FactUnknown,
+    Place,
+    PredicateDefinition,
+    Reading,
+    Resolved,
+    View,
+    get_entity,
+    get_place,
+    get_predicate_library,
+)
+from phyagentos.protocol.world.predicates.syntax import (
+    And,
+    Call,
+    Compare,
+    Count,
+    Formula,
+    Name,
+    Not,
+    Number,
+    Or,
+    Point,
+    Star,
+    Term,
+    Variable,
+    format_number,
+    iter_calls,
+    iter_free_stars,
+    map_calls,
+    render,
+)
+from phyagentos.protocol.world.truth import Truth
+
+_RANK = {Truth.FALSE: 0, Truth.UNKNOWN: 1, Truth.TRUE: 2}
+_INVERSE = {Truth.TRUE: Truth.FALSE, Truth.FALSE: Truth.TRUE, Truth.UNKNOWN: Truth.UNKNOWN}
+_RELATIONS: dict[str, Callable[[float, float], bool]] = {
+    ">=": operator.ge,
+    "<=": operator.le,
+    ">": operator.gt,
+    "<": operator.lt,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """The value of one predicate on snapshots.
+
+    Attributes:
+        truth: True, false or unknown.
+        measured: The numbers that decided it; units in the names.
+        because: The deciding fact in words.
+        margin: How far it is from turning over, without unit, negative when false; only differences between samples
+            of the same predicate mean anything.
+    """
+
+    truth: Truth
+    measured: dict[str, float | str | bool] = field(default_factory=dict)
+    because: str = ""
+    margin: float = 0.0
+
+    @property
+    def order(self) -> tuple[int, float]:
+        """Sorts evaluations from worst to best."""
+        return (_RANK[self.truth], self.margin)
+
+
+def worse(a: Evaluation, b: Evaluation) -> Evaluation:
+    """The worse of two samples of one predicate; the earlier (`a`) when they are equally bad."""
+    return b if b.order < a.order else a
+
+
+def evaluate(formula: Formula, view: View) -> Evaluation:
+    """The value of a formula, any free `*` read as "for every movable thing that it does not name"."""
+    if next(iter_free_stars(formula), None) is None:
+        return _evaluate(formula, view)
+    names = _iter_range(formula, view)
+    if not names:
+        return _unknown("there is no movable thing that '*' could stand for")
+    each = [(name, _evaluate(_bind(formula, name, into_counts=False), view)) for name in names]
+    name, worst = min(each, key=lambda pair: pair[1].order)
+    return replace(worst, measured={"for": name, **worst.measured})
+
+
+def _evaluate(formula: Formula, view: View) -> Evaluation:
+    match formula:
+        case Call():
+            return _evaluate_statement(formula, view)
+        case Compare(Count() as count, relation, bound):
+            return _evaluate_count(count, relation, bound, view)
+        case Compare(Call() as call, relation, bound):
+            return _evaluate_number(call, relation, bound, view)
+        case Not(body):
+            inner = _evaluate(body, view)
+            return replace(inner, truth=_INVERSE[inner.truth], margin=-inner.margin)
+        case And(parts):
+            return min((_evaluate(part, view) for part in parts), key=lambda e: e.order)
+        case Or(parts):
+            return max((_evaluate(part, view) for part in parts), key=lambda e: e.order)
+    return _unknown(f"{render(formula)} is not compared with a number")
+
+
+def _evaluate_statement(call: Call, view: View) -> Evaluation:
+    try:
+        reading = _measure(call, view)
+    except FactUnknown as reason:
+        return _unknown(str(reason))
+    truth = Truth.TRUE if reading.value >= 0 else Truth.FALSE
+    if abs(reading.value) < reading.doubt:
+        return _doubt(reading)
+    return Evaluation(truth, reading.measured, reading.because, reading.value)
+
+
+def _evaluate_number(call: Call, relation: str, bound: float, view: View) -> Evaluation:
+    try:
+        reading = _measure(call, view)
+    except FactUnknown as reason:
+        return _unknown(str(reason))
+    truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
+    if reading.doubt and abs(reading.value - bound) < reading.doubt:
+        return _doubt(reading)
+    margin = _compute_margin(reading.value, relation, bound) / max(abs(bound), 0.01)
+    because = f"{reading.because} (asked: {relation} {format_number(bound)})"
+    return Evaluation(truth, reading.measured, because, margin)
+
+
+def _evaluate_count(count: Count, relation: str, bound: float, view: View) -> Evaluation:
+    """Between `sure` and `sure + open`: true or false when every number of that range agrees, else unknown."""
+    names = _iter_range(count.body, view) if any(True for _ in iter_free_stars(count.body)) else [""]
+    values = [(name, _evaluate(_bind(count.body, name), view).truth) for name in names]
+    sure = [name for name, truth in values if truth is Truth.TRUE]
+    unsure = [name for name, truth in values if truth is Truth.UNKNOWN]
+    answers = {_RELATIONS[relation](n, bound) for n in range(len(sure), len(sure) + len(unsure) + 1)}
+    truth = Truth.UNKNOWN if len(answers) == 2 else Truth.TRUE if answers.pop() else Truth.FALSE
+    because = f"{render(count.body)} holds for {len(sure)}: {', '.join(sure) or 'none'}"
+    because += f"; unknown for {', '.join(unsure)}" if unsure else ""
+    measured: dict[str, float | str | bool] = {"count": len(sure), "unknown": len(unsure)}
+    return Evaluation(truth, measured, because, _compute_margin(len(sure), relation, bound))
+
+
+def _compute_margin(value: float, relation: str, bound: float) -> float:
+    match relation:
+        case ">=" | ">":
+            return value - bound
+        case "<=" | "<":
+            return bound - value
+        case "==":
+            return -abs(value - bound)
+    return abs(value - bound)
+
+
+def _measure(call: Call, view: View) -> Reading:
+    definition = get_predicate_library().find(call.name)
+    if definition is None:
+        raise FactUnknown(f"predicate {call.name!r} is not installed")
+    resolved = _resolve(definition, call.terms, view)
+    try:
+        reading = definition.measure(view, *resolved)
+    except (
+        ArithmeticError,
+        LookupError,
+        ValueError,
+    ) as error:  # a malformed entity, or a plug-in that did not expect it
+        raise FactUnknown(f"{render(call)} could not be measured: {type(error).__name__}: {error}") from error
+    numbers = [value for value in reading.measured.values() if isinstance(value, float)]
+    if not all(map(math.isfinite, (reading.value, *numbers))):
+        raise FactUnknown(f"{render(call)} measured a number that is not finite")
+    return reading
+
+
+def _resolve(definition: PredicateDefinition, terms: Sequence[Term], view: View) -> list[Resolved]:
+    resolved: list[Resolved] = []
+    for index, argument in enumerate(definition.arguments):
+        term = terms[index] if index < len(terms) else Number(argument.default or 0.0)
+        match argument.kind, term:
+            case ArgumentKind.NUMBER, Number(value):
+                resolved.append(value)
+            case ArgumentKind.PLACE, Point(position_m):
+                resolved.append(Place(render(Call("", (term,)))[1:-1], Pose(position_m)))
+            case ArgumentKind.PLACE, Name(text):
+                resolved.append(get_place(view, text, definition.max_age_s))
+            case ArgumentKind.TARGET, Name("target"):
+                if view.target is None:
+                    raise FactUnknown("there is no session whose target 'target' could mean")
+                resolved.append(view.target)
+            case ArgumentKind.ENTITY, Name(text) if not definition.by_name:
+                resolved.append(get_entity(view, text, definition.max_age_s))
+            case (
+                (ArgumentKind.ENTITY | ArgumentKind.CONTAINER | ArgumentKind.TARGET | ArgumentKind.METRIC),
+                Name(text),
+            ):
+                resolved.append(text)
+            case _, Variable(path):
+                raise FactUnknown(f"${{{path}}} was never substituted")
+            case _:
+                raise FactUnknown(f"{argument.name!r} of {definition.signature} does not take {term}")
+    return resolved
+
+
+def _iter_range(formula: Formula, view: View) -> list[str]:
+    """Movable things, now or in the initial snapshot, that the formula does not name; in order of their names."""
+    named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
+    snapshots = (view.now, view.initial) if view.initial is not None else (view.now,)
+    return sorted(
+        {e.name for snapshot in snapshots for e in snapshot.entities.values() if e.movable and e.name not in named}
+    )
+
+
+def _bind(formula: Formula, name: str, *, into_counts: bool = True) -> Formula:
+    """The formula about one thing: each `*` replaced by its name."""
+
+    def change(call: Call) -> Call:
+        return replace(call, terms=tuple(Name(name) if isinstance(term, Star) else term for term in call.terms))
+
+    return map_calls(formula, change, into_counts=into_counts) if name else formula
+
+
+def _doubt(reading: Reading) -> Evaluation:
+    because = f"{reading.because}, which is within what the measurement may be off"
+    return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0)
+
+
+def _unknown(because: str) -> Evaluation:
+    return Evaluation(Truth.UNKNOWN, {}, because, 0.0)

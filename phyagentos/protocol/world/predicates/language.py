@@ -1,0 +1,200 @@
+"""The grammar of predicates: text to syntax tree. Knows no predicate by meaning; see `predicate_library`.
+
+    predicate := all ("or" all)*
+    all       := unary ("and" unary)*
+    unary     := "not" unary | "(" predicate ")" | atom
+    atom      := call [relation number]          relation is one of >= <= > < == !=
+    call      := "count" "(" predicate ")" | name "(" [term ("," term)*] ")"
+    term      := name | "*" | "${" path "}" | number | "(" number "," number "," number ")"
+
+A tokenizer and a recursive descent are a page of code; a parser generator would be one more dependency and would give
+worse messages.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from phyagentos.protocol.world.predicates.syntax import (
+    And,
+    Call,
+    Compare,
+    Count,
+    Formula,
+    Name,
+    Not,
+    Number,
+    Or,
+    Point,
+    Star,
+    Term,
+    Variable,
+)
+
+RELATIONS = (">=", "<=", "==", "!=", ">", "<")
+_KEYWORDS = frozenset({"and", "or", "not", "count"})
+_NUMBER = re.compile(r"[+-]?(\d+\.\d*|\.\d+|\d+)([eE][+-]?\d+)?")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_VARIABLE = re.compile(r"\$\{([^{}]+)\}")
+
+
+class PredicateSyntaxError(ValueError):
+    """Text that is no predicate.
+
+    Attributes:
+        column: Where, counted from 1.
+        found: The offending piece.
+        expected: What would have been possible there.
+    """
+
+    def __init__(self, column: int, found: str, expected: str) -> None:
+        self.column, self.found, self.expected = column, found, expected
+        super().__init__(f"column {column}: found {found}; expected {expected}")
+
+
+def parse(text: str) -> Formula:
+    """Parse one predicate.
+
+    Raises:
+        PredicateSyntaxError: With the column of the first offending piece.
+    """
+    parser = _Parser(tuple(_iter_tokens(text)))
+    formula = parser.parse_or()
+    parser.expect("end")
+    return formula
+
+
+@dataclass(frozen=True, slots=True)
+class _Token:
+    kind: str  # name, number, variable, end, or the sign or keyword itself
+    text: str
+    column: int
+
+
+def _iter_tokens(text: str) -> Iterator[_Token]:
+    position = 0
+    while position < len(text):
+        column = position + 1
+        if text[position].isspace():
+            position += 1
+        elif match := _VARIABLE.match(text, position):
+            yield _Token("variable", match[1].strip(), column)
+            position = match.end()
+        elif match := _NUMBER.match(text, position):
+            yield _Token("number", match[0], column)
+            position = match.end()
+        elif match := _NAME.match(text, position):
+            yield _Token(match[0] if match[0] in _KEYWORDS else "name", match[0], column)
+            position = match.end()
+        else:
+            sign = next((sign for sign in (*RELATIONS, "(", ")", ",", "*") if text.startswith(sign, position)), None)
+            if sign is None:
+                raise PredicateSyntaxError(column, repr(text[position]), "a name, a number, '*', '(', or a comparison")
+            yield _Token(sign, sign, column)
+            position += len(sign)
+    yield _Token("end", "the end", len(text) + 1)
+
+
+class _Parser:
+    """Recursive descent, one method a rule of the grammar."""
+
+    def __init__(self, tokens: tuple[_Token, ...]) -> None:
+        self._tokens = tokens
+        self._position = 0
+        self._depth = 0
+
+    @property
+    def _now(self) -> _Token:
+        return self._tokens[self._position]
+
+    def expect(self, *kinds: str, what: str = "") -> _Token:
+        """Take the next token, which must be one of `kinds`."""
+        token = self._now
+        if token.kind not in kinds:
+            found = token.text if token.kind == "end" else repr(token.text)
+            raise PredicateSyntaxError(token.column, found, what or " or ".join(map(repr, kinds)))
+        self._position = min(self._position + 1, len(self._tokens) - 1)
+        return token
+
+    def _take(self, *kinds: str) -> _Token | None:
+        return self.expect(*kinds) if self._now.kind in kinds else None
+
+    def parse_or(self) -> Formula:
+        parts = [self._parse_and()]
+        while self._take("or"):
+            parts.append(self._parse_and())
+        return parts[0] if len(parts) == 1 else Or(tuple(parts))
+
+    def _parse_and(self) -> Formula:
+        parts = [self._parse_unary()]
+        while self._take("and"):
+            parts.append(self._parse_unary())
+        return parts[0] if len(parts) == 1 else And(tuple(parts))
+
+    def _parse_unary(self) -> Formula:
+        self._depth += 1
+        if self._depth > 50:
+            raise PredicateSyntaxError(self._now.column, "more than 50 levels", "a flatter predicate")
+        try:
+            if self._take("not"):
+                return Not(self._parse_unary())
+            if self._take("("):
+                inner = self.parse_or()
+                self.expect(")")
+                return inner
+            return self._parse_atom()
+        finally:
+            self._depth -= 1
+
+    def _parse_atom(self) -> Formula:
+        head = self.expect("name", "count", what="a predicate, 'not' or '('")
+        self.expect("(")
+        left: Call | Count
+        if head.kind == "count":
+            left = Count(self.parse_or(), head.column)
+        else:
+            left = Call(head.text, self._parse_terms(), head.column)
+        self.expect(")", what="',' or ')'")
+        relation = self._take(*RELATIONS)
+        if relation is None:
+            return left
+        return Compare(left, relation.kind, self._parse_number("a number"))
+
+    def _parse_terms(self) -> tuple[Term, ...]:
+        if self._now.kind == ")":
+            return ()
+        terms = [self._parse_term()]
+        while self._take(","):
+            terms.append(self._parse_term())
+        return tuple(terms)
+
+    def _parse_term(self) -> Term:
+        token = self.expect("name", "*", "variable", "number", "(", what="a name, '*', a number or a point (x, y, z)")
+        match token.kind:
+            case "name":
+                return Name(token.text, token.column)
+            case "*":
+                return Star(token.column)
+            case "variable":
+                return Variable(token.text, token.column)
+            case "number":
+                return Number(_to_float(token), token.column)
+        x = self._parse_coordinate(",")
+        y = self._parse_coordinate(",")
+        return Point((x, y, self._parse_coordinate(")")), token.column)
+
+    def _parse_coordinate(self, then: str) -> float:
+        value = self._parse_number("a coordinate [m]")
+        self.expect(then)
+        return value
+
+    def _parse_number(self, what: str) -> float:
+        return _to_float(self.expect("number", what=what))
+
+
+def _to_float(token: _Token) -> float:
+    value = float(token.text)
+    if not math.isfinite(value):
+        raise PredicateSyntaxError(token.column, token.text, "a finite number")
+    return value

@@ -1,0 +1,213 @@
+"""The registry of predicates: what each is called, takes, measures, and how old its facts may be.
+
+A plug-in is a `PredicateDefinition`; installed packages announce theirs by the entry point group
+`phyagentos.predicates` (an iterable of definitions). Importing this module registers nothing.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cache
+from importlib.metadata import entry_points
+
+from phyagentos.protocol.world.environment import Entity, Environment, Pose
+from phyagentos.protocol.world.predicates.geometry import Vector, compute_center, to_parent
+
+AHEAD_S = 1.0  # touch tells of a held thing between two looks; nothing is seen later than that after its snapshot
+ENTRY_POINT_GROUP = "phyagentos.predicates"
+
+
+class FactUnknown(Exception):
+    """The evidence does not tell: missing, not visible, or too old."""
+
+
+class ArgumentKind(StrEnum):
+    """What an argument names."""
+
+    ENTITY = "entity"
+    """A thing in the world."""
+    CONTAINER = "container"
+    """The name of a thing or a region that other things are in or on; `measure` gets the name."""
+    PLACE = "place"
+    """A thing, a named region, or a point `(x, y, z)`."""
+    TARGET = "target"
+    """A target; the word `target` means the session's own."""
+    METRIC = "metric"
+    """The name of a number that was measured during the session."""
+    NUMBER = "number"
+    """A number in the unit that the argument's name carries."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """What a predicate is evaluated on.
+
+    Attributes:
+        now: The snapshot that is judged.
+        initial: The snapshot that changes are measured against, None when there is none.
+        target: What the word `target` means, None when nothing.
+        metrics: What was measured on the way, by name; units in the names.
+        max_age_s: How old a fact about a movable thing may be at most, whatever a predicate allows.
+    """
+
+    now: Environment
+    initial: Environment | None = None
+    target: str | None = None
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    max_age_s: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A box of space in the world; a point is a box without extent.
+
+    Attributes:
+        name: As written.
+        pose: `world_T_box`, the box's centre.
+        half_m: (3,) half extents [m].
+    """
+
+    name: str
+    pose: Pose
+    half_m: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a predicate found.
+
+    Attributes:
+        value: For a number: the number. For a statement: its margin, 0 or more when it is true, without unit
+            (1 = as true as its tolerance is wide), so that samples can be ordered from worst to best.
+        measured: The numbers that decided; units in the names.
+        because: The finding as a fact, worded so that it stands whichever way the predicate is used.
+        doubt: How far the value may be off, in its own unit, by the stated uncertainty of what was measured; a value
+            that this could turn over is unknown.
+    """
+
+    value: float
+    measured: dict[str, float | str | bool]
+    because: str
+    doubt: float = 0.0
+
+
+Resolved = Entity | Place | str | float
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """One argument: name, kind, and a default for numbers that may be left out."""
+
+    name: str
+    kind: ArgumentKind
+    default: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PredicateDefinition:
+    """One predicate.
+
+    Attributes:
+        name: As written.
+        arguments: In order; those with a default come last.
+        measure: Called with the view and the resolved arguments; raises `FactUnknown`.
+        is_number: True when it measures a number that must be compared, False when it is a statement.
+        max_age_s: How old [s] an observation of a movable thing may be.
+        lasting: Whether it tells where the world stands (`inside`) rather than a passing fact (`holding`, `moved`).
+        by_name: True when `measure` wants the names of entities and looks itself.
+        description: One sentence for people.
+    """
+
+    name: str
+    arguments: tuple[Argument, ...]
+    measure: Callable[..., Reading]
+    is_number: bool = False
+    max_age_s: float = 5.0
+    lasting: bool = True
+    by_name: bool = False
+    description: str = ""
+
+    @property
+    def signature(self) -> str:
+        """`near(a, b, distance_m=0.1)`."""
+        shown = [a.name if a.default is None else f"{a.name}={a.default:g}" for a in self.arguments]
+        return f"{self.name}({', '.join(shown)})"
+
+
+class PredicateLibrary:
+    """Predicates by name."""
+
+    def __init__(self) -> None:
+        self._definitions: dict[str, PredicateDefinition] = {}
+
+    def register(self, definition: PredicateDefinition) -> None:
+        """Add one predicate.
+
+        Raises:
+            ValueError: When the name is taken; a plug-in never replaces another.
+        """
+        if definition.name in self._definitions:
+            raise ValueError(f"predicate {definition.name!r} is registered already")
+        self._definitions[definition.name] = definition
+
+    def find(self, name: str) -> PredicateDefinition | None:
+        """The predicate of this name, or None."""
+        return self._definitions.get(name)
+
+    def names(self) -> list[str]:
+        """Every name, sorted."""
+        return sorted(self._definitions)
+
+    def __iter__(self) -> Iterator[PredicateDefinition]:
+        return (self._definitions[name] for name in self.names())
+
+
+@cache
+def get_predicate_library() -> PredicateLibrary:
+    """The built-in predicates and those that installed packages announce."""
+    from phyagentos.protocol.world.predicates.builtins import BUILTINS
+
+    library = PredicateLibrary()
+    for definition in BUILTINS:
+        library.register(definition)
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
+        for definition in point.load():
+            library.register(definition)
+    return library
+
+
+def get_entity(view: View, name: str, max_age_s: float) -> Entity:
+    """What is known of a thing, fresh enough to be believed.
+
+    Raises:
+        FactUnknown: When it is missing, was not visible, or was seen too long ago. Fixed things do not age.
+    """
+    entity = view.now.entities.get(name)
+    if entity is None:
+        raise FactUnknown(f"{name} is not in the snapshot")
+    if entity.movable:
+        age_s, allowed_s = view.now.time_s - entity.observed_at_s, min(max_age_s, view.max_age_s)
+        if not entity.visible:
+            raise FactUnknown(f"{name} was not visible")
+        if not age_s >= -AHEAD_S:  # also when it is NaN
+            raise FactUnknown(f"{name} is said to be seen {-age_s:.1f} s after the snapshot")
+        if not age_s <= allowed_s:
+            raise FactUnknown(f"{name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s")
+    return entity
+
+
+def get_place(view: View, name: str, max_age_s: float) -> Place:
+    """A region, the interior of a thing, or the centre of a thing without one.
+
+    Raises:
+        FactUnknown: As `get_entity`.
+    """
+    region = view.now.regions.get(name)
+    if region is not None:
+        return Place(name, region.pose, region.half_m)
+    entity = get_entity(view, name, max_age_s)
+    if entity.interior is None:
+        return Place(name, Pose(compute_center(entity), entity.pose.quaternion_wxyz))
+    center = to_parent(entity.pose, entity.interior.center_m)
+    return Place(name, Pose(center, entity.pose.quaternion_wxyz), entity.interior.half_m)

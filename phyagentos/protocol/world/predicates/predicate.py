@@ -1,0 +1,275 @@
+"""Predicates: one small language for preconditions, hold conditions, acceptance, goals and benchmarks.
+
+Upstream: authored files and contracts. Downstream: preflight, recorder, verifier, selector. A predicate is evaluated on
+snapshots of the world to Kleene's three values; what is missing, unseen or stale is unknown, and unknown is never
+success. Paper section 4.2.
+
+The quantifier `*` stands for a movable thing that the same scope does not name. Inside `count(...)` it is counted; any
+other `*` means "for every one", over the whole predicate: `not moved(*)` is "nothing moved", and
+`moved(red_cube) and not moved(*)` is "red_cube moved and nothing else did". With nothing to range over it is unknown.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import zip_longest
+from typing import Any
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.evaluation import Evaluation, evaluate, worse
+from phyagentos.protocol.world.predicates.language import PredicateSyntaxError, parse
+from phyagentos.protocol.world.predicates.library import ArgumentKind, PredicateDefinition, View, get_predicate_library
+from phyagentos.protocol.world.predicates.syntax import (
+    And,
+    Call,
+    Compare,
+    Count,
+    Formula,
+    Name,
+    Not,
+    Number,
+    Or,
+    Point,
+    Star,
+    Term,
+    Variable,
+    format_value,
+    iter_calls,
+    map_calls,
+    render,
+)
+
+__all__ = [
+    "Evaluation",
+    "Predicate",
+    "Reference",
+    "View",
+    "find_entities",
+    "find_things",
+    "has_metric",
+    "is_metric_only",
+    "iter_entities",
+    "iter_metrics",
+    "parse_predicate",
+    "substitute",
+    "worse",
+]
+
+_REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
+_TAKES = {
+    Name: (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE, ArgumentKind.TARGET, ArgumentKind.METRIC),
+    Star: (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE),
+    Variable: tuple(ArgumentKind),
+    Number: (ArgumentKind.NUMBER,),
+    Point: (ArgumentKind.PLACE,),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A name that a predicate mentions, what kind of thing it must be, and its column in the text."""
+
+    name: str
+    kind: ArgumentKind
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
+class Predicate:
+    """One checked predicate.
+
+    Attributes:
+        formula: Its syntax tree.
+        text: The canonical text, so that equal meanings as written compare equal.
+    """
+
+    formula: Formula
+    text: str = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", render(self.formula))
+
+    def __str__(self) -> str:
+        return self.text
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """Paths of the `${...}` that are not substituted yet, in order."""
+        terms = (term for call in iter_calls(self.formula) for term in call.terms)
+        return tuple(dict.fromkeys(term.path for term in terms if isinstance(term, Variable)))
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether every part tells where the world stands, rather than a passing fact such as `holding`."""
+        library = get_predicate_library()
+        found = (library.find(call.name) for call in iter_calls(self.formula))
+        return all(definition is not None and definition.lasting for definition in found)
+
+    def iter_references(self) -> Iterator[Reference]:
+        """Every name it mentions, left to right; names of metrics are none of the world's."""
+        for call in iter_calls(self.formula):
+            definition = get_predicate_library().find(call.name)
+            for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
+                if isinstance(term, Name) and argument.kind is not ArgumentKind.METRIC:
+                    yield Reference(term.text, argument.kind, term.column)
+
+    def rename_targets(self, targets: Mapping[str, str]) -> "Predicate":
+        """The same predicate with target roles replaced by the targets they stand for."""
+        if not any(role in self.text for role in targets):
+            return self
+
+        def change(call: Call) -> Call:
+            definition = get_predicate_library().find(call.name)
+            kinds = [argument.kind for argument in definition.arguments] if definition else []
+            terms = [
+                Name(targets.get(term.text, term.text))
+                if isinstance(term, Name) and kind is ArgumentKind.TARGET
+                else term
+                for term, kind in zip_longest(call.terms, kinds[: len(call.terms)])
+            ]
+            return replace(call, terms=tuple(terms))
+
+        return Predicate(map_calls(self.formula, change))
+
+    def evaluate(self, view: View) -> Evaluation:
+        """Its value on snapshots. Never raises: what cannot be told is unknown."""
+        return evaluate(self.formula, view)
+
+
+def parse_predicate(text: str, *, address: str = "predicate", template: bool = False) -> Predicate:
+    """Parse and check one predicate.
+
+    Args:
+        text: As authored.
+        address: Where it stands, for messages.
+        template: Whether `${...}` may remain in it, as in SKILL.md.
+
+    Raises:
+        DefinitionError: With every problem: the column inside the text, what is possible, the nearest name.
+    """
+    predicate, findings = _parse(text, template)
+    if predicate is None or findings:
+        raise DefinitionError(
+            [
+                Problem(
+                    code=code,
+                    address=address,
+                    found=f"{found} at column {column} of {text!r}",
+                    expected=expected,
+                    hint=hint,
+                )
+                for code, column, found, expected, hint in findings
+            ]
+        )
+    return predicate
+
+
+def iter_entities(predicate: Predicate) -> Iterator[str]:
+    """Names of the things and places it mentions, left to right, each once."""
+    names = (ref.name for ref in predicate.iter_references() if ref.kind is not ArgumentKind.TARGET)
+    return iter(dict.fromkeys(names))
+
+
+def find_entities(text: str) -> tuple[str, ...]:
+    """Names of the things and places that a text mentions; none when it is no predicate, as what a model says."""
+    predicate, findings = _parse(text, False)
+    return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
+
+
+def find_things(text: str, world: Environment) -> tuple[str, ...]:
+    """What a text speaks of: the names that it mentions, and every movable thing when it says `*`."""
+    movable = [name for name, entity in world.entities.items() if entity.movable] if "*" in text else []
+    return tuple(dict.fromkeys((*find_entities(text), *movable)))
+
+
+def iter_metrics(text: str) -> Iterator[str]:
+    """Names of the metrics that a predicate compares, left to right; none of text that is no predicate."""
+    predicate, _ = _parse(text, True)
+    for call in iter_calls(predicate.formula) if predicate is not None else ():
+        definition = get_predicate_library().find(call.name)
+        for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
+            if isinstance(term, Name) and argument.kind is ArgumentKind.METRIC:
+                yield term.text
+
+
+@lru_cache(maxsize=4096)
+def has_metric(text: str) -> bool:
+    """Whether a predicate compares a metric."""
+    return any(True for _ in iter_metrics(text))
+
+
+def is_metric_only(predicate: Predicate) -> bool:
+    """Whether a predicate compares metrics and asks nothing of the world."""
+    found = [get_predicate_library().find(call.name) for call in iter_calls(predicate.formula)]
+    return all(
+        each is not None and each.arguments[:1] and each.arguments[0].kind is ArgumentKind.METRIC for each in found
+    )
+
+
+def substitute(text: str, parameters: Mapping[str, Any]) -> str:
+    """Replace each `${path}` that `parameters` holds by its value, points as `(x, y, z)`; leave the others."""
+    return _REFERENCE.sub(lambda m: format_value(parameters[m[1]]) if m[1] in parameters else m[0], text)
+
+
+_Finding = tuple[str, int, str, str, str]  # code, column, found, expected, hint
+
+
+@lru_cache(maxsize=4096)
+def _parse(text: str, template: bool) -> tuple[Predicate | None, tuple[_Finding, ...]]:
+    try:
+        formula = parse(text)
+    except PredicateSyntaxError as error:
+        return None, (("PREDICATE_SYNTAX", error.column, error.found, error.expected, ""),)
+    findings = [finding for call in iter_calls(formula) for finding in _iter_call_findings(call, template)]
+    findings += _iter_use_findings(formula)
+    return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[1]))
+
+
+def _iter_call_findings(call: Call, template: bool) -> Iterator[_Finding]:
+    library = get_predicate_library()
+    definition = library.find(call.name)
+    if definition is None:
+        hint = format_hint(call.name, library.names())
+        yield "UNKNOWN_PREDICATE", call.column, repr(call.name), format_names(library.names()), hint
+        return
+    least = sum(argument.default is None for argument in definition.arguments)
+    if not least <= len(call.terms) <= len(definition.arguments):
+        yield "WRONG_ARGUMENTS", call.column, f"{len(call.terms)} arguments", definition.signature, ""
+    for argument, term in zip(definition.arguments, call.terms, strict=False):
+        if argument.kind not in _TAKES[type(term)]:
+            yield "WRONG_ARGUMENT", term.column, format_term(term), f"{argument.kind} {argument.name!r}", ""
+        elif isinstance(term, Variable) and not template:
+            hint = "Write the value, or check the spelling of the reference."
+            yield "UNKNOWN_REFERENCE", term.column, format_term(term), "a parameter that is known here", hint
+
+
+def format_term(term: Term) -> str:
+    """A term as it was written."""
+    return render(Call("", (term,)))[1:-1]
+
+
+def _iter_use_findings(formula: Formula) -> Iterator[_Finding]:
+    """Numbers that are not compared, statements that are."""
+    match formula:
+        case Compare(left):
+            if isinstance(left, Count):
+                yield from _iter_use_findings(left.body)
+            elif (definition := _find(left)) and not definition.is_number:
+                hint = f"Write {render(left)!r} or 'not {render(left)}'."
+                yield "NOT_A_NUMBER", left.column, f"{left.name!r} compared", "a number, or no comparison", hint
+        case Count(_, column):
+            yield "NOT_COMPARED", column, "'count'", "a comparison such as '>= 1'", ""
+        case Call(name, _, column):
+            if (definition := _find(formula)) and definition.is_number:
+                yield "NOT_COMPARED", column, repr(name), "a comparison such as '< 0.2'", ""
+        case Not(body):
+            yield from _iter_use_findings(body)
+        case And(parts) | Or(parts):
+            for part in parts:
+                yield from _iter_use_findings(part)
+
+
+def _find(call: Call) -> PredicateDefinition | None:
+    return get_predicate_library().find(call.name)

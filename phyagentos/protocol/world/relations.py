@@ -1,0 +1,96 @@
+"""Relations between things, computed from one snapshot: what is on, inside, held, near, left of, open.
+
+Upstream: an Environment. Downstream: ENVIRONMENT.md. `inside`, `on`, `near`, `open` and `closed` are the
+predicates that verdicts use. `left_of` is meant as one looks along x of the world, away from the robot's mount: towards
+greater y.
+"""
+
+import math
+from collections.abc import Iterator
+
+from phyagentos.protocol.world.environment import Entity, Environment, Relation
+from phyagentos.protocol.world.predicates.evaluation import Evaluation, evaluate
+from phyagentos.protocol.world.predicates.geometry import compute_center
+from phyagentos.protocol.world.predicates.library import View
+from phyagentos.protocol.world.predicates.syntax import Call, Name
+from phyagentos.protocol.world.truth import Truth
+
+RELATIONS_MAX = 200  # places first, neighbours after them
+NEIGHBOUR_M = 0.15  # farther apart, left and right say nothing
+ASIDE_M = 0.02  # less than this to the side is in front or behind
+
+
+def compute_relations(environment: Environment) -> tuple[Relation, ...]:
+    """Every relation that is true in a snapshot, those about places first."""
+    found = [*_iter_places(environment), *_iter_joints(environment), *_iter_neighbours(environment)]
+    return tuple(found[:RELATIONS_MAX])
+
+
+def find_places(entity: Entity, environment: Environment) -> list[Relation]:
+    """What a thing is inside of, else what it is on; empty for what is fixed or held."""
+    if entity.held_by or not entity.movable:
+        return []
+    others = [other for other in environment.entities.values() if other.name != entity.name]
+    interiors = [*environment.regions, *(other.name for other in others if other.interior)]
+    for name, places in (("inside", interiors), ("on", [other.name for other in others])):
+        found = [relation for place in places if (relation := _judge(name, (entity.name, place), environment))]
+        if found:
+            return found
+    return []
+
+
+def _iter_places(environment: Environment) -> Iterator[Relation]:
+    for entity in environment.entities.values():
+        if entity.held_by:
+            width_m = {name: state.gripper_width_m for name, state in environment.targets.items()}
+            measured: dict[str, float | str | bool] = {}
+            if entity.held_by in width_m:
+                measured["gripper_width_m"] = round(width_m[entity.held_by], 5)
+            yield _relate("holding", (entity.held_by, entity.name), measured, entity)
+        yield from find_places(entity, environment)
+
+
+def _iter_joints(environment: Environment) -> Iterator[Relation]:
+    for entity in environment.entities.values():
+        if entity.joint is not None:
+            for name in ("open", "closed"):
+                if relation := _judge(name, (entity.name,), environment):
+                    yield relation
+
+
+def _iter_neighbours(environment: Environment) -> Iterator[Relation]:
+    loose = [entity for entity in environment.entities.values() if entity.movable and entity.visible]
+    for index, one in enumerate(loose):
+        for other in loose[index + 1 :]:
+            here, there = compute_center(one), compute_center(other)
+            if math.dist(here, there) > NEIGHBOUR_M:
+                continue
+            if relation := _judge("near", (one.name, other.name), environment):
+                yield relation
+            aside_m = here[1] - there[1]
+            if abs(aside_m) > ASIDE_M:
+                pair = (one, other) if aside_m > 0 else (other, one)
+                measured: dict[str, float | str | bool] = {"aside_m": round(abs(aside_m), 4)}
+                yield _relate("left_of", (pair[0].name, pair[1].name), measured, *pair)
+
+
+def _judge(name: str, arguments: tuple[str, ...], environment: Environment) -> Relation | None:
+    view = View(now=environment, initial=None, target=None)
+    evaluation: Evaluation = evaluate(Call(name, tuple(Name(argument) for argument in arguments)), view)
+    if evaluation.truth is not Truth.TRUE:
+        return None
+    entities = [environment.entities[argument] for argument in arguments if argument in environment.entities]
+    return _relate(name, arguments, dict(evaluation.measured), *entities)
+
+
+def _relate(
+    name: str, arguments: tuple[str, ...], measured: dict[str, float | str | bool], *entities: Entity
+) -> Relation:
+    movable = [entity for entity in entities if entity.movable] or list(entities)
+    return Relation(
+        name=name,
+        arguments=arguments,
+        measured=measured,
+        observed_at_s=min((entity.observed_at_s for entity in movable), default=0.0),
+        source=", ".join(dict.fromkeys(entity.source for entity in movable if entity.source)),
+    )

@@ -1,0 +1,240 @@
+"""A scene as data: bodies, materials, regions, cameras, lights and what is drawn at random.
+
+Upstream: `scenes/<name>.yaml`. Downstream: the world process builds a model from it; the lint knows its names. Sizes
+are half extents in metres, angles radians, poses in the frame `world` (z up; the robot's base stands at its mount).
+"""
+
+from pathlib import Path
+from typing import Literal
+
+import pydantic
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, salvage
+from phyagentos.protocol.world.environment import ShapeKind
+
+Number3 = tuple[float, float, float]
+Span = tuple[float, float]
+Color = tuple[float, float, float, float]
+
+_SIZES = {ShapeKind.BOX: 3, ShapeKind.CYLINDER: 2, ShapeKind.CAPSULE: 2, ShapeKind.SPHERE: 1}
+
+
+class Texture(Authored):
+    """A texture that the simulator makes itself."""
+
+    builtin: Literal["flat", "gradient", "checker"] = "flat"
+    rgb1: Number3 = (1.0, 1.0, 1.0)
+    rgb2: Number3 = (0.5, 0.5, 0.5)
+    repeat: Span = (1.0, 1.0)
+    random: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
+
+
+class Material(Authored):
+    """How a surface looks."""
+
+    rgba: Color = (1.0, 1.0, 1.0, 1.0)
+    specular: float = 0.3
+    shininess: float = 0.3
+    reflectance: float = 0.0
+    texture: Texture | None = None
+
+
+class Solid(Authored):
+    """One primitive of a body, in the body's frame; `decor` is seen but touches nothing."""
+
+    kind: ShapeKind
+    size_m: tuple[float, ...]
+    position_m: Number3 = (0.0, 0.0, 0.0)
+    euler_rad: Number3 = (0.0, 0.0, 0.0)
+    material: str | None = None
+    decor: bool = False
+
+    @pydantic.model_validator(mode="after")
+    def _check_size(self) -> "Solid":
+        if len(self.size_m) != _SIZES[self.kind] or min(self.size_m) <= 0.0:
+            raise ValueError(f"a {self.kind} has {_SIZES[self.kind]} positive half sizes [m], found {self.size_m}")
+        return self
+
+
+class Placement(Authored):
+    """Where a body stands when the scene begins.
+
+    Attributes:
+        position_m: Fixed part of the position.
+        jitter_m: Half width of the uniform spread around it, per axis.
+        area: Name of an area to draw x and y from instead.
+        frame: Name of an earlier body in whose frame the position is meant.
+        yaw_rad: Lowest and highest turn about z.
+    """
+
+    position_m: Number3 = (0.0, 0.0, 0.0)
+    jitter_m: Number3 = (0.0, 0.0, 0.0)
+    area: str | None = None
+    frame: str | None = None
+    yaw_rad: Span = (0.0, 0.0)
+
+
+class Inside(Authored):
+    """The box in which something counts as inside, in the body's frame."""
+
+    center_m: Number3
+    half_m: Number3
+
+
+class Joint(Authored):
+    """One degree of freedom against the world: a drawer that slides, a door that turns.
+
+    Attributes:
+        kind: `slide` along the axis, or `hinge` about it.
+        axis: (3,) direction of opening, in the body's frame; vertical for a hinge.
+        anchor_m: (3,) a point of a hinge's axis, in the body's frame.
+        travel: From closed to open [m], or [rad] for a hinge.
+        opening: Least and greatest fraction of the travel by which it stands open when the scene begins.
+        damping: [N s/m], or [N m s/rad].
+        friction: Dry friction [N], or [N m].
+    """
+
+    kind: Literal["slide", "hinge"]
+    axis: Number3
+    anchor_m: Number3 = (0.0, 0.0, 0.0)
+    travel: float = pydantic.Field(gt=0.0, le=3.2)
+    opening: Span = (0.0, 0.0)
+    damping: float = pydantic.Field(default=5.0, ge=0.0)
+    friction: float = pydantic.Field(default=1.0, ge=0.0)
+
+    @pydantic.model_validator(mode="after")
+    def _check_joint(self) -> "Joint":
+        if abs(sum(value * value for value in self.axis) - 1.0) > 1e-6:
+            raise ValueError(f"the axis of a joint has length 1, found {self.axis}")
+        if self.kind == "hinge" and abs(self.axis[2]) < 1.0 - 1e-6:
+            raise ValueError("the axis of a hinge is vertical: [0, 0, 1] or [0, 0, -1]")
+        if not 0.0 <= self.opening[0] <= self.opening[1] <= 1.0:
+            raise ValueError(f"opening is two rising fractions, found {self.opening}")
+        return self
+
+
+class Body(Authored):
+    """One thing of the scene; its name is the name of the simulator's body.
+
+    Attributes:
+        mass_kg: Nominal mass; the true one where nothing else is said.
+        mass_span_kg: Least and greatest mass, where it is not known better; each seed draws the true one.
+        grip_span: Least and greatest coefficient of friction against the finger pads, where the surface of the thing
+            decides over that of the pads; each seed draws the true one.
+        joint: How it moves against the world; absent for what stands fixed or moves freely.
+        part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:
+            it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
+    """
+
+    kind: str
+    color: str = ""
+    fixed: bool = False
+    mass_kg: float = pydantic.Field(default=0.1, gt=0.0)
+    friction: Number3 = (1.0, 0.02, 0.001)
+    shapes: tuple[Solid, ...] = pydantic.Field(min_length=1)
+    material: str | None = None
+    interior: Inside | None = None
+    place: Placement = Placement()
+    stretch_z: Span | None = None
+    mass_span_kg: Span | None = None
+    grip_span: Span | None = None
+    joint: Joint | None = None
+    part_of: str | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_mobility(self) -> "Body":
+        if self.joint is not None and (self.fixed or self.part_of):
+            raise ValueError("what has a joint is neither fixed nor part of another body")
+        if self.part_of and (self.fixed or self.place.area or self.place.frame or any(self.place.jitter_m)):
+            raise ValueError("a part stands where place.position_m says in the frame of its whole, and is not fixed")
+        return self
+
+
+class Area(Authored):
+    """A rectangle to draw positions from, with a smallest distance between those drawn."""
+
+    x_m: Span
+    y_m: Span
+    spacing_m: float = 0.0
+
+
+class NamedRegion(Authored):
+    """A named box of space in which things may be put."""
+
+    center_m: Number3
+    half_m: Number3
+    body: str | None = None
+
+
+class Camera(Authored):
+    """A camera that looks at a point."""
+
+    position_m: Number3
+    target_m: Number3
+    fovy_deg: float = 45.0
+
+
+class Light(Authored):
+    """A lamp."""
+
+    position_m: Number3
+    direction: Number3 = (0.0, 0.0, -1.0)
+    diffuse: Number3 = (0.6, 0.6, 0.6)
+    shadow: bool = True
+
+
+class SceneSpec(Authored):
+    """One scene file."""
+
+    scene: str
+    description: str = ""
+    materials: dict[str, Material] = {}
+    areas: dict[str, Area] = {}
+    bodies: dict[str, Body]
+    regions: dict[str, NamedRegion] = {}
+    cameras: dict[str, Camera]
+    lights: dict[str, Light] = {}
+    settle_s: float = pydantic.Field(default=0.4, ge=0.0, le=10.0)
+
+
+def read_scene(path: Path) -> SceneSpec:
+    """Read one scene.
+
+    Raises:
+        DefinitionError: With every problem, names that refer to nothing included.
+    """
+    located = read_yaml(path)
+    spec, problems = salvage(SceneSpec, located)
+    if spec is None:
+        raise DefinitionError(problems)
+    problems += _find_dangling(spec, located)
+    if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
+        problems.append(located.problem("NAME_MISMATCH", ("scene",), repr(spec.scene), "the file's path below scenes/"))
+    if problems:
+        raise DefinitionError(problems)
+    return spec
+
+
+def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
+    """References to materials, areas and bodies that the file does not have."""
+    problems: list[Problem] = []
+
+    def require(kind: str, name: str | None, known: object, *path: str | int) -> None:
+        names = list(known) if isinstance(known, dict) else []
+        if name is not None and name not in names:
+            problems.append(
+                located.problem(f"UNKNOWN_{kind}", path, repr(name), format_names(names), format_hint(name, names))
+            )
+
+    for name, body in spec.bodies.items():
+        require("MATERIAL", body.material, spec.materials, "bodies", name, "material")
+        require("AREA", body.place.area, spec.areas, "bodies", name, "place", "area")
+        earlier = dict.fromkeys(list(spec.bodies)[: list(spec.bodies).index(name)])
+        require("BODY", body.place.frame, earlier, "bodies", name, "place", "frame")
+        require("BODY", body.part_of, earlier, "bodies", name, "part_of")
+        for index, solid in enumerate(body.shapes):
+            require("MATERIAL", solid.material, spec.materials, "bodies", name, "shapes", index, "material")
+    for name, region in spec.regions.items():
+        require("BODY", region.body, spec.bodies, "regions", name, "body")
+    return problems

@@ -1,0 +1,274 @@
+"""The target session handle: the only door from a worker to its target.
+
+Upstream: `runner` and whatever perceives. Downstream: the world process, over `targets.wire`. It carries the session's
+authority (session, epoch, sequence number, expiry) and lets no command out that the guard has not seen.
+"""
+
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import NoReturn, TypeVar
+
+import numpy as np
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.settings.runtime_contract import WorldMode
+from phyagentos.protocol.settings.safety import TargetLimits
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.actions.collision import PostureCollision
+from phyagentos.runtime.actions.guard import Ruling, SafetyGuard
+from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.targets import wire
+
+EXPIRY_PERIODS = 3  # a command that waits longer than this belongs to a past that nobody sees any more
+REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds; a world that is silent for this long is lost
+LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
+
+OPERATIONS: dict[type[wire.Request], str] = {  # of a session; what is not here belongs to the worker
+    wire.Command: "apply",
+    wire.Observe: "observe",
+    wire.Halt: "halt",
+    wire.Settle: "settle",
+    wire.Render: "render",
+    wire.Capture: "observe",
+}
+
+ReplyT = TypeVar("ReplyT", bound=wire.Reply)
+
+
+class CommandRefused(ExecutionError):
+    """A command that did not get through.
+
+    Attributes:
+        by: `guard`, `target`, or `handle` for what the session's manifest does not hold.
+        violation: What the guard found, None when the target refused.
+        reaction: What was done about it: `refuse`, or a stop by the target's own means.
+    """
+
+    def __init__(
+        self, code: str, message: str, by: str, violation: Violation | None = None, reaction: str = "refuse"
+    ) -> None:
+        self.by = by
+        self.violation = violation
+        self.reaction = reaction
+        super().__init__(code, message)
+
+
+class TargetSessionHandle:
+    """Authority of one session over one target.
+
+    Args:
+        connection: To the world process.
+        limits: Of this target, from safety.yaml.
+        is_stopped: Whether the emergency stop is latched; asked before every command.
+        collision: The guard's stage for what a posture touches; it is told of every session's world.
+
+    Raises:
+        ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
+    """
+
+    def __init__(
+        self,
+        connection: Channel,
+        limits: TargetLimits,
+        *,
+        is_stopped: Callable[[], bool] | None = None,
+        collision: PostureCollision | None = None,
+    ) -> None:
+        self._is_stopped, self._collision = is_stopped, collision
+        self._interventions: list[Intervention] = []
+        self._connection = connection
+        self._here = connection if isinstance(connection, wire.Here) else None
+        self._limits = limits
+        self._description: wire.Description | None = None
+        self._loaded: tuple[Scene, wire.Loaded] | None = None  # this connection's world; nobody else loads scenes
+        self._guard: SafetyGuard | None = None  # of the session that has authority
+        self._made: tuple[wire.Description, SafetyGuard] | None = None  # for the target as it described itself
+        self._session = ""
+        self._epoch = 0
+        self._sequence = 0
+        self._step: wire.Step | None = None
+        self._rests = True
+        self._permitted: frozenset[str] = frozenset(OPERATIONS.values())
+
+    def permit(self, operations: Collection[str]) -> None:
+        """From now on the session may use these operations, and halt: its TargetToolManifest."""
+        self._permitted = frozenset((*operations, "halt"))
+
+    def permits(self, operation: str) -> bool:
+        """Whether the session may use an operation."""
+        return operation in self._permitted
+
+    def describe(self) -> wire.Description:
+        """What the target is; asked once a scene."""
+        if self._description is None:
+            self._description = self._ask(wire.Describe(), wire.Description)
+        return self._description
+
+    def load(self, scene: Scene, state: wire.Array | None = None, *, may_reset: bool = True) -> wire.Loaded:
+        """Make the scene's episode the present world; a no-op when it is, and then nothing is asked.
+
+        Args:
+            scene: Name, seed and episode.
+            state: mjSTATE_INTEGRATION to start from instead of a fresh world (rerun of a recorded session).
+            may_reset: Whether another episode may end for it; else the target refuses with `RESET_FORBIDDEN`.
+        """
+        if state is None and self._loaded is not None and self._loaded[0] == scene:
+            return self._loaded[1]
+        self._description, self._loaded = None, None  # cameras belong to the scene
+        request = wire.LoadScene(
+            scene=scene.name, seed=scene.seed, episode=scene.episode, state=state, may_reset=may_reset
+        )
+        loaded = self._ask(request, wire.Loaded, LOAD_TIMEOUT_S)
+        self._loaded = (scene, loaded) if state is None else None
+        return loaded
+
+    def begin(self, session: str, epoch: int) -> wire.Observation:
+        """Take authority for one session and look once."""
+        self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
+        self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
+        observation = self.observe()
+        description = self.describe()
+        if self._made is None or self._made[0] is not description:
+            touch = self._collision.find_contact if self._collision is not None else None
+            guard = SafetyGuard(self._limits, description, is_stopped=self._is_stopped, find_contact=touch)
+            self._made = (description, guard)
+        self._guard = self._made[1]
+        self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))
+        self._step = wire.Step(
+            time_s=observation.time_s,
+            target=observation.target,
+            tracking_error_rad=0.0,
+        )
+        return observation
+
+    def believe(self, world: Environment) -> None:
+        """From now on the guard holds commanded postures against what stands fixed in this world."""
+        if self._collision is not None:
+            self._collision.update(world.entities.values(), np.asarray(self.step.target.q_rad, dtype=np.float64))
+
+    @property
+    def step(self) -> wire.Step:
+        """The world after the latest command of this session."""
+        if self._step is None:
+            raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
+        return self._step
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the latest command left the arm at rest, so that nothing has to follow it."""
+        return self._rests
+
+    def apply(self, points: SetPoints) -> wire.Step:
+        """Guard one control period and carry it out.
+
+        Raises:
+            CommandRefused: When the guard or the target refuses it: nothing moved, or the target has come to rest by
+                its own means where the reaction is a stop.
+        """
+        if self._guard is None:
+            raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
+        description = self.describe()
+        if self._rests and description.mode == WorldMode.REALTIME:  # time went on while nothing was commanded
+            self.settle(0.0)
+        period_s = description.physics_step_s * description.steps_per_command
+        command = wire.Command(
+            session=self._session,
+            epoch=self._epoch,
+            sequence=self._sequence + 1,
+            expires_at_s=self.step.time_s + EXPIRY_PERIODS * period_s,
+            q_rad=points.q_rad,
+            qd_rad_s=points.qd_rad_s,
+            gripper_width_m=points.gripper_width_m,
+        )
+        ruling = self._guard.judge(command, self.step)
+        self._interventions += ruling.interventions
+        if ruling.command is None:
+            self._refuse(ruling)
+        self._sequence += 1
+        self._step = self._ask(ruling.command, wire.Step)
+        self._rests = not ruling.command.qd_rad_s[-1].any()
+        if self._step.stopped:
+            message = f"the target stopped by itself in the middle of a command: {self._step.stopped}"
+            raise CommandRefused(self._step.stopped, message, "target", reaction="stop_category_2")
+        return self._step
+
+    def take_interventions(self) -> list[Intervention]:
+        """What the guard changed since this was last asked; for the evidence."""
+        taken, self._interventions = self._interventions, []
+        return taken
+
+    def _refuse(self, ruling: Ruling) -> NoReturn:
+        """Stop the target where the reaction is a stop, then say why."""
+        violation = ruling.violation
+        if violation is None:
+            raise ExecutionError("PROTOCOL_BROKEN", "a command was refused for no reason")
+        if ruling.reaction.startswith("stop"):
+            category = int(ruling.reaction[-1])
+            self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category), wire.Step)
+        message = f"the guard refused a command: {violation}"
+        raise CommandRefused(violation.code, message, "guard", violation, ruling.reaction)
+
+    def observe(self) -> wire.Observation:
+        """Everything that is sensed now; time does not move."""
+        return self._ask(wire.Observe(), wire.Observation)
+
+    def halt(self) -> wire.Step:
+        """Let the target bring itself to rest."""
+        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch), wire.Step)
+        return self._step
+
+    def settle(self, duration_s: float) -> wire.Step:
+        """Hold still for `duration_s` [s] of the target's time."""
+        request = wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s)
+        self._step = self._ask(request, wire.Step)
+        return self._step
+
+    def end(self) -> wire.Ended:
+        """Give authority back."""
+        ended = self._ask(wire.End(session=self._session, epoch=self._epoch), wire.Ended)
+        self._guard, self._step = None, None
+        return ended
+
+    def render(self, camera: str, width: int = 640, height: int = 480) -> wire.Picture:
+        """A picture of the present; empty when the world cannot render."""
+        return self._ask(wire.Render(camera=camera, width=width, height=height), wire.Picture, LOAD_TIMEOUT_S)
+
+    def capture(
+        self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None, every: int = 1
+    ) -> wire.Frames:
+        """The latest frames of these RGB-D cameras, all of them when none is named; time does not move."""
+        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every), wire.Frames, LOAD_TIMEOUT_S)
+
+    def save_model(self, folder: Path) -> None:
+        """Let the world write its compiled model into `folder`."""
+        self._ask(wire.SaveModel(folder=str(folder)), wire.Ack, LOAD_TIMEOUT_S)
+
+    def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
+        operation = OPERATIONS.get(type(request))
+        if operation is not None and operation not in self._permitted:
+            raise CommandRefused(
+                "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
+            )
+        reply = self._here.ask(request) if self._here is not None else self._exchange(request, timeout_s)
+        if isinstance(reply, wire.Refused):
+            message = f"the target refused {type(request).__name__}: {reply.message}"
+            raise CommandRefused(reply.code, message, "target")
+        if not isinstance(reply, expected):
+            raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
+        return reply
+
+    def _exchange(self, request: wire.Request, timeout_s: float) -> wire.Reply:
+        """One request and its reply, through the connection."""
+        try:
+            wire.send(self._connection, request)
+        except OSError as error:
+            raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
+        try:
+            return wire.receive_reply(self._connection, timeout_s)
+        except ExecutionError:
+            self._connection.close()  # what was asked for must not happen later, nor be taken for another answer
+            raise

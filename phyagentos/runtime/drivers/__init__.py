@@ -1,0 +1,1 @@
+"""Target drivers; each implements the port in `runtime.targets`."""

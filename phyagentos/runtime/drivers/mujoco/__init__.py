@@ -1,0 +1,1 @@
+"""The MuJoCo driver: simulated physics, sensors, faults and target-local limits."""

@@ -1,0 +1,82 @@
+"""What a real camera adds to a perfect picture: wavering edges, noisy depth that is missing in places, noisy colour.
+
+Upstream: `protocol.cameras.NoiseLevel`, where the formulas and their sources stand. Downstream: `simulated_camera`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.settings.cameras import NoiseLevel
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture
+
+GRAZING_RAD = np.pi / 3  # below it Nguyen et al. found no influence of the angle
+STEEPEST_RAD = np.radians(88.0)  # beyond it the formula has no meaning and a sensor measures nothing
+
+
+def spoil(
+    picture: Picture, level: NoiseLevel, focal_px: float, range_m: tuple[float, float], rng: np.random.Generator
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Colour and depth as a camera tells them.
+
+    Args:
+        picture: What a perfect camera sees.
+        level: Of noise.
+        focal_px: Focal length [pixels]; 0 for a picture whose edges waver already.
+        range_m: Nearest and farthest depth that is measured.
+        rng: Of this frame; as many numbers are drawn for each frame of a size, whatever it shows.
+
+    Returns:
+        (height, width, 3) uint8, and (height, width) float32 with NaN where nothing was measured.
+    """
+    rgb, depth, incidence = picture.rgb, picture.depth_m, picture.incidence
+    if level.lateral_std_rad * focal_px > 0.0:
+        rows, columns = draw_places(depth.shape, 1, level.lateral_std_rad * focal_px, rng)
+        depth, incidence = depth[rows, columns], incidence[rows, columns]
+    seen = np.isfinite(depth)
+    depth = np.where(seen, depth, np.float32(0.0))
+    depth = _add_depth_noise(depth, incidence, level, rng)
+    low, high = range_m
+    valid = seen & (depth >= low) & (depth <= high)
+    if level.depth_grazing > 0.0:
+        valid &= incidence > np.cos(STEEPEST_RAD)
+    if level.pixel_dropout > 0.0:
+        valid &= rng.random(depth.shape, dtype=np.float32) >= level.pixel_dropout
+    if level.depth_unit_m > 0.0:
+        depth = np.round(depth / np.float32(level.depth_unit_m)) * np.float32(level.depth_unit_m)
+    colors = rgb * np.float32(255.0)
+    if level.color_std > 0.0:
+        colors += rng.standard_normal(colors.shape, dtype=np.float32) * np.float32(level.color_std)
+    told = np.where(valid, depth, np.float32(np.nan)).astype(np.float32)
+    return np.clip(np.rint(colors), 0, 255).astype(np.uint8), told
+
+
+def draw_places(
+    shape: tuple[int, ...], every: int, std_px: float, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """For each pixel of a thinned picture the row and column of the whole one that its depth really comes from.
+
+    Args:
+        shape: (height, width) of the thinned picture.
+        every: Of so many rows and columns it has the middle one.
+        std_px: Of the wavering [pixels of the whole picture].
+        rng: Of this frame.
+    """
+    shifts = np.rint(rng.standard_normal((2, *shape), dtype=np.float32) * np.float32(std_px)).astype(np.intp)
+    height, width = shape
+    rows = np.clip(np.arange(height)[:, None] * every + every // 2 + shifts[0], 0, height * every - 1)
+    columns = np.clip(np.arange(width)[None, :] * every + every // 2 + shifts[1], 0, width * every - 1)
+    return rows, columns
+
+
+def _add_depth_noise(
+    depth: NDArray[np.float32], incidence: NDArray[np.float32], level: NoiseLevel, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    if not (level.depth_constant_m or level.depth_quadratic_per_m or level.depth_grazing):
+        return depth
+    std = level.depth_constant_m + level.depth_quadratic_per_m * (depth - np.float32(level.depth_offset_m)) ** 2
+    if level.depth_grazing:
+        angle = np.arccos(np.clip(incidence, np.cos(STEEPEST_RAD), 1.0))
+        steep = angle**2 / (np.sqrt(np.maximum(depth, 0.1)) * (np.pi / 2 - angle) ** 2)
+        std = std + level.depth_grazing * np.where(angle > GRAZING_RAD, steep, 0.0)
+    noisy: NDArray[np.float32] = depth + std.astype(np.float32) * rng.standard_normal(depth.shape, dtype=np.float32)
+    return noisy

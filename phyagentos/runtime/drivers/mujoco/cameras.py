@@ -1,0 +1,178 @@
+"""The cameras of one episode: which frame each can give now, when it was exposed, and what it lies about.
+
+Upstream: `world`. Downstream: `simulated_camera`. Exposures fall on the control periods of simulated time; a frame can
+be had one latency later. Every random number follows from the scene's seed, the episode, the camera and the number of
+the exposure, so a run that is repeated sees the same bits, whoever looks how often.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+import mujoco
+import numpy as np
+
+from phyagentos.errors import ExecutionError, format_names
+from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.world.seeds import compute_seed
+from phyagentos.runtime.drivers.mujoco.faults import FaultActivation
+from phyagentos.runtime.drivers.mujoco.simulated_camera import SimulatedCamera, open_cameras, pose_state
+from phyagentos.runtime.drivers.mujoco.state_history import StateHistory
+from phyagentos.runtime.models.camera_model import Array, Viewpoint, turn
+from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
+
+MAX_LOST = 16  # frames in a row, before a camera has none to give
+LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
+_PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
+_LIES_AS_IT_IS: tuple[FaultActivation, ...] = ()
+
+FindLies = Callable[[str], tuple[FaultActivation, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """One exposure of one camera.
+
+    Attributes:
+        number: Since time zero.
+        time_s: Of the state that it shows.
+        qpos: (nq,) that state.
+    """
+
+    number: int
+    time_s: float
+    qpos: Array
+
+
+class CameraRig:
+    """All cameras in one model.
+
+    Args:
+        model: Compiled model.
+        sensors: Their settings.
+        seed: Of the scene.
+        episode: The run of the scene.
+    """
+
+    def __init__(self, model: mujoco.MjModel, sensors: Sensors, seed: int, episode: str) -> None:
+        self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
+        self._cameras = open_cameras(model, sensors, seed=seed)
+        self._data = mujoco.MjData(model)
+        self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The cameras that this model can carry."""
+        return tuple(self._cameras)
+
+    def capture(
+        self,
+        request: Capture,
+        now_s: float,
+        history: StateHistory,
+        find_lies: FindLies = lambda _camera: _LIES_AS_IT_IS,
+    ) -> Frames:
+        """The latest frames.
+
+        Args:
+            request: Of which cameras, and which windows of their pictures.
+            now_s: Simulated time.
+            history: What there was to see.
+            find_lies: What a camera lies about at the moment.
+
+        Raises:
+            ExecutionError: `UNKNOWN_CAMERA`, `INVALID_CROP`.
+        """
+        names = request.cameras or self.names
+        for name in (*names, *request.crops):
+            if name not in self._cameras:
+                raise ExecutionError(
+                    "UNKNOWN_CAMERA", f"no camera {name!r} in this world; there are {format_names(self._cameras)}"
+                )
+        latest_s = now_s - max((self._cameras[name].settings.latency_s for name in names), default=0.0)
+        frames: list[Frame] = []
+        missing: dict[str, str] = {}
+        for name in names:
+            camera = self._cameras[name]
+            limit_s = latest_s if self._sensors.synchronised else now_s - camera.settings.latency_s
+            exposure = self._find_exposure(camera, limit_s, history)
+            lies = find_lies(name)
+            if exposure is None:
+                missing[name] = "FRAME_DROPPED"
+            elif any(lie.kind == "blackout" and lie.mode == "silent" for lie in lies):
+                missing[name] = "CAMERA_SILENT"
+            else:
+                try:
+                    frames.append(self._expose(camera, exposure, request.crops.get(name), request.every, lies))
+                except ExecutionError as error:
+                    if error.code != "NO_GRAPHICS":
+                        raise
+                    missing[name] = error.code
+        return Frames(tuple(frames), missing)
+
+    def _find_exposure(self, camera: SimulatedCamera, limit_s: float, history: StateHistory) -> Exposure | None:
+        """The latest exposure up to a moment whose frame was not lost; None after too many lost ones."""
+        phase_s = 0.0 if self._sensors.synchronised else camera.settings.phase_s
+        rate_hz = self._sensors.sensors[camera.name].rate_hz
+        latest = int(np.floor((limit_s - phase_s) * rate_hz + _PHASE_TOLERANCE))
+        for number in range(latest, latest - MAX_LOST, -1):
+            if not self._is_lost(camera, number):
+                time_s, qpos = history.find(number / rate_hz + phase_s)
+                return Exposure(number, time_s, qpos)
+        return None
+
+    def _is_lost(self, camera: SimulatedCamera, number: int) -> bool:
+        chance = camera.noise.frame_dropout
+        if chance <= 0.0:
+            return False
+        key = (camera.name, number)
+        if key not in self._lost:
+            if len(self._lost) > LOSSES_KEPT:
+                self._lost.clear()
+            self._lost[key] = bool(self._draw(camera.name, "lost", number).random() < chance)
+        return self._lost[key]
+
+    def _draw(self, camera: str, purpose: str, number: int) -> np.random.Generator:
+        return np.random.default_rng(compute_seed(self._seed, "sensors", self._episode, camera, purpose, number))
+
+    def _expose(
+        self,
+        camera: SimulatedCamera,
+        exposure: Exposure,
+        crop: Crop | None,
+        every: int,
+        lies: tuple[FaultActivation, ...],
+    ) -> Frame:
+        claimed = shown = exposure
+        told: Viewpoint | None = None
+        for lie in lies:
+            if lie.kind == "freeze":
+                number = int(lie.time_s * self._sensors.sensors[camera.name].rate_hz)
+                shown = Exposure(number, lie.time_s, np.array(lie.qpos))
+                claimed = exposure if lie.mode == "fresh" else shown
+        for lie in lies:
+            if lie.kind == "miscalibrate":
+                error = Viewpoint(np.array(lie.by_m), turn(np.array(lie.by_rad)))
+                told = (told or self._find_place(camera, claimed)).then(error)
+        if claimed is not shown:
+            told = told or self._find_place(camera, claimed)
+        pose_state(self._model, shown.qpos, self._data)
+        rng = self._draw(camera.name, "frame", shown.number)
+        frame = camera.capture(self._data, claimed.time_s, rng, crop, told, every)
+        for lie in lies:
+            frame = _alter(frame, lie)
+        return frame
+
+    def _find_place(self, camera: SimulatedCamera, exposure: Exposure) -> Viewpoint:
+        """Where the mounting should be in a state."""
+        return camera.mounting.find(pose_state(self._model, exposure.qpos, self._data))
+
+
+def _alter(frame: Frame, lie: FaultActivation) -> Frame:
+    """A frame as a camera with a fault tells it."""
+    if lie.kind == "misdate":
+        return msgspec.structs.replace(frame, time_s=frame.time_s + lie.by_s)
+    if lie.kind == "blackout":
+        black, nothing = np.zeros_like(frame.rgb), np.full_like(frame.depth_m, np.nan)
+        return msgspec.structs.replace(frame, rgb=black, depth_m=nothing)
+    return frame

@@ -1,0 +1,280 @@
+"""Makes the simulated world misbehave, by physical means only: forces, friction, a seized joint. Never a state write.
+
+Upstream: `protocol.world.faults`. Downstream: `world` asks before every physics step; `cameras` ask how to corrupt a
+frame. What strikes, and when, follows from the seed and the simulated state alone. A strike carries everything needed to strike again at the same moment, so
+the evidence of a session is enough to repeat it.
+"""
+
+import fnmatch
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from phyagentos.protocol.world.faults import (
+    Draw,
+    Fault,
+    FaultFile,
+    Move,
+    Nudge,
+    Remove,
+    SensorFault,
+    Slip,
+    Stall,
+)
+from phyagentos.protocol.world.seeds import compute_seed
+from phyagentos.protocol.world.sensor_corruption import Blackout, Freeze, Miscalibrate, Misdate, When
+from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.targets.wire import FaultStruck
+
+LOOK_EVERY = 10  # physics steps between two looks at the conditions: one control period
+SLIPPERY = (0.01, 0.0005, 0.0001)  # friction of pads while a grasp slips
+SEIZED_NM = 1e4  # friction of a joint that does not turn
+HAND_STIFFNESS, HAND_DAMPING, HAND_SPIN_DAMPING = 900.0, 60.0, 60.0  # 1/s^2, 1/s, 1/s: a firm hand, per unit of mass
+HAND_HEIGHT_M = 0.14  # how high a person lifts
+MOVE_RADIUS_M = (0.06, 0.12)  # how far a person moves a thing when no place is given
+CLEARANCE_M = 0.075
+LIES = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
+
+
+class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
+    """A fault as it happens.
+
+    Attributes:
+        kind: As in the fault file.
+        body: The object, the joint that seizes, or the pattern of the cameras that lie.
+        time_s: When it began.
+        start_m: Where the object stood then.
+        goal_m: Where a hand brings it.
+        lift_m: How high the hand lifts it on the way.
+        mode: Of a lie: which stamp a frozen picture has, how a camera is black.
+        by_s: Error of a camera's clock.
+        by_m: Error of a camera's told place.
+        by_rad: Error of its told direction.
+        qpos: What a frozen picture goes on to show.
+    """
+
+    kind: str
+    body: str
+    time_s: float
+    duration_s: float
+    start_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    goal_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lift_m: float = 0.0
+    mode: str = ""
+    by_s: float = 0.0
+    by_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    by_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    qpos: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """What may strike in one episode.
+
+    Attributes:
+        faults: Each at most once, by its conditions.
+        strikes: Recorded ones, each at its recorded time.
+        seed: For what is drawn when a fault strikes.
+    """
+
+    faults: tuple[Fault, ...] = ()
+    strikes: tuple[FaultActivation, ...] = ()
+    seed: int = 0
+
+
+def draw_schedule(file: FaultFile, episode: str, seed: int) -> Schedule:
+    """The faults of one episode."""
+    root = compute_seed(seed, "faults", episode)
+    drawn = (draw_fault(file.draw, root),) if file.draw is not None else ()
+    return Schedule((*file.faults, *drawn), (), root)
+
+
+def draw_fault(draw: Draw, seed: int) -> Fault:
+    """One fault of the drawn kind for the drawn object."""
+    rng = np.random.default_rng(compute_seed(seed, "draw"))
+    kind = draw.one_of[int(rng.integers(len(draw.one_of)))]
+    name = draw.objects[int(rng.integers(len(draw.objects)))]
+    kinds: dict[str, type[Slip | Nudge | Move | Stall]] = {"slip": Slip, "nudge": Nudge, "move": Move, "stall": Stall}
+    return kinds[kind].model_validate({"kind": kind, "object": name})
+
+
+def read_strikes(records: Sequence[FaultStruck]) -> Schedule:
+    """The schedule that repeats what a bundle's `faults.json` tells."""
+    return Schedule((), tuple(msgspec.convert(record.details, FaultActivation) for record in records), 0)
+
+
+class FaultInjector:
+    """The faults of one episode at work."""
+
+    def __init__(self, schedule: Schedule = Schedule()) -> None:
+        self._waiting = list(schedule.faults)
+        self._recorded = list(schedule.strikes)
+        self._rng = np.random.default_rng(schedule.seed)
+        self._active: list[FaultActivation] = []
+        self._session = ""
+        self._heights_m: dict[str, float] = {}
+        self._steps = 0
+
+    def on_session(self, session: str) -> tuple[FaultStruck, ...]:
+        """A session began; what is still going on from before."""
+        self._session, self._heights_m = session, {}
+        return tuple(_report(strike) for strike in self._active)
+
+    def act(self, physics: Physics) -> list[FaultStruck]:
+        """Called before every physics step: look for what strikes, and keep up what has struck."""
+        if not (self._waiting or self._recorded or self._active):
+            return []
+        due = self._steps % LOOK_EVERY == 0
+        self._steps += 1
+        struck = [self._strike(physics, fault) for fault in self._find_due(physics)] if due else []
+        struck += self._repeat(physics)
+        for strike in list(self._active):
+            if physics.time_s >= strike.time_s + strike.duration_s:
+                self._active.remove(strike)
+                _release(physics, strike)
+            elif strike.goal_m != strike.start_m:
+                _carry(physics, strike)
+        return [_report(strike) for strike in struck]
+
+    def find_lies(self, camera: str) -> tuple[FaultActivation, ...]:
+        """What a camera lies about at the moment."""
+        return tuple(s for s in self._active if s.kind in LIES and fnmatch.fnmatchcase(camera, s.body))
+
+    def _find_due(self, physics: Physics) -> list[Fault]:
+        due = [fault for fault in self._waiting if self._holds(physics, fault.when, fault.object)]
+        self._waiting = [fault for fault in self._waiting if fault not in due]
+        return due
+
+    def _holds(self, physics: Physics, when: When, name: str) -> bool:
+        if when.time_s is not None and physics.time_s < when.time_s:
+            return False
+        if when.session is not None and not fnmatch.fnmatchcase(self._session, when.session):
+            return False
+        if when.lifted_m is None and when.gripper_near_m is None:
+            return bool(self._session)
+        if not name or not self._session:
+            return False
+        position = physics.find_position(name)
+        base_m = self._heights_m.setdefault(name, float(position[2]))
+        if when.lifted_m is not None and not (physics.is_held(name) and position[2] - base_m >= when.lifted_m):
+            return False
+        near = when.gripper_near_m
+        return near is None or bool(np.linalg.norm(physics.find_tcp()[0] - position) <= near)
+
+    def _strike(self, physics: Physics, fault: Fault) -> FaultActivation:
+        strike = self._resolve(physics, fault)
+        self._begin(physics, strike)
+        return strike
+
+    def _repeat(self, physics: Physics) -> list[FaultActivation]:
+        due = [strike for strike in self._recorded if physics.time_s >= strike.time_s - 1e-9]
+        for strike in due:
+            self._recorded.remove(strike)
+            self._begin(physics, strike)
+        return due
+
+    def _begin(self, physics: Physics, strike: FaultActivation) -> None:
+        self._active.append(strike)
+        if strike.kind == "slip":
+            physics.set_pad_friction(SLIPPERY)
+        elif strike.kind == "stall":
+            physics.set_joint_friction(strike.body, SEIZED_NM)
+
+    def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
+        """Decide everything that is open about a fault, now."""
+        if isinstance(fault, Stall):
+            return FaultActivation(
+                kind=fault.kind, body=fault.joint, time_s=physics.time_s, duration_s=fault.duration_s
+            )
+        if isinstance(fault, SensorFault):
+            return _resolve_lie(physics, fault)
+        start = physics.find_position(fault.object)
+        goal, lift = start, 0.0
+        if isinstance(fault, Nudge):
+            goal = start + self._choose_nudge(physics, start, fault.by_m)
+        elif isinstance(fault, Move):
+            goal, lift = self._choose_place(physics, fault, start), HAND_HEIGHT_M
+        elif isinstance(fault, Remove):
+            goal, lift = np.array([*fault.to_m, start[2]]), HAND_HEIGHT_M
+        return FaultActivation(
+            kind=fault.kind,
+            body=fault.object,
+            time_s=physics.time_s,
+            duration_s=fault.duration_s,
+            start_m=_as_tuple(start),
+            goal_m=_as_tuple(goal),
+            lift_m=lift,
+        )
+
+    def _choose_nudge(self, physics: Physics, start: Array, by_m: float) -> Array:
+        """Between the fingers and out: along the axis that is neither approach nor closing, to the emptier side."""
+        axis = physics.find_tcp()[1][:, 0] * np.array([1.0, 1.0, 0.0])
+        axis /= np.linalg.norm(axis)
+        sides = (axis * by_m, -axis * by_m)
+        return max(sides, key=lambda side: physics.find_clearance(start + side, start))
+
+    def _choose_place(self, physics: Physics, fault: Move, start: Array) -> Array:
+        if fault.to_m is not None:
+            return np.array([*fault.to_m, start[2]])
+        places = []
+        for _ in range(64):
+            angle, radius = self._rng.uniform(0, 2 * np.pi), self._rng.uniform(*MOVE_RADIUS_M)
+            place = start + radius * np.array([np.cos(angle), np.sin(angle), 0.0])
+            if physics.find_clearance(place, start) >= CLEARANCE_M and 0.34 <= np.linalg.norm(place[:2]) <= 0.66:
+                return place
+            places.append(place)
+        return max(places, key=lambda place: physics.find_clearance(place, start))
+
+
+def _resolve_lie(physics: Physics, fault: SensorFault) -> FaultActivation:
+    """A camera's lie, with the state that a frozen picture shows."""
+    strike = FaultActivation(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
+    match fault:
+        case Freeze():
+            return msgspec.structs.replace(strike, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
+        case Blackout():
+            return msgspec.structs.replace(strike, mode=fault.mode)
+        case Misdate():
+            return msgspec.structs.replace(strike, by_s=fault.by_s)
+        case Miscalibrate():
+            return msgspec.structs.replace(strike, by_m=fault.by_m, by_rad=fault.by_rad)
+
+
+def _carry(physics: Physics, strike: FaultActivation) -> None:
+    """Pull the body along its way with a hand's force: up, across, down."""
+    phase = (physics.time_s - strike.time_s) / strike.duration_s
+    start, goal = np.array(strike.start_m), np.array(strike.goal_m)
+    across = np.clip((phase - 0.25) / 0.5, 0.0, 1.0) if strike.lift_m else np.clip(phase / 0.8, 0.0, 1.0)
+    smooth = across * across * (3 - 2 * across)
+    height = strike.lift_m * np.clip(min(phase, 1.0 - phase) / 0.25, 0.0, 1.0)
+    wanted = start + smooth * (goal - start) + np.array([0.0, 0.0, height])
+    physics.pull(
+        strike.body,
+        wanted,
+        HAND_STIFFNESS,
+        HAND_DAMPING,
+        spin_damping=HAND_SPIN_DAMPING,
+        carries_weight=strike.lift_m > 0.0,
+    )
+
+
+def _release(physics: Physics, strike: FaultActivation) -> None:
+    if strike.kind == "slip":
+        physics.set_pad_friction(None)
+    elif strike.kind == "stall":
+        physics.set_joint_friction(strike.body, None)
+    elif strike.kind not in LIES:
+        physics.let_go(strike.body)
+
+
+def _report(strike: FaultActivation) -> FaultStruck:
+    details: dict[str, Any] = msgspec.to_builtins(strike)
+    return FaultStruck(kind=strike.kind, time_s=strike.time_s, details=details)
+
+
+def _as_tuple(point: Array) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in point)
+    return (x, y, z)

@@ -1,0 +1,152 @@
+"""The drives of one robot in one scene: they follow set-points, come to rest by themselves, and stop on a collision.
+
+Upstream: `world`, which decides who may command. Downstream: `physics`, `faults`. What is generated here (the
+deceleration to a hold, a protective stop) is no command and needs no authority.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits, SetPoint
+from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.drivers.mujoco.state_history import StateHistory
+from phyagentos.runtime.targets.wire import Command, FaultStruck, Refused
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
+
+HALT_MAX_S = 2.0  # longest deceleration to a hold
+REST_RAD_S = 0.01  # every joint slower than this is at rest
+FELT_NM = 1.0  # torque of contacts on a joint below which its sensor feels none: 2 N at an arm's half metre
+
+
+class JointController:
+    """Set-points, servos and stops.
+
+    Args:
+        profile: The robot.
+        physics: Its scene.
+        faults: Asked before every physics step.
+        n_steps: Rows of one command.
+
+    Attributes:
+        struck: Faults that struck since this was emptied.
+        history: What there was to see, control period by control period, since the session or the scene began.
+    """
+
+    def __init__(self, profile: TargetProfile, physics: Physics, faults: "FaultInjector", n_steps: int) -> None:
+        self._profile, self._physics, self._faults = profile, physics, faults
+        self._limits = LocalLimits(profile, physics, n_steps)
+        self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
+        self._width_m = profile.gripper.max_width_m
+        self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since it was told
+        self.struck: list[FaultStruck] = []
+        self.history = StateHistory()
+        self._n_steps, self._steps = n_steps, 0
+        self._begin_history()
+
+    @property
+    def q_rad(self) -> Array:
+        """(n_joints,) the set-point that is held."""
+        return self._held.q_rad
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the set-points stopped in the middle of a motion."""
+        return bool(self._held.qd_rad_s.any())
+
+    def hold(self, q_rad: Array) -> None:
+        """Take a posture as the set-point, at rest; after a scene was loaded."""
+        self._held = SetPoint.at_rest(np.clip(q_rad, self._limits.low, self._limits.high))
+        self._width_m = float(np.clip(self._physics.gripper_width_m, 0.0, self._profile.gripper.max_width_m))
+
+    def begin(self) -> None:
+        """A session begins: its set-points go on from where the arm stands, as it sees it, at rest."""
+        if self.is_moving:
+            self.halt()
+        self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
+        self._force_max_n = 0.0
+        self._begin_history()
+
+    def _begin_history(self) -> None:
+        self._steps = 0
+        self.history.begin(self._physics.time_s, self._physics.data.qpos)
+
+    def check(self, command: Command) -> Refused | None:
+        """The target's own limits on a command."""
+        return self._limits.check(command, self._held)
+
+    def follow(self, command: Command) -> str:
+        """Carry out one command.
+
+        Returns:
+            Code of the protective stop that broke it off, empty when it was carried out.
+        """
+        physics = self._physics
+        controls = physics.compute_controls(command.q_rad, command.qd_rad_s, command.gripper_width_m)
+        inputs = physics.data.ctrl
+        self._width_m = float(command.gripper_width_m[-1])
+        for row in controls:
+            inputs[:] = row
+            self._limits.restrain()
+            self._step()
+            if self._is_in_collision():
+                self.halt()
+                return "COLLISION_STOP"
+        last = command.q_rad[-2] if len(command.q_rad) > 1 else self._held.q_rad
+        self._held = SetPoint(command.q_rad[-1], command.qd_rad_s[-1], command.q_rad[-1] - last)
+        if self._limits.find_excess():
+            self.halt()
+            return "PROTECTIVE_STOP"
+        return ""
+
+    def halt(self) -> None:
+        """Decelerate within the joint limits, all joints in proportion, then hold."""
+        physics, dt = self._physics, self._profile.physics_step_s
+        q, moving = physics.q_rad, physics.qd_rad_s
+        braking = min(int(np.ceil(self._limits.compute_braking_s(moving) / dt)), round(HALT_MAX_S / dt))
+        for step in range(1, round(HALT_MAX_S / dt) + 1):
+            qd = moving * max(1.0 - step / max(braking, 1), 0.0)
+            q = np.clip(q + qd * dt, self._limits.low, self._limits.high)
+            physics.set_servos(q, qd, self._width_m)
+            self._limits.restrain()
+            self._step()
+            if self._is_in_collision():  # whatever is pressed is not pressed on
+                q, moving = physics.q_rad, np.zeros_like(q)
+            if step >= braking and np.abs(physics.qd_rad_s).max() < REST_RAD_S:
+                break
+        self._held = SetPoint.at_rest(q)
+
+    def settle(self, duration_s: float) -> None:
+        """Hold still for some simulated time [s]; a motion that was left in its middle is brought to rest first."""
+        if self.is_moving:
+            self.halt()
+        physics = self._physics
+        for _ in range(round(duration_s / self._profile.physics_step_s)):
+            physics.set_servos(self.q_rad, np.zeros_like(self.q_rad), self._width_m)
+            self._limits.restrain()
+            self._step()
+
+    def take_force(self) -> float:
+        """The greatest contact force [N] since this was last asked; one that the joints do not feel is none."""
+        taken, self._force_max_n = self._force_max_n, 0.0
+        return taken
+
+    def _step(self) -> None:
+        self.struck += self._faults.act(self._physics)
+        self._physics.step()
+        self._feel()
+        self._steps += 1
+        if self._steps % self._n_steps == 0:
+            self.history.note(self._physics.time_s, self._physics.data.qpos)
+
+    def _feel(self) -> None:
+        physics = self._physics
+        is_felt = (np.abs(physics.data.qfrc_constraint[physics.v_address]) > FELT_NM).any()
+        self._force_n = physics.find_hardest_contact()[0] if is_felt else 0.0
+        self._force_max_n = max(self._force_max_n, self._force_n)
+
+    def _is_in_collision(self) -> bool:
+        return self._force_n > self._profile.contact_force_n

@@ -1,0 +1,36 @@
+"""The arm's joints as the live model has them, for whoever must know where a commanded posture ends.
+
+Upstream: the compiled model. Downstream: `wire.Description`.
+"""
+
+import mujoco
+import numpy as np
+
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.targets.wire import Kinematics
+
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def read_kinematics(model: mujoco.MjModel, profile: TargetProfile) -> Kinematics | None:
+    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides."""
+    joints = [model.joint(name) for name in profile.arm.joints]
+    kinds = [int(joint.type[0]) for joint in joints]
+    if not {_HINGE, _SLIDE}.issuperset(kinds):
+        return None
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    for joint in joints:
+        data.qpos[joint.qposadr[0]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    ids = np.array([joint.id for joint in joints])
+    return Kinematics(
+        axes=_as_triples(data.xaxis[ids]),
+        anchors_m=_as_triples(data.xanchor[ids]),
+        tcp_m=_as_triples(data.site_xpos[model.site(profile.tcp).id][None])[0],
+        slides=tuple(kind == _SLIDE for kind in kinds) if _SLIDE in kinds else (),
+    )
+
+
+def _as_triples(rows: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+    return tuple((float(x), float(y), float(z)) for x, y, z in rows)

@@ -1,0 +1,168 @@
+"""The target's own limits: which set-points it takes, and how its drives may push. They hold whatever stands upstream.
+
+Upstream: `world`, from the target's profile and model. Set-points that no drive should follow are refused; whatever is
+let through, each physics step's servo input is kept so that no joint can exceed its velocity or run into its end. For
+commands within the limits the servo input is untouched, bit for bit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
+from phyagentos.runtime.targets.wire import Command, Refused
+
+SET_POINT_SHARE = 0.94  # of the velocity limit, for set-points; skills use 0.9
+SPEED_SHARE = 0.95  # of the velocity limit, for the drives; the rest is for what other joints push
+END_MARGIN_RAD = 0.01  # before the end of a range: a servo overshoots by a milliradian, a contact presses by five
+WORKSPACE_MARGIN_M = 0.02  # the way of a tool between two looks is bent, and a servo lags by some millimetres
+BRAKING_SHARE = 0.8  # of the acceleration limit, for the drives' own deceleration: the torque for it is always there
+FORESIGHT_SHARE = 0.65  # of the acceleration limit, for where the arm is assumed to come to rest; less than it brakes
+FAST_RAD = 0.05  # of a braking way: two to four centimetres at the tool, thinner than anything it could pass through
+LOOKS_SLOW, LOOKS_FAST = (1.0,), (1.0, 0.5, 0.0)  # shares of the braking way at which the arm is imagined
+CHANGE_TOLERANCE = 0.15  # of two velocity rows against the acceleration limit; a little more than the guard's
+BEND_TOLERANCE = 0.30  # of second differences of position rows
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class SetPoint:
+    """What the servos were told last.
+
+    Attributes:
+        q_rad: (n_joints,) position.
+        qd_rad_s: (n_joints,) velocity.
+        step_rad: (n_joints,) difference to the position before.
+    """
+
+    q_rad: Array
+    qd_rad_s: Array
+    step_rad: Array
+
+    @classmethod
+    def at_rest(cls, q_rad: Array) -> "SetPoint":
+        """Standing at `q_rad`."""
+        return cls(q_rad, np.zeros_like(q_rad), np.zeros_like(q_rad))
+
+
+class LocalLimits:
+    """Limits of one target in one scene.
+
+    Args:
+        profile: The robot.
+        physics: Its model.
+        n_steps: Rows of one command.
+    """
+
+    def __init__(self, profile: TargetProfile, physics: Physics, n_steps: int) -> None:
+        arm, dt = profile.arm, profile.physics_step_s
+        self._physics, self._width_max_m = physics, profile.gripper.max_width_m
+        self._shape = (n_steps, len(arm.joints))
+        self._dt = dt
+        self._velocity = np.array(arm.velocity_rad_s)
+        self._brake = np.array(arm.acceleration_rad_s2)
+        self._lead_s = physics.lead_s
+        self.low, self.high = physics.q_range[0] + END_MARGIN_RAD, physics.q_range[1] - END_MARGIN_RAD
+        self._top = SPEED_SHARE * self._velocity
+        self._middle = 0.5 * (self.low + self.high)
+        room = 0.5 * (self.high - self.low) - self._top**2 / (2.0 * self._brake)
+        self._free, self._look = np.array((self._lead_s * self._top, room)), np.empty((2, len(arm.joints)))
+        self._box = np.array(profile.workspace_m) if profile.workspace_m is not None else None
+
+    def check(self, command: Command, held: SetPoint) -> Refused | None:
+        """Refuse what cannot be followed within the limits.
+
+        Args:
+            command: As it came over the wire.
+            held: The set-point before it.
+        """
+        q, qd, width = command.q_rad, command.qd_rad_s, command.gripper_width_m
+        if (q.shape, qd.shape, width.shape) != (self._shape, self._shape, self._shape[:1]):
+            rows, n = self._shape
+            return Refused("MALFORMED", f"shapes {q.shape}, {qd.shape}, {width.shape}; expected {rows} rows of {n}")
+        if any(array.dtype != np.float64 for array in (q, qd, width)):
+            return Refused("MALFORMED", "set-points are float64")
+        if not (np.isfinite(q).all() and np.isfinite(qd).all() and np.isfinite(width).all()):
+            return Refused("MALFORMED", "a set-point is not finite")
+        if (q < self.low).any() or (q > self.high).any():
+            return Refused("TARGET_LIMIT", "a set-point leaves the range of its joint")
+        if width.min() < -ROUNDING or width.max() > self._width_max_m + ROUNDING:
+            return Refused("TARGET_LIMIT", f"opening outside 0..{self._width_max_m} m")
+        return self._check_motion(q, qd, held) or self._check_place(q[-1], qd[-1])
+
+    def _check_motion(self, q: Array, qd: Array, held: SetPoint) -> Refused | None:
+        """Velocity and acceleration of the rows; sudden changes of one joint would push the others beyond theirs."""
+        dt, a_dt = self._dt, self._brake * self._dt
+        velocities = np.concatenate((held.qd_rad_s[None], qd))
+        steps = np.diff(q, axis=0, prepend=held.q_rad[None])
+        top = SET_POINT_SHARE * self._velocity
+        if (np.abs(qd) > top).any() or (np.abs(steps) > top * dt).any():
+            return Refused("TARGET_LIMIT", "set-points move or jump faster than the joints may")
+        bends = np.diff(steps, axis=0, prepend=held.step_rad[None])
+        if (np.abs(bends) > (1.0 + BEND_TOLERANCE) * a_dt * dt).any():
+            return Refused("TARGET_LIMIT", "positions change faster than the joints may accelerate")
+        if (np.abs(np.diff(velocities, axis=0)) > (1.0 + CHANGE_TOLERANCE) * a_dt).any():
+            return Refused("TARGET_LIMIT", "velocities change faster than the joints may accelerate")
+        means = 0.5 * (velocities[1:] + velocities[:-1])
+        if (np.abs(steps - means * dt) > (1.0 + CHANGE_TOLERANCE) * a_dt * dt).any():
+            return Refused("TARGET_LIMIT", "the velocities are not those of the positions")
+        return None
+
+    def _check_place(self, q: Array, qd: Array) -> Refused | None:
+        """Whether the arm is clear of itself, of what stands fixed, and in its workspace, where it would come to rest.
+
+        That place is where it would stand if it braked at the end of the command, all joints in proportion, so that
+        they go on in the direction in which they move; braking each for itself was rejected, since it bends the way.
+        """
+        way = 0.5 * self._compute_stop_s(qd, FORESIGHT_SHARE) * qd
+        looks = LOOKS_FAST if (np.abs(way) > FAST_RAD).any() else LOOKS_SLOW
+        for share in looks:
+            posture = np.clip(q + share * way, self.low, self.high)
+            tcp, contact = self._physics.imagine(posture)
+            if contact:
+                return Refused("TARGET_LIMIT", f"the arm would run into something: {contact}")
+            if self._box is None:
+                continue
+            low, high = self._box[0] + WORKSPACE_MARGIN_M, self._box[1] - WORKSPACE_MARGIN_M
+            if (tcp < low).any() or (tcp > high).any():
+                return Refused("TARGET_LIMIT", f"the tool would leave the workspace, at {np.round(tcp, 3).tolist()} m")
+        return None
+
+    def compute_braking_s(self, qd_rad_s: Array) -> float:
+        """How long the drives take to bring these velocities to zero, all in proportion."""
+        return self._compute_stop_s(qd_rad_s, BRAKING_SHARE)
+
+    def _compute_stop_s(self, qd_rad_s: Array, share: float) -> float:
+        return float((np.abs(qd_rad_s) / (share * self._brake)).max())
+
+    def restrain(self) -> None:
+        """Keep the servo inputs of the coming physics step within what the drives may do.
+
+        A servo with gains kp and kv settles at the velocity w = (ctrl - q) kp / kv. That is bounded by the joint's
+        velocity limit, and by sqrt(2 a d) at a distance d from the end of its range, a being its braking deceleration.
+        """
+        data, servos = self._physics.data, self._physics.servos
+        q, wanted, look = data.qpos[self._physics.q_address], data.ctrl[servos], self._look
+        np.subtract(wanted, q, out=look[0])
+        np.subtract(q, self._middle, out=look[1])
+        np.abs(look, out=look)
+        if (look <= self._free).all():  # no joint is fast, and none is near its end
+            return
+        up = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(self.high - q, 0.0)))
+        down = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(q - self.low, 0.0)))
+        data.ctrl[servos] = np.clip(wanted, q - self._lead_s * down, q + self._lead_s * up)
+
+    def find_excess(self) -> str:
+        """What the measured state breaks; empty when nothing."""
+        physics = self._physics
+        if (np.abs(physics.qd_rad_s) > self._velocity).any():
+            return "a joint is faster than its limit"
+        q = physics.q_rad
+        if (q < physics.q_range[0]).any() or (q > physics.q_range[1]).any():
+            return "a joint is outside its range"
+        if self._box is not None:
+            tcp = physics.find_tcp()[0]
+            if (tcp < self._box[0]).any() or (tcp > self._box[1]).any():
+                return "the tool is outside the workspace"
+        return ""

@@ -1,0 +1,362 @@
+"""One episode's physics: the compiled model, its state, stepping and looking.
+
+Upstream: `world`. Looking never touches the state that is stepped: what is seen is computed in a second MjData, so that
+a run with more eyes has the same bits.
+"""
+
+import hashlib
+from pathlib import Path
+
+import msgspec
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
+from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
+from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, build_robot, name_actuator
+from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
+
+Array = NDArray[np.float64]
+RIGID = 0.9999  # constraint impedance of what must not give way
+_FREE = 6  # degrees of freedom of a body that nothing holds
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+class Physics:
+    """A robot in a scene.
+
+    Args:
+        profile: The robot.
+        folder: Where its model lies.
+        spec: The scene.
+        seed: Of the scene.
+    """
+
+    def __init__(self, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> None:
+        placed = draw_bodies(spec, seed)
+        self.spec = self._build_spec(profile, folder, spec, seed)
+        self.model = self.spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.seen = mujoco.MjData(self.model)
+        self._imagined = mujoco.MjData(self.model)
+        self._profile = profile
+        self.entities = tuple(item.as_entity() for item in placed)
+        self.regions: tuple[Region, ...] = read_regions(spec, placed)
+        model = self.model
+        joints = [model.joint(name) for name in profile.arm.joints]
+        self.q_address = _as_slice([int(joint.qposadr[0]) for joint in joints])
+        self.v_address = _as_slice([int(joint.dofadr[0]) for joint in joints])
+        self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
+        self.servos = _as_slice([model.actuator(name_actuator(name)).id for name in profile.arm.joints])
+        self._gripper = model.actuator(GRIPPER_ACTUATOR).id
+        self._fingers = np.array([int(model.joint(name).qposadr[0]) for name in profile.gripper.joints])
+        self._pads = [model.geom(name).id for name in profile.gripper.pads]
+        self._is_pad = np.zeros(model.ngeom, dtype=np.bool_)
+        self._is_pad[self._pads] = True
+        self._tcp = model.site(profile.tcp).id
+        self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
+        arm = {model.joint(name).bodyid[0] for name in (*profile.arm.joints, *profile.gripper.joints)}
+        moving = {int(model.body_weldid[body]) for body in arm}
+        self._of_fingers = np.isin(model.geom_bodyid, [model.joint(n).bodyid[0] for n in profile.gripper.joints])
+        self._of_robot = np.array([int(model.body_weldid[body]) in moving for body in model.geom_bodyid])
+        loose = {model.body(entity.name).id for entity in self.entities if entity.movable}
+        self._is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
+        self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
+        self._movable = {entity.name for entity in self.entities if entity.movable}
+        self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
+        self._joint_friction = np.array(model.dof_frictionloss)
+        self._joint_impedance = np.array(model.dof_solimp[:, :2])
+        self.model_sha256 = hashlib.sha256(self._read_model_bytes()).hexdigest()
+
+    def _build_spec(self, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> mujoco.MjSpec:
+        robot = build_robot(profile, folder)
+        robot.option.timestep = profile.physics_step_s
+        robot.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        robot.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        robot.option.impratio = 10.0
+        robot.visual.quality.shadowsize = 4096
+        robot.visual.headlight.ambient = [0.35, 0.35, 0.35]
+        robot.visual.headlight.diffuse = [0.25, 0.25, 0.25]
+        robot.visual.map.znear = 0.01
+        exclude_pairs(robot, compute_collision_matrix(profile, folder).excluded)
+        add_scene(robot, spec, draw_bodies(spec, seed))
+        return robot
+
+    def _read_model_bytes(self) -> bytes:
+        buffer = np.zeros(mujoco.mj_sizeModel(self.model), dtype=np.uint8)
+        mujoco.mj_saveModel(self.model, None, buffer)
+        return buffer.tobytes()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return float(self.data.time)
+
+    @property
+    def q_rad(self) -> Array:
+        """(n_joints,) measured joint positions."""
+        return np.array(self.data.qpos[self.q_address])
+
+    @property
+    def qd_rad_s(self) -> Array:
+        """(n_joints,) measured joint velocities."""
+        return np.array(self.data.qvel[self.v_address])
+
+    @property
+    def gripper_width_m(self) -> float:
+        """Opening between the pads."""
+        return float(self.data.qpos[self._fingers].sum())
+
+    def start(self, settle_s: float) -> None:
+        """Put the arm at home with an open gripper, and let things come to rest."""
+        home = np.array(self._profile.arm.home_rad)
+        width = self._profile.gripper.max_width_m
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self.q_address] = home
+        self.data.qpos[self._fingers] = width / len(self._fingers)
+        self.set_servos(home, np.zeros_like(home), width)
+        self.step(round(settle_s / self._profile.physics_step_s))
+
+    def restore(self, state: Array) -> None:
+        """Continue from a recorded state vector, bit for bit."""
+        mujoco.mj_setState(self.model, self.data, state, _STATE)
+
+    def read_state(self) -> Array:
+        """The mjSTATE_INTEGRATION vector."""
+        state = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, state, _STATE)
+        return state
+
+    def compute_controls(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: Array) -> Array:
+        """(n, n_servos) servo inputs for n physics steps; damping leads by kv/kp so that the servo does not lag."""
+        controls = np.empty((len(q_rad), self.model.nu))
+        controls[:, self.servos] = q_rad + self.lead_s * qd_rad_s
+        controls[:, self._gripper] = gripper_width_m
+        return controls
+
+    def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
+        """Servo inputs of the coming physics steps."""
+        self.data.ctrl[:] = self.compute_controls(q_rad[None], qd_rad_s[None], np.array([gripper_width_m]))[0]
+
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` physics steps."""
+        if count > 0:
+            mujoco.mj_step(self.model, self.data, count)
+
+    def look(self) -> None:
+        """Take in the present: poses and contacts of this moment, for the queries below."""
+        seen = self.seen
+        seen.time = self.data.time
+        seen.qpos[:] = self.data.qpos
+        seen.qvel[:] = self.data.qvel
+        mujoco.mj_kinematics(self.model, seen)
+        mujoco.mj_collision(self.model, seen)
+
+    def find_touching(self) -> dict[str, int]:
+        """Entities that touch a pad, with the number of pads (after `look`)."""
+        touched: dict[str, set[int]] = {}
+        for pair in self._find_pad_contacts():
+            for pad, other in (pair, pair[::-1]):
+                entity = self._bodies.get(int(self.model.geom_bodyid[other]))
+                if pad in self._pads and entity is not None:
+                    touched.setdefault(entity.name, set()).add(pad)
+        return {name: len(pads) for name, pads in sorted(touched.items())}
+
+    def read_target(self, touching: dict[str, int]) -> TargetState:
+        """The arm's own state (after `look`)."""
+        rotation = self.seen.site_xmat[self._tcp]
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, rotation)
+        w, x, y, z = quaternion.tolist()
+        return TargetState(
+            q_rad=tuple(self.q_rad.tolist()),
+            qd_rad_s=tuple(self.qd_rad_s.tolist()),
+            gripper_width_m=self.gripper_width_m,
+            tcp=Pose(tuple(self.seen.site_xpos[self._tcp].tolist()), (w, x, y, z)),
+            holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
+            fingers_touching=self.count_touching_pads(),
+        )
+
+    def count_touching_pads(self) -> int:
+        """How many pads touch anything that is not the robot (after `look`)."""
+        touched = (
+            {pad for pad in pair if pad in self._pads}
+            for pair in self._find_pad_contacts()
+            if any(int(self.model.geom_bodyid[geom]) in self._bodies for geom in pair)
+        )
+        return len(set().union(*touched))
+
+    def _find_pad_contacts(self) -> list[list[int]]:
+        """Pairs of geoms that touch, one of them a pad or both (after `look`)."""
+        geoms = self.seen.contact.geom[: self.seen.ncon]
+        pairs: list[list[int]] = geoms[self._is_pad[geoms].any(axis=1)].tolist()
+        return pairs
+
+    def read_entities(self, holder: str, holding: tuple[str, ...]) -> tuple[Entity, ...]:
+        """Ground truth of every thing (after `look`)."""
+        found = []
+        for body, entity in self._bodies.items():
+            pose = Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
+            found.append(
+                msgspec.structs.replace(
+                    entity,
+                    pose=pose,
+                    speed_m_s=self._find_speed(body),
+                    joint=self._find_opening(body),
+                    held_by=holder if entity.name in holding else None,
+                    observed_at_s=self.time_s,
+                )
+            )
+        return tuple(found)
+
+    def _find_speed(self, body: int) -> float:
+        """Of a body's origin [m/s]; a part moves as its whole does, since it does not turn fast."""
+        whole = int(self.model.body_weldid[body])
+        dof = int(self.model.body_dofadr[whole])
+        if self.model.body_dofnum[whole] == _FREE:
+            return float(np.linalg.norm(self.data.qvel[dof : dof + 3]))
+        if not self.model.body_dofnum[whole]:
+            return 0.0
+        joint = int(self.model.dof_jntid[dof])
+        hinge = self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+        arm_m = float(np.linalg.norm((self.seen.xpos[body] - self.seen.xanchor[joint])[:2])) if hinge else 1.0
+        return abs(float(self.data.qvel[dof])) * arm_m
+
+    def _find_opening(self, body: int) -> float | None:
+        """Fraction of its own joint's travel; None for what has none."""
+        joint = int(self.model.body_jntadr[body])
+        if joint < 0 or self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            return None
+        low, high = self.model.jnt_range[joint]
+        return float(np.clip((self.data.qpos[self.model.jnt_qposadr[joint]] - low) / (high - low), 0.0, 1.0))
+
+    def find_position(self, name: str) -> Array:
+        """(3,) of a body's frame in the world, as of the latest physics step."""
+        return np.array(self.data.xpos[self.model.body(name).id])
+
+    def find_tcp(self) -> tuple[Array, Array]:
+        """(3,) position and (3, 3) rotation of the tool centre point, as of the latest physics step."""
+        return np.array(self.data.site_xpos[self._tcp]), np.array(self.data.site_xmat[self._tcp]).reshape(3, 3)
+
+    def is_held(self, name: str) -> bool:
+        """Whether every pad touched the body in the latest physics step."""
+        body = self.model.body(name).id
+        geoms = self.data.contact.geom[: self.data.ncon].tolist()
+        touched = {
+            pad
+            for first, second in geoms
+            for pad, other in ((first, second), (second, first))
+            if pad in self._pads and self.model.geom_bodyid[other] == body
+        }
+        return len(touched) == len(self._pads)
+
+    def find_clearance(self, point: Array, own: Array) -> float:
+        """Horizontal distance from a point to the nearest movable thing that is not the one at `own` [m]."""
+        others = [np.array(self.data.xpos[body]) for body, entity in self._bodies.items() if entity.movable]
+        distances = [np.linalg.norm((point - other)[:2]) for other in others if np.linalg.norm(own - other) > 1e-6]
+        return float(min(distances, default=1.0))
+
+    def pull(
+        self, name: str, wanted: Array, stiffness: float, damping: float, *, spin_damping: float, carries_weight: bool
+    ) -> None:
+        """Apply a hand's force to a body during the next physics step.
+
+        Args:
+            name: Of the body.
+            wanted: (3,) where the hand wants it [m].
+            stiffness: Per unit of mass [1/s^2].
+            damping: Per unit of mass [1/s].
+            spin_damping: Per unit of inertia [1/s].
+            carries_weight: Whether the hand also bears its weight.
+        """
+        body = self.model.body(name).id
+        dof = int(self.model.body_dofadr[body])
+        mass, inertia = float(self.model.body_subtreemass[body]), float(self.model.body_inertia[body].max())
+        velocity, spin = np.zeros(3), np.zeros(3)
+        if self.model.body_dofnum[body] == _FREE:  # what hangs on a joint is only held back by that joint
+            velocity, spin = self.data.qvel[dof : dof + 3], self.data.qvel[dof + 3 : dof + 6]
+        force = mass * (stiffness * (wanted - self.data.xpos[body]) - damping * velocity)
+        if carries_weight:
+            force = force - mass * self.model.opt.gravity
+        rotation = self.data.xmat[body].reshape(3, 3)
+        self.data.xfrc_applied[body, :3] = force
+        self.data.xfrc_applied[body, 3:] = -spin_damping * inertia * (rotation @ spin)
+
+    def let_go(self, name: str) -> None:
+        """No hand on this body any more."""
+        self.data.xfrc_applied[self.model.body(name).id] = 0.0
+
+    def imagine(self, q_rad: Array) -> tuple[Array, str]:
+        """What would be, were the arm in this posture (n_joints,) and everything else where it is.
+
+        Returns:
+            (3,) position of the tool centre point, and `part|other` of a contact of the robot with itself or with
+            something that stands fixed; empty when there is none that is not there already.
+        """
+        seen = self._imagined
+        seen.qpos[:] = self.data.qpos
+        seen.qpos[self.q_address] = q_rad
+        mujoco.mj_kinematics(self.model, seen)
+        mujoco.mj_collision(self.model, seen)
+        new = self._find_firm_contacts(seen)
+        if new:
+            new -= self._find_firm_contacts(self.data)
+        names = [f"{self.model.body(first).name}|{self.model.body(second).name}" for first, second in sorted(new)]
+        return np.array(seen.site_xpos[self._tcp]), names[0] if names else ""
+
+    def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
+        """Pairs of bodies: a moving part of the robot, and the robot itself or something that stands fixed."""
+        geoms = data.contact.geom[: data.ncon]
+        firm = self._of_robot[geoms].any(axis=1) & ~self._is_loose[geoms].any(axis=1)
+        firm &= ~self._of_fingers[geoms].all(axis=1)  # closed fingers touch each other
+        return {(int(first), int(second)) for first, second in self.model.geom_bodyid[geoms[firm]]}
+
+    def find_hardest_contact(self) -> tuple[float, str]:
+        """The greatest force [N] between the robot and one other body, or two parts of it, in the latest physics step.
+
+        Forces are added as vectors: a grip, which presses from both sides, cancels out; a blow does not.
+
+        Returns:
+            The force and `part|other`; zero and empty without contact.
+        """
+        geoms = self.data.contact.geom[: self.data.ncon]
+        forces: dict[tuple[int, int], Array] = {}
+        wrench = np.zeros(6)
+        for index in np.flatnonzero(self._of_robot[geoms].any(axis=1)).tolist():
+            (first, second), (ours, theirs) = geoms[index], self._of_robot[geoms[index]]
+            first, second = int(self.model.geom_bodyid[first]), int(self.model.geom_bodyid[second])
+            mujoco.mj_contactForce(self.model, self.data, index, wrench)
+            force = self.data.contact.frame[index].reshape(3, 3).T @ wrench[:3]  # of the first on the second
+            key = (first, second) if ours and theirs else (-1, second if ours else first)
+            forces[key] = forces.get(key, 0.0) + (force if ours else -force)
+        if not forces:
+            return 0.0, ""
+        key, force = max(forces.items(), key=lambda item: float(np.linalg.norm(item[1])))
+        part, other = ("robot" if body < 0 else self.model.body(body).name for body in key)
+        return float(np.linalg.norm(force)), f"{part}|{other}"
+
+    def set_pad_friction(self, friction: tuple[float, float, float] | None) -> None:
+        """Friction (slide, spin, roll) of the finger pads; None for what the model says."""
+        for pad in self._pads:
+            self.model.geom_friction[pad] = self._pad_friction[pad] if friction is None else friction
+
+    def set_joint_friction(self, joint: str, torque_nm: float | None) -> None:
+        """Dry friction of a joint [Nm]; None for what the model says."""
+        dof = int(self.model.joint(joint).dofadr[0])
+        own = torque_nm is None
+        self.model.dof_frictionloss[dof] = self._joint_friction[dof] if own else torque_nm
+        self.model.dof_solimp[dof, :2] = self._joint_impedance[dof] if own else RIGID  # a soft friction would creep
+
+    def save(self, folder: Path) -> None:
+        """Write `scene.mjb` and `scene.xml`."""
+        mujoco.mj_saveModel(self.model, str(folder / "scene.mjb"), None)
+        (folder / "scene.xml").write_text(self.spec.to_xml(), encoding="utf-8")
+
+
+def _as_slice(places: list[int]) -> slice | NDArray[np.intp]:
+    """Places in an array; as a slice where they follow each other, since a view costs less than a copy."""
+    first, count = places[0], len(places)
+    return slice(first, first + count) if places == list(range(first, first + count)) else np.array(places)

@@ -1,0 +1,180 @@
+"""The back end that needs no graphics: one ray for each pixel, cast by MuJoCo through the visible solids.
+
+Upstream: `simulated_camera`. The state is only read; its poses must be computed (`mj_kinematics`). Colour is the
+material's, lit by Lambert's law: no shadows, no gloss, and a texture counts with its mean.
+"""
+
+import mujoco
+import numpy as np
+
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
+    Hits,
+    MovingSolids,
+    Picture,
+    Rays,
+    Single,
+    StaticDepthCache,
+    shoot,
+)
+from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
+
+KEPT_PX = 4096  # a smaller window is cast as fast
+BACKDROPS_KEPT = 8  # of some megabytes each
+SKY = np.array([0.7, 0.76, 0.82], dtype=np.float32)  # where nothing is hit
+
+
+class RayCaster:
+    """Casts pictures of one model.
+
+    Args:
+        model: Compiled model.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model = model
+        self._colors = _read_colors(model)  # (n_geoms + 1, 3), the last one for nothing
+        self._lights = [light for light in range(model.nlight) if model.light_active[light]]
+        head = model.vis.headlight
+        self._ambient, self._head = np.array(head.ambient, np.float32), np.array(head.diffuse, np.float32)
+        self._rays: dict[Lens, tuple[Array, Array]] = {}
+        self._moving = MovingSolids(model)
+        self._backdrops: dict[tuple[Lens, bytes, bytes, float], StaticDepthCache] = {}
+
+    def cast(
+        self,
+        data: mujoco.MjData,
+        lens: Lens,
+        viewpoint: Viewpoint,
+        far_m: float,
+        pixels: Pixels | None = None,
+        *,
+        still: bool = False,
+    ) -> Picture:
+        """One picture.
+
+        Args:
+            data: State with computed poses.
+            lens: And window.
+            viewpoint: `world_T_camera`.
+            far_m: Depth beyond which nothing needs to be found.
+            pixels: Rows and columns of those that are wanted, for a picture of one row; all when absent.
+            still: Whether the camera never moves, so that its view of what never moves is worth keeping.
+        """
+        rays, lengths = self._get_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
+        shape = (lens.height, lens.width) if pixels is None else (1, len(rays))
+        if still and pixels is None and len(rays) >= KEPT_PX:
+            return self._cover(self._get_backdrop(data, lens, viewpoint, far_m), data).reshape(shape)
+        beam = Rays(viewpoint, rays @ viewpoint.rotation.T, far_m * float(lengths.max()))
+        return self._paint(data, beam, lengths, shoot(self._model, data, beam)).reshape(shape)
+
+    def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
+        """Colours, depths and cosines of (n,) pixels from what their rays meet."""
+        hit = hits.geoms >= 0
+        rays32, facing = rays.directions.astype(np.float32), hits.normals.astype(np.float32)
+        along = np.where(hit, hits.distances_m, 0.0).astype(np.float32)
+        cosines = np.where(hit, -_dot(rays32, facing), np.float32(0.0))
+        facing *= np.where(cosines < 0.0, np.float32(-1.0), np.float32(1.0))[:, None]  # a ray that starts in a solid
+        cosines = np.abs(cosines)
+        points = rays.viewpoint.position_m.astype(np.float32) + rays32 * along[:, None]
+        rgb = np.minimum(self._colors[hits.geoms] * self._light(data, points, facing, cosines), np.float32(1.0))
+        rgb[~hit] = SKY
+        depth = np.where(hit, along / lengths.astype(np.float32), np.float32(np.inf))
+        return Picture(rgb, depth, cosines)
+
+    def _get_backdrop(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float) -> StaticDepthCache:
+        """What a camera that stands still sees of what stands still; cast anew where that was moved after all."""
+        key = (lens, viewpoint.position_m.tobytes(), viewpoint.rotation.tobytes(), far_m)
+        signature = self._moving.sign_fixed(data)
+        kept = self._backdrops.get(key)
+        if kept is None or kept.signature != signature:
+            if len(self._backdrops) >= BACKDROPS_KEPT:
+                self._backdrops.clear()
+            rays, lengths = self._get_rays(lens)
+            beam = Rays(viewpoint, rays @ viewpoint.rotation.T, far_m * float(lengths.max()))
+            emptied = self._moving.send_away(data)
+            hits = shoot(self._model, emptied, beam)
+            kept = StaticDepthCache(signature, lens, beam, lengths, hits, self._paint(emptied, beam, lengths, hits))
+            self._backdrops[key] = kept
+        return kept
+
+    def _cover(self, backdrop: StaticDepthCache, data: mujoco.MjData) -> Picture:
+        """A backdrop with what moves in front of it."""
+        rays, behind, picture = backdrop.rays, backdrop.hits, backdrop.picture
+        where = self._moving.find_pixels(data, backdrop.lens, rays.viewpoint)
+        beam = Rays(rays.viewpoint, rays.directions[where], rays.cutoff_m)
+        hits = shoot(self._model, data, beam, fixed=False)
+        far_m, geoms = behind.distances_m[where], behind.geoms[where]
+        nearer = (geoms < 0) | (hits.distances_m < far_m) | ((hits.distances_m == far_m) & (hits.geoms < geoms))
+        nearer &= hits.geoms >= 0
+        where, hits = where[nearer], hits.take(nearer)
+        front = self._paint(data, Rays(beam.viewpoint, beam.directions[nearer], 0.0), backdrop.lengths[where], hits)
+        rgb, depth, incidence = picture.rgb.copy(), picture.depth_m.copy(), picture.incidence.copy()
+        rgb[where], depth[where], incidence[where] = front.rgb, front.depth_m, front.incidence
+        return Picture(rgb, depth, incidence)
+
+    def _get_rays(self, lens: Lens) -> tuple[Array, Array]:
+        """(n, 3) unit vectors and (n,) lengths of the rays with z = 1; kept, since a camera's lens does not change."""
+        if lens not in self._rays:
+            if len(self._rays) > 32:  # windows that follow a thing are all different
+                self._rays.clear()
+            self._rays[lens] = _normalise(lens.compute_rays())
+        return self._rays[lens]
+
+    def _light(self, data: mujoco.MjData, points: Single, normals: Single, facing: Single) -> Single:
+        """(n, 3) light that each point sends back: ambient, a lamp at the camera, and the scene's lamps."""
+        model = self._model
+        light: Single = self._ambient + self._head * facing[:, None]
+        for index in self._lights:
+            direction = data.light_xdir[index].astype(np.float32)
+            if model.light_type[index] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
+                cosines = -_dot(normals, direction)
+            else:
+                towards = data.light_xpos[index].astype(np.float32) - points
+                distances: Single = np.sqrt(_dot(towards, towards))
+                cosines = _dot(normals, towards) / distances
+                if model.light_type[index] == mujoco.mjtLightType.mjLIGHT_SPOT:
+                    beam = np.cos(np.radians(float(model.light_cutoff[index])))
+                    cosines[-_dot(towards, direction) < beam * distances] = 0.0
+            light += np.maximum(cosines, np.float32(0.0))[:, None] * model.light_diffuse[index]
+            light += model.light_ambient[index]
+        return light
+
+
+def _dot(a: Single, b: Single) -> Single:
+    """(n,) products of vectors (n, 3) with vectors (n, 3) or (3,).
+
+    Each row is computed alone, so that some of the rows give the same bits as all of them.
+    """
+    product: Single = a[:, 0] * b[..., 0] + a[:, 1] * b[..., 1] + a[:, 2] * b[..., 2]
+    return product
+
+
+def _normalise(rays: Array) -> tuple[Array, Array]:
+    """(n, 3) unit vectors and (n,) lengths."""
+    lengths = np.linalg.norm(rays, axis=1)
+    return rays / lengths[:, None], lengths
+
+
+def _read_colors(model: mujoco.MjModel) -> Single:
+    """(n_geoms + 1, 3) colour of each geom, a texture by its mean; the last row is for no geom at all."""
+    means = [_compute_mean(model, texture) for texture in range(model.ntex)]
+    colors = np.ones((model.ngeom + 1, 3), np.float32)
+    role = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+    for geom in range(model.ngeom):
+        material = int(model.geom_matid[geom])
+        rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+        colors[geom] = rgba[:3]
+        texture = int(model.mat_texid[material][role]) if material >= 0 else -1
+        if texture >= 0:
+            colors[geom] *= means[texture]
+    return colors
+
+
+def _compute_mean(model: mujoco.MjModel, texture: int) -> Array:
+    """(3,) mean colour of a texture, 0..1."""
+    channels = int(model.tex_nchannel[texture])
+    start = int(model.tex_adr[texture])
+    size = int(model.tex_width[texture]) * int(model.tex_height[texture]) * channels
+    pixels = np.asarray(model.tex_data[start : start + size]).reshape(-1, channels)
+    mean: Array = pixels[:, :3].mean(axis=0) / 255.0
+    return mean if channels >= 3 else np.full(3, mean[0])

@@ -1,0 +1,197 @@
+"""A simulated RGB-D camera: one state of a model in, one frame out. Pure, but for its buffers.
+
+Upstream: `cameras`, in the world process, and whoever senses recorded states again: open the model of an evidence
+bundle (`mujoco.MjModel.from_binary_path("scene.mjb")`), then
+
+    cameras = open_cameras(model, read_sensors(path), seed=7, level="harsh")
+    data = pose_state(model, np.load("terminal.npz")["qpos"])
+    frame = cameras["overhead"].capture(data, time_s=12.5, rng=np.random.default_rng(1))
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
+from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.world.environment import Pose
+from phyagentos.protocol.world.seeds import compute_seed
+from phyagentos.runtime.drivers.mujoco.camera_noise import draw_places, spoil
+from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
+from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture
+from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint, find_mounting, turn
+from phyagentos.runtime.targets.wire import Crop, Frame
+
+
+class Caster(Protocol):
+    """A back end: what a perfect camera sees."""
+
+    def cast(
+        self,
+        data: mujoco.MjData,
+        lens: Lens,
+        viewpoint: Viewpoint,
+        far_m: float,
+        pixels: Pixels | None = None,
+        *,
+        still: bool = False,
+    ) -> Picture:
+        """One picture of a state with computed poses, or some (1, n) of its pixels, by row and column."""
+        ...
+
+
+class UnknownMountingError(LookupError):
+    """The model has not what carries the camera."""
+
+
+class SimulatedCamera:
+    """One camera in one model.
+
+    Args:
+        model: Compiled model.
+        name: Of the camera, in sensors.yaml.
+        settings: Of the camera.
+        noise: What spoils its pictures and its placing.
+        caster: The back end.
+        seed: Of the error of its calibration, which never changes.
+
+    Raises:
+        UnknownMountingError: When the model lacks the body or the scene's camera that the settings name.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        name: str,
+        settings: CameraSettings,
+        noise: NoiseLevel,
+        caster: Caster,
+        seed: int = 0,
+    ) -> None:
+        mounting = find_mounting(model, settings)
+        if mounting is None:
+            raise UnknownMountingError(settings.scene_camera or settings.mount)
+        self.name, self.settings, self.noise, self.mounting = name, settings, noise, mounting
+        self._caster, self._still = caster, int(model.body_weldid[mounting.body]) == 0
+        self._error = _draw_error(noise, compute_seed(seed, "sensors", name, "calibration"))
+
+    def capture(
+        self,
+        data: mujoco.MjData,
+        time_s: float,
+        rng: np.random.Generator,
+        crop: Crop | None = None,
+        told: Viewpoint | None = None,
+        every: int = 1,
+    ) -> Frame:
+        """One frame.
+
+        Args:
+            data: State with computed poses, as `pose_state` leaves it; it is only read.
+            time_s: What the frame is stamped with.
+            rng: Of this frame's noise.
+            crop: Window to look at instead of the whole picture.
+            told: Where the camera claims to stand; where its mounting should be in this state, when absent.
+            every: Of so many rows and columns only the middle one is read out; odd.
+
+        Raises:
+            ExecutionError: `INVALID_CROP`, or `NO_GRAPHICS` of the back end that draws.
+        """
+        lens = self.mounting.lens if crop is None else self.mounting.lens.crop(crop)
+        nominal = self.mounting.find(data)
+        low, high = self.settings.range_m
+        if every == 1:
+            picture = self._caster.cast(data, lens, nominal.then(self._error), high, still=self._still)
+            rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
+        else:
+            lens, whole = lens.thin(every), lens
+            picture = self._cast_some(data, whole, lens, every, nominal.then(self._error), rng)
+            rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
+        return Frame(
+            camera=self.name,
+            time_s=time_s,
+            width=lens.width,
+            height=lens.height,
+            fx=lens.fx,
+            fy=lens.fy,
+            cx=lens.cx,
+            cy=lens.cy,
+            world_T_camera=as_pose(told or nominal),
+            rgb=rgb,
+            depth_m=depth,
+        )
+
+    def _cast_some(
+        self, data: mujoco.MjData, whole: Lens, thin: Lens, every: int, viewpoint: Viewpoint, rng: np.random.Generator
+    ) -> Picture:
+        """The pixels of a thinned picture: colours of where they look, depths of where their wavering takes them."""
+        shape, far_m = (thin.height, thin.width), self.settings.range_m[1]
+        rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2
+        std_px = self.noise.lateral_std_rad * whole.fx
+        deep_rows, deep_columns = draw_places(shape, every, std_px, rng) if std_px > 0.0 else (rows, columns)
+        moved = np.nonzero((deep_rows != rows) | (deep_columns != columns))
+        pixels = (
+            np.concatenate((rows.ravel(), deep_rows[moved])),
+            np.concatenate((columns.ravel(), deep_columns[moved])),
+        )
+        picture = self._caster.cast(data, whole, viewpoint, far_m, pixels)
+        n = rows.size
+        depth, incidence = (each[0, :n].reshape(shape).copy() for each in (picture.depth_m, picture.incidence))
+        depth[moved], incidence[moved] = picture.depth_m[0, n:], picture.incidence[0, n:]
+        return Picture(picture.rgb[0, :n].reshape(*shape, 3), depth, incidence)
+
+
+def open_cameras(
+    model: mujoco.MjModel, sensors: Sensors, *, seed: int, level: str = "", names: Sequence[str] = ()
+) -> dict[str, SimulatedCamera]:
+    """The cameras of sensors.yaml that a model can carry.
+
+    Args:
+        model: Compiled model.
+        sensors: The settings.
+        seed: Of the scene.
+        level: Name of a noise level; the file's choice when empty.
+        names: Which cameras; all when empty.
+
+    Raises:
+        KeyError: When there is no such noise level.
+    """
+    noise = sensors.get_noise(level)
+    caster: Caster = RayCaster(model) if sensors.backend == "ray" else GraphicsCaster(model)
+    cameras: dict[str, SimulatedCamera] = {}
+    for name, sensor in sensors.cameras.items():
+        if sensor.camera is None or (names and name not in names):
+            continue
+        try:
+            cameras[name] = SimulatedCamera(model, name, sensor.camera, noise, caster, seed)
+        except UnknownMountingError:
+            continue
+    return cameras
+
+
+def pose_state(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None = None) -> mujoco.MjData:
+    """The poses of all bodies, cameras and lights for joint positions (nq,), in `data` or a new one."""
+    data = mujoco.MjData(model) if data is None else data
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    return data
+
+
+def as_pose(viewpoint: Viewpoint) -> Pose:
+    """A viewpoint as it travels."""
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(viewpoint.rotation).ravel())
+    x, y, z = (float(value) for value in viewpoint.position_m)
+    w, i, j, k = (float(value) for value in quaternion)
+    return Pose((x, y, z), (w, i, j, k))
+
+
+def _draw_error(noise: NoiseLevel, seed: int) -> Viewpoint:
+    """`told_T_true` of a camera."""
+    rng = np.random.default_rng(seed)
+    shift = rng.normal(size=3) * noise.calibration_position_m
+    return Viewpoint(shift, turn(rng.normal(size=3) * noise.calibration_rotation_rad))

@@ -1,0 +1,127 @@
+"""Which leaves there are: an explicit registry, filled by whoever composes a process.
+
+Importing a module registers nothing. Leaves come from this package, from installed packages (entry point group
+`phyagentos.leaves`: a function that takes the registry) and from a skill folder's own `behaviours.py`.
+"""
+
+import importlib.util
+import operator
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.trees import Tree
+from phyagentos.runtime.execution.leaf import Leaf
+
+ENTRY_POINT_GROUP = "phyagentos.leaves"
+BEHAVIOURS = "behaviours.py"  # a skill folder's own leaves: `def register(registry)`
+
+
+class LeafRegistry:
+    """Leaf classes by the name that trees use."""
+
+    def __init__(self) -> None:
+        self._classes: dict[str, type[Leaf]] = {}
+        self._sound: dict[tuple[Library, str], tuple[Tree, ...]] = {}
+
+    def register(self, name: str, leaf: type[Leaf]) -> None:
+        """Add a leaf.
+
+        Raises:
+            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF` for anything but a leaf.
+        """
+        if not issubclass(leaf, Leaf):
+            raise DefinitionError(
+                Problem(code="NOT_A_LEAF", address=name, found=repr(leaf), expected="a subclass of execution.leaf.Leaf")
+            )
+        existing = self._classes.get(name)
+        if existing is not None and existing is not leaf:
+            raise DefinitionError(
+                Problem(
+                    code="DUPLICATE_LEAF",
+                    address=f"{leaf.__module__}.{leaf.__qualname__}",
+                    found=f"{name!r}, already {existing.__module__}.{existing.__qualname__}",
+                    hint="Rename one of them.",
+                )
+            )
+        self._classes[name] = leaf
+        self._sound.clear()
+
+    def is_sound(self, library: Library, name: str, trees: tuple[Tree, ...]) -> bool:
+        """Whether a tree, and all below it, was found to fit these leaves as it stands."""
+        known = self._sound.get((library, name), ())
+        return len(known) == len(trees) > 0 and all(map(operator.is_, known, trees))
+
+    def note_sound(self, library: Library, name: str, trees: tuple[Tree, ...]) -> None:
+        """A tree, and all below it, fits these leaves; forgotten when there are more leaves."""
+        self._sound[library, name] = trees
+
+    def names(self) -> list[str]:
+        """Every leaf, sorted."""
+        return sorted(self._classes)
+
+    def find(self, name: str) -> type[Leaf] | None:
+        """The class of a leaf, or None."""
+        return self._classes.get(name)
+
+    def get(self, name: str) -> type[Leaf]:
+        """The class of a leaf.
+
+        Raises:
+            DefinitionError: `UNKNOWN_LEAF`, with the nearest name.
+        """
+        leaf = self._classes.get(name)
+        if leaf is None:
+            raise DefinitionError(
+                Problem(
+                    code="UNKNOWN_LEAF",
+                    address="leaf registry",
+                    found=repr(name),
+                    expected=format_names(self._classes),
+                    hint=format_hint(name, self._classes),
+                )
+            )
+        return leaf
+
+
+def build_registry(library: Library) -> LeafRegistry:
+    """Built-in leaves, then those of installed packages, then those of the library's skills."""
+    from phyagentos.runtime.execution.leaves.builtin import register_builtin
+
+    registry = LeafRegistry()
+    register_builtin(registry)
+    for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
+        point.load()(registry)
+    for skill in library.names_of_skills():
+        path = library.get_skill(skill).with_name(BEHAVIOURS)
+        if path.is_file():
+            register_file(registry, path)
+    return registry
+
+
+def register_file(registry: LeafRegistry, path: Path) -> None:
+    """Load a skill's `behaviours.py` from its path and let it register its leaves.
+
+    Raises:
+        DefinitionError: `BROKEN_BEHAVIOURS` when the file cannot be loaded or has no `register`.
+    """
+    spec = importlib.util.spec_from_file_location(f"phyagentos_skill_{path.parent.name}", path)
+    if spec is None or spec.loader is None:
+        raise DefinitionError(Problem(code="BROKEN_BEHAVIOURS", address=str(path), found="not a Python file"))
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        register = module.register
+    except DefinitionError:
+        raise
+    except Exception as error:
+        raise DefinitionError(
+            Problem(
+                code="BROKEN_BEHAVIOURS",
+                address=str(path),
+                found=f"{type(error).__name__}: {error}",
+                expected="a function register(registry)",
+            )
+        ) from error
+    register(registry)

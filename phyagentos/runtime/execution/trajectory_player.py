@@ -1,0 +1,119 @@
+"""Playing a timed motion, one control period a tick, and noticing a motor that does not follow."""
+
+from enum import StrEnum
+
+import numpy as np
+
+from phyagentos.errors import ExecutionError
+from phyagentos.runtime.execution.codes import FailureCode
+from phyagentos.runtime.execution.commands import CommandBuffer
+from phyagentos.runtime.motion.requests import Trajectory
+from phyagentos.runtime.targets.wire import Step
+
+STALL_PERIODS = 5  # 0.1 s beyond the tracking limit: longer than any contact transient seen in free motion
+ARRIVED_RAD = 0.006  # above the tracking error at rest (4 mrad)
+ARRIVE_PERIODS = 25  # 0.5 s to come to rest at the end
+NOT_ARRIVED_RAD = 0.015  # a tool that is this far off is more than a centimetre off; contact at rest pushes less
+START_TOLERANCE_RAD = 0.02  # between the last set-point and the first row of a motion
+
+
+class Progress(StrEnum):
+    """How a motion stands."""
+
+    MOVING = "moving"
+    """Set-points were commanded."""
+    ARRIVED = "arrived"
+    """All rows are commanded and the arm is at the last one."""
+    STALLED = "stalled"
+    """The arm does not follow."""
+
+
+class Lag:
+    """How far the arm is behind its set-points.
+
+    Args:
+        tracking_error_max_rad: Beyond this for `STALL_PERIODS` the arm counts as stalled.
+
+    Attributes:
+        worst_error_rad: The largest error so far.
+    """
+
+    def __init__(self, tracking_error_max_rad: float) -> None:
+        self._limit = tracking_error_max_rad
+        self._beyond = 0
+        self.worst_error_rad = 0.0
+
+    def is_stalled(self, step: Step) -> bool:
+        """Whether the arm does not follow; asked once after every control period."""
+        self.worst_error_rad = max(self.worst_error_rad, step.tracking_error_rad)
+        self._beyond = self._beyond + 1 if step.tracking_error_rad > self._limit else 0
+        return self._beyond >= STALL_PERIODS
+
+
+class TrajectoryPlayer:
+    """Plays one trajectory into a command buffer.
+
+    Args:
+        trajectory: Sampled at the buffer's row period; begins where the arm's set-points rest.
+        commands: Takes the rows.
+        tracking_error_max_rad: Beyond this for `STALL_PERIODS` the arm counts as stalled.
+
+    Raises:
+        ExecutionError: `NOT_AT_START` when the motion begins elsewhere or is sampled otherwise.
+    """
+
+    def __init__(self, trajectory: Trajectory, commands: CommandBuffer, tracking_error_max_rad: float) -> None:
+        if trajectory.step_s != commands.step_s:
+            raise ExecutionError(
+                FailureCode.NOT_AT_START,
+                f"the motion is sampled every {trajectory.step_s} s, a command every {commands.step_s} s",
+            )
+        if len(trajectory.q_rad):
+            jump = float(np.abs(trajectory.q_rad[0] - commands.q_rad).max())
+            if jump > START_TOLERANCE_RAD:
+                raise ExecutionError(FailureCode.NOT_AT_START, f"the motion begins {jump:.3f} rad from the set-points")
+        self._trajectory = trajectory
+        self._commands = commands
+        self._lag = Lag(tracking_error_max_rad)
+        self._row = 0
+        self._waited = 0
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the motion [s]."""
+        return len(self._trajectory.q_rad) * self._trajectory.step_s
+
+    @property
+    def worst_error_rad(self) -> float:
+        """Largest tracking error so far [rad]."""
+        return self._lag.worst_error_rad
+
+    def tick(self, step: Step) -> Progress:
+        """Judge the latest step and command the next rows."""
+        if self._row and self._lag.is_stalled(step):
+            return Progress.STALLED
+        if self._row >= len(self._trajectory.q_rad):
+            return self._come_to_rest(step)
+        self._command_rows()
+        return Progress.MOVING
+
+    def _command_rows(self) -> None:
+        n = self._commands.n_steps
+        rows = slice(self._row, self._row + n)
+        q, qd = self._trajectory.q_rad[rows], self._trajectory.qd_rad_s[rows]
+        if len(q) < n:  # the last period holds the end
+            missing = n - len(q)
+            q = np.vstack((q, np.tile(q[-1], (missing, 1))))
+            qd = np.vstack((qd, np.zeros((missing, q.shape[1]))))
+        self._commands.set_arm(np.ascontiguousarray(q), np.ascontiguousarray(qd))
+        self._row += n
+
+    def _come_to_rest(self, step: Step) -> Progress:
+        if self._row and step.tracking_error_rad > ARRIVED_RAD:
+            self._waited += 1
+            if self._waited <= ARRIVE_PERIODS:
+                self._commands.hold()
+                return Progress.MOVING
+            if step.tracking_error_rad > NOT_ARRIVED_RAD:
+                return Progress.STALLED
+        return Progress.ARRIVED

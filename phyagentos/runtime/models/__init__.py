@@ -1,0 +1,1 @@
+"""Robot and scene models (MjSpec), shared by motion, perception and drivers."""

@@ -1,0 +1,136 @@
+"""From a target profile to the robot's part of a MuJoCo model: file, mount, servos.
+
+Upstream: `robots/<name>/target.yaml` and its MJCF. Downstream: `scene` (the simulated world) and the planning model.
+The robot's own spec is the root to which a scene adds its bodies, so that its names stay as the file gives them.
+Alternative rejected: `MjSpec.attach`, which wants a prefix on every name.
+"""
+
+from pathlib import Path
+
+import mujoco
+
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import Located, read_yaml, validate
+
+GRIPPER_ACTUATOR = "act_gripper"
+GRIPPER_TENDON = "gripper_width"
+
+
+def name_actuator(joint: str) -> str:
+    """Name of the position servo of an arm joint."""
+    return f"act_{joint}"
+
+
+def read_profile(path: Path) -> tuple[TargetProfile, Path]:
+    """Read `robots/<name>/target.yaml`.
+
+    Args:
+        path: The profile's file.
+
+    Returns:
+        The profile, and the folder that its `model` is relative to.
+
+    Raises:
+        DefinitionError: With every problem: unknown keys, lists of unequal length, an absent model file.
+    """
+    located = read_yaml(path)
+    profile = validate(TargetProfile, located)
+    problems = _check_lengths(profile, located)
+    if profile.kind != "debug" and not (path.parent / profile.model).is_file():
+        problems.append(
+            located.problem("MODEL_MISSING", ("model",), repr(profile.model), f"a MJCF file in {path.parent}")
+        )
+    steps = profile.control_period_s / profile.physics_step_s
+    if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
+        problems.append(
+            located.problem(
+                "INVALID_VALUE", ("control_period_s",), str(profile.control_period_s), "a whole number of physics steps"
+            )
+        )
+    if problems:
+        raise DefinitionError(problems)
+    return profile, path.parent
+
+
+def _check_lengths(profile: TargetProfile, located: Located) -> list[Problem]:
+    n = len(profile.arm.joints)
+    lists = {name: value for name, value in profile.arm if isinstance(value, tuple) and name != "joints"}
+    return [
+        located.problem("WRONG_LENGTH", ("arm", name), f"{len(value)} values", f"{n}, one per joint")
+        for name, value in lists.items()
+        if len(value) != n
+    ]
+
+
+def count_steps(profile: TargetProfile) -> int:
+    """Physics steps in one control period."""
+    return round(profile.control_period_s / profile.physics_step_s)
+
+
+def build_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
+    """The mounted robot with its servos, as a spec to which more may be added.
+
+    Arm joints get position servos `act_<joint>` with explicit stiffness, damping and torque limit; the fingers share
+    one servo `act_gripper` on the tendon `gripper_width`, whose length is the opening. All bodies are
+    gravity-compensated, as the arm's own controller does it.
+
+    Args:
+        profile: What `read_profile` returned.
+        folder: Where the profile's `model` lies.
+
+    Raises:
+        DefinitionError: When the model lacks a joint, pad or site that the profile names, or is no MJCF.
+    """
+    path = folder / profile.model
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise DefinitionError(Problem(code="MODEL_UNREADABLE", address=str(path), found=str(error))) from error
+    _check_names(spec, profile, path)
+    for body in spec.worldbody.bodies:
+        body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
+    for body in spec.bodies[1:]:
+        body.gravcomp = 1.0
+    _add_servos(spec, profile)
+    return spec
+
+
+def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
+    known = {
+        "joint": [joint.name for joint in spec.joints],
+        "geom": [geom.name for geom in spec.geoms if geom.name],
+        "site": [site.name for site in spec.sites],
+    }
+    wanted = [
+        *(("joint", name) for name in (*profile.arm.joints, *profile.gripper.joints)),
+        *(("geom", name) for name in profile.gripper.pads),
+        ("site", profile.tcp),
+    ]
+    problems = [
+        Problem(
+            code=f"UNKNOWN_{kind.upper()}",
+            address=str(path),
+            found=repr(name),
+            expected=format_names(known[kind]),
+            hint=format_hint(name, known[kind]),
+        )
+        for kind, name in wanted
+        if name not in known[kind]
+    ]
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
+    arm, gripper = profile.arm, profile.gripper
+    for joint, kp, kv, torque in zip(arm.joints, arm.stiffness_nm_rad, arm.damping_nms_rad, arm.torque_nm, strict=True):
+        servo = spec.add_actuator(name=name_actuator(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_position(kp=kp, kv=kv)
+        servo.forcelimited, servo.forcerange = True, (-torque, torque)
+    tendon = spec.add_tendon(name=GRIPPER_TENDON)
+    for joint in gripper.joints:
+        tendon.wrap_joint(joint, 1.0)
+    servo = spec.add_actuator(name=GRIPPER_ACTUATOR, target=GRIPPER_TENDON, trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    servo.set_to_position(kp=gripper.stiffness_n_m, kv=gripper.damping_ns_m)
+    servo.forcelimited, servo.forcerange = True, (-gripper.force_n, gripper.force_n)

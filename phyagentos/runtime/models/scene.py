@@ -1,0 +1,333 @@
+"""From a scene file and a seed to the bodies of a MuJoCo model, and to the entities they are.
+
+Upstream: `protocol.world.scenes`, `robot`. Downstream: `world`. Random numbers come from one generator, drawn in the
+order of the file, so a seed gives the same scene on every machine.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.world.environment import Entity, Interior, Mechanism, Pose, Region, Shape
+from phyagentos.protocol.world.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
+from phyagentos.protocol.world.seeds import compute_seed
+
+DRAWS = 2000  # tries for one position of an area before the scene is called overfull
+GRIP_PRIORITY = 3  # above that of finger pads
+GRIP_SOLREF, GRIP_IMPEDANCE = (0.005, 1.0), (0.95, 0.99, 0.001)  # as the pads of the shipped gripper
+TEXTURE_PIXELS = 128  # plain patterns need no more, and every model carries them
+_GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+}
+_BUILTIN = {
+    "flat": mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+    "gradient": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+    "checker": mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedBody:
+    """A body of the scene as this seed wants it: shapes after stretching, weight, grip, and where it starts."""
+
+    name: str
+    body: Body
+    shapes: tuple[Solid, ...]
+    position_m: tuple[float, float, float]
+    yaw_rad: float
+    mass_kg: float
+    grip: float | None  # coefficient of friction against the finger pads; None where the pads decide
+    opening: float | None = None  # fraction of the joint's travel; None without a joint
+
+    @property
+    def quaternion_wxyz(self) -> tuple[float, float, float, float]:
+        """(4,) of the start."""
+        return (float(np.cos(self.yaw_rad / 2)), 0.0, 0.0, float(np.sin(self.yaw_rad / 2)))
+
+    def place(self, point_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3,) a point of this body's frame, in the world."""
+        return _turn(point_m, self.yaw_rad) + self.position_m
+
+    def as_entity(self) -> Entity:
+        """What a planner or a predicate must know of it; the pose is that of the start."""
+        inside = self.body.interior
+        return Entity(
+            name=self.name,
+            kind=self.body.kind,
+            pose=Pose(self.position_m, self.quaternion_wxyz),
+            movable=not self.body.fixed,
+            shapes=tuple(
+                Shape(solid.kind, solid.size_m, Pose(solid.position_m, _euler_to_quaternion(solid.euler_rad)))
+                for solid in self.shapes
+                if not solid.decor
+            ),
+            interior=Interior(inside.center_m, inside.half_m) if inside else None,
+            joint=self.opening,
+            mechanism=self._describe_joint(),
+            part_of=self.body.part_of or "",
+            color=self.body.color,
+            source="simulator",
+        )
+
+    def _describe_joint(self) -> Mechanism | None:
+        joint = self.body.joint
+        if joint is None or self.opening is None:
+            return None
+        position, yaw = _open(self.position_m, self.yaw_rad, joint, -self.opening)
+        pose = Pose(position, (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))))
+        return Mechanism(joint.kind, joint.axis, joint.travel, pose)
+
+
+def _open(
+    position_m: tuple[float, float, float], yaw_rad: float, joint: Joint, fraction: float
+) -> tuple[tuple[float, float, float], float]:
+    """Where a body stands, and its yaw, once it has opened by a fraction of its travel."""
+    amount = joint.travel * fraction
+    if joint.kind == "slide":
+        (x, y, z), turn = _turn(np.array(joint.axis) * amount, yaw_rad) + position_m, yaw_rad
+    else:
+        turn = yaw_rad + amount * joint.axis[2]
+        anchor = np.array(joint.anchor_m)
+        x, y, z = position_m + _turn(anchor, yaw_rad) - _turn(anchor, turn)
+    return (float(x), float(y), float(z)), turn
+
+
+def _turn(point_m: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
+    """(3,) a point, turned about z."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = point_m
+    return np.array((c * x - s * y, s * x + c * y, z))
+
+
+def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
+    """Decide where everything stands.
+
+    Args:
+        spec: The scene.
+        seed: Of the scene.
+
+    Raises:
+        ExecutionError: `SCENE_OVERFULL` when an area has no room for all that is drawn from it.
+    """
+    rng = np.random.default_rng(compute_seed(seed, "scene", spec.scene))
+    taken: dict[str, list[NDArray[np.float64]]] = {name: [] for name in spec.areas}
+    placed: list[PlacedBody] = []
+    for name, body in spec.bodies.items():
+        position = _draw_position(spec, name, body.place, rng, taken)
+        yaw = float(rng.uniform(*body.place.yaw_rad))
+        if frame := next((item for item in placed if item.name == (body.place.frame or body.part_of)), None):
+            position, yaw = frame.place(position), yaw + frame.yaw_rad
+        shapes, lift = _stretch(body, rng)
+        x, y, z = (float(value) for value in position)
+        start, opening = (x, y, z + lift), None
+        if body.joint is not None:
+            opening = float(np.random.default_rng(compute_seed(seed, "opening", name)).uniform(*body.joint.opening))
+            start, yaw = _open(start, yaw, body.joint, opening)
+        mass_kg, grip = _draw_properties(body, compute_seed(seed, "properties", name))
+        placed.append(PlacedBody(name, body, shapes, start, yaw, mass_kg, grip, opening))
+    return tuple(placed)
+
+
+def _draw_properties(body: Body, seed: int) -> tuple[float, float | None]:
+    """What the body really weighs [kg] and how it slips; no position depends on these draws."""
+    rng = np.random.default_rng(seed)
+    mass_kg = float(rng.uniform(*body.mass_span_kg)) if body.mass_span_kg else body.mass_kg
+    grip = float(rng.uniform(*body.grip_span)) if body.grip_span else None
+    return mass_kg, grip
+
+
+def _draw_position(
+    spec: SceneSpec,
+    name: str,
+    place: Placement,
+    rng: np.random.Generator,
+    taken: dict[str, list[NDArray[np.float64]]],
+) -> NDArray[np.float64]:
+    base: NDArray[np.float64] = np.array(place.position_m) + rng.uniform(-1.0, 1.0, 3) * np.array(place.jitter_m)
+    if place.area is None:
+        return base
+    area = spec.areas[place.area]
+    for _ in range(DRAWS):
+        point = np.array([rng.uniform(*area.x_m), rng.uniform(*area.y_m)])
+        if all(np.linalg.norm(point - other) >= area.spacing_m for other in taken[place.area]):
+            taken[place.area].append(point)
+            return np.array([point[0], point[1], base[2]])
+    raise ExecutionError(
+        "SCENE_OVERFULL",
+        f"scene {spec.scene}: no room for {name!r} in area {place.area!r} with spacing {area.spacing_m} m; "
+        "widen the area or lower the spacing",
+    )
+
+
+def _stretch(body: Body, rng: np.random.Generator) -> tuple[tuple[Solid, ...], float]:
+    """Scale the height of a body that stands on its lower end; how much its centre rises [m]."""
+    if body.stretch_z is None:
+        return body.shapes, 0.0
+    factor = float(rng.uniform(*body.stretch_z))
+    shapes = tuple(
+        solid.model_copy(
+            update={
+                "size_m": (*solid.size_m[:-1], solid.size_m[-1] * factor),
+                "position_m": (*solid.position_m[:2], solid.position_m[2] * factor),
+            }
+        )
+        for solid in body.shapes
+    )
+    half = max(solid.position_m[2] + solid.size_m[-1] for solid in body.shapes)
+    return shapes, half * (factor - 1.0)
+
+
+def add_scene(robot: mujoco.MjSpec, spec: SceneSpec, placed: tuple[PlacedBody, ...]) -> None:
+    """Add floor, lights, cameras, materials and bodies to the robot's spec."""
+    robot.modelname = spec.scene.replace("/", "_")
+    _add_surroundings(robot, spec)
+    for item in placed:
+        _add_body(robot, item)
+
+
+def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec) -> None:
+    sky = mujoco.mjtTexture.mjTEXTURE_SKYBOX
+    robot.add_texture(
+        name="sky", type=sky, builtin=_BUILTIN["gradient"], rgb1=[0.86, 0.9, 0.95], rgb2=[0.55, 0.62, 0.7],
+        width=64, height=64,
+    )  # fmt: skip
+    for name, material in spec.materials.items():
+        _add_material(robot, name, material)
+    for name, light in spec.lights.items():
+        robot.worldbody.add_light(
+            name=name, pos=light.position_m, dir=light.direction, diffuse=light.diffuse, castshadow=light.shadow
+        )
+    for name, camera in spec.cameras.items():
+        robot.worldbody.add_camera(name=name, pos=camera.position_m, fovy=camera.fovy_deg, xyaxes=_look_at(camera))
+
+
+def _add_material(robot: mujoco.MjSpec, name: str, material: Material) -> None:
+    added = robot.add_material(
+        name=name,
+        rgba=material.rgba,
+        specular=material.specular,
+        shininess=material.shininess,
+        reflectance=material.reflectance,
+    )
+    texture = material.texture
+    if texture is None:
+        return
+    robot.add_texture(
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=_BUILTIN[texture.builtin],
+        mark=mujoco.mjtMark.mjMARK_RANDOM if texture.random else mujoco.mjtMark.mjMARK_NONE,
+        markrgb=texture.rgb2,
+        random=texture.random,
+        rgb1=texture.rgb1,
+        rgb2=texture.rgb2,
+        width=TEXTURE_PIXELS,
+        height=TEXTURE_PIXELS,
+    )
+    names = list(added.textures)
+    names[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
+    added.textures = names
+    added.texrepeat = texture.repeat
+
+
+def _look_at(camera: Camera) -> list[float]:
+    """(6,) x and y axis of a camera that looks at its target with its x axis level."""
+    forward = np.array(camera.target_m) - np.array(camera.position_m)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    return [float(value) for value in (*right, *np.cross(right, forward))]
+
+
+def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
+    place = item.body.place
+    if item.body.part_of is None:
+        body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
+    else:
+        turn = _euler_to_quaternion((0.0, 0.0, place.yaw_rad[0]))
+        body = robot.body(item.body.part_of).add_body(name=item.name, pos=place.position_m, quat=turn)
+    if item.body.joint is not None and item.opening is not None:
+        _add_joint(body, item.name, item.body.joint, item.opening)
+    elif not item.body.fixed and item.body.part_of is None:
+        body.add_freejoint(name=f"{item.name}_free")
+    volumes = [0.0 if solid.decor else _compute_volume(solid) for solid in item.shapes]
+    for index, (solid, volume) in enumerate(zip(item.shapes, volumes, strict=True)):
+        geom = body.add_geom(
+            name=item.name if index == 0 else f"{item.name}_{index}",
+            type=_GEOMS[solid.kind],
+            size=[*solid.size_m, 0.0, 0.0][:3],
+            pos=solid.position_m,
+            quat=_euler_to_quaternion(solid.euler_rad),
+            mass=item.mass_kg * volume / sum(volumes),
+            condim=3,  # the pads of a gripper have priority and torsional friction of their own
+            friction=item.body.friction,
+        )
+        if item.grip is not None:
+            _decide_grip(geom, item.grip)
+        if material := solid.material or item.body.material:
+            geom.material = material
+        if solid.decor:
+            geom.contype, geom.conaffinity, geom.group = 0, 0, 2
+
+
+def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) -> None:
+    """A slide or hinge whose position is zero when it is closed, and which begins open by a fraction."""
+    kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.kind == "slide" else mujoco.mjtJoint.mjJNT_HINGE
+    body.add_joint(
+        name=f"{name}_joint",
+        type=kind,
+        axis=joint.axis,
+        pos=joint.anchor_m,
+        ref=joint.travel * opening,
+        range=(0.0, joint.travel),
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        damping=joint.damping,
+        frictionloss=joint.friction,
+    )
+
+
+def _decide_grip(geom: mujoco.MjsGeom, friction: float) -> None:
+    """Let the thing's surface decide the grip: above the pads' priority, and as stiff as they are."""
+    geom.priority, geom.condim, geom.friction = GRIP_PRIORITY, 4, (friction, 0.02 * friction, 0.001)
+    geom.solref, geom.solimp = GRIP_SOLREF, (*GRIP_IMPEDANCE, 0.5, 2.0)
+
+
+def _compute_volume(solid: Solid) -> float:
+    size = solid.size_m
+    if solid.kind == "box":
+        return float(8 * np.prod(size))
+    if solid.kind == "sphere":
+        return float(4 / 3 * np.pi * size[0] ** 3)
+    caps = 4 / 3 * np.pi * size[0] ** 3 if solid.kind == "capsule" else 0.0
+    return float(2 * np.pi * size[0] ** 2 * size[1] + caps)
+
+
+def _euler_to_quaternion(euler_rad: tuple[float, float, float]) -> tuple[float, float, float, float]:
+    """Intrinsic x-y-z angles to (w, x, y, z)."""
+    quaternion = np.zeros(4)
+    mujoco.mju_euler2Quat(quaternion, np.array(euler_rad), "xyz")
+    w, x, y, z = (float(value) for value in quaternion)
+    return (w, x, y, z)
+
+
+def read_regions(spec: SceneSpec, placed: tuple[PlacedBody, ...]) -> tuple[Region, ...]:
+    """Named regions in the world; one that belongs to a body moves with where the seed put that body."""
+    starts = {item.name: item for item in placed}
+    regions = []
+    for name, region in spec.regions.items():
+        pose = Pose(region.center_m)
+        if region.body is not None:
+            item = starts[region.body]
+            rotation = np.zeros(9)
+            mujoco.mju_quat2Mat(rotation, np.array(item.quaternion_wxyz))
+            offset = rotation.reshape(3, 3) @ np.array(region.center_m)
+            x, y, z = (float(value) for value in np.array(item.position_m) + offset)
+            pose = Pose((x, y, z), item.quaternion_wxyz)
+        regions.append(Region(name=name, pose=pose, half_m=region.half_m))
+    return tuple(regions)

@@ -1,0 +1,104 @@
+"""Which part of which picture shows a thing: so that a hold condition costs a glance and not a look around.
+
+Upstream: the belief and where the cameras stood at the last look. Downstream: `embedded`, which asks for these windows.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from phyagentos.protocol.world.environment import Entity, SensorHealth
+from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.solids import Array, compute_rotation
+from phyagentos.runtime.targets.wire import Crop
+
+MARGIN = 1.35  # of the ball around a thing: it may have moved a little, and what is beside it tells edges
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extrinsics:
+    """Where a camera stood, and its whole picture."""
+
+    position_m: Array
+    rotation: Array
+    focal: tuple[float, float, float, float]
+    width: int
+    height: int
+
+    @classmethod
+    def find(cls, camera: SensorHealth) -> "Extrinsics | None":
+        """As it was told with the latest whole frame; None while there was none."""
+        if camera.pose is None:
+            return None
+        return cls(
+            position_m=np.array(camera.pose.position_m),
+            rotation=compute_rotation(camera.pose.quaternion_wxyz),
+            focal=camera.focal_px,
+            width=camera.size_px[0],
+            height=camera.size_px[1],
+        )
+
+
+def find_windows(
+    names: Iterable[str],
+    entities: Mapping[str, Entity],
+    inventory: Inventory,
+    stands: Mapping[str, Extrinsics],
+    most: int,
+) -> dict[str, Crop]:
+    """A window around all these things in each of the cameras that saw them best.
+
+    Args:
+        names: Of things.
+        entities: Where they are believed.
+        inventory: Of the scene.
+        stands: Cameras that may be asked.
+        most: How many cameras a thing is worth.
+    """
+    boxes: dict[str, list[tuple[float, float, float, float]]] = {}
+    for name in names:
+        entity, thing = entities.get(name), inventory.things.get(name)
+        if entity is None or thing is None:
+            continue
+        for camera in _rank(entity, stands)[:most]:
+            box = _project(entity, thing.diameter_m / 2 * MARGIN, thing.solids.center_m, stands[camera])
+            if box is not None:
+                boxes.setdefault(camera, []).append(box)
+    windows = {camera: _bound(found, stands[camera]) for camera, found in boxes.items()}
+    return {camera: window for camera, window in windows.items() if window is not None}
+
+
+def is_overlapping(one: Crop, other: Crop) -> bool:
+    """Whether two windows of one picture have pixels in common."""
+    return all(one[axis] < other[axis] + other[axis + 2] and other[axis] < one[axis] + one[axis + 2] for axis in (0, 1))
+
+
+def _rank(entity: Entity, stands: Mapping[str, Extrinsics]) -> list[str]:
+    """Cameras by how large the thing was in their pictures; those that never saw it last."""
+    areas = dict.fromkeys(stands, 0)
+    for pointer in entity.evidence:
+        camera, _, rest = pointer.partition("@")
+        if camera in areas:
+            _, _, width, height = (int(part) for part in rest.partition(":")[2].split(","))
+            areas[camera] = width * height
+    return sorted(areas, key=lambda camera: (-areas[camera], camera))
+
+
+def _project(
+    entity: Entity, radius_m: float, center: Array, stand: Extrinsics
+) -> tuple[float, float, float, float] | None:
+    middle = compute_rotation(entity.pose.quaternion_wxyz) @ center + np.array(entity.pose.position_m)
+    x, y, z = (stand.rotation.T @ (middle - stand.position_m)).tolist()
+    if z < 2 * radius_m:
+        return None
+    fx, fy, cx, cy = stand.focal
+    u, v = x / z * fx + cx, y / z * fy + cy
+    return u - radius_m / z * fx, v - radius_m / z * fy, u + radius_m / z * fx, v + radius_m / z * fy
+
+
+def _bound(boxes: list[tuple[float, float, float, float]], stand: Extrinsics) -> Crop | None:
+    left, top = max(0, int(min(box[0] for box in boxes))), max(0, int(min(box[1] for box in boxes)))
+    right = min(stand.width, int(max(box[2] for box in boxes)) + 2)
+    bottom = min(stand.height, int(max(box[3] for box in boxes)) + 2)
+    return (left, top, right - left, bottom - top) if right - left > 2 and bottom - top > 2 else None

@@ -1,0 +1,52 @@
+"""Solids do not go through each other: a pose that is sunk into what carries it is looked for once more.
+
+Upstream: `association`, before it hands out its matches. From one side a coin that lies and a coin that stands on its
+rim look nearly alike; only one of them rests on what is below it. Depth is the deepest point of one surface within the
+other solid, as in penetration queries of collision detection.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from phyagentos.runtime.perception.fitting import Fit, fit, measure_sunk
+from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.views import CameraView
+
+SUNK_M = 0.005  # depths and calibration err by less than this
+
+
+def part(
+    things: Mapping[str, ObjectModel],
+    fits: Mapping[str, Fit],
+    points_m: Mapping[str, Array],
+    eyes: tuple[CameraView, ...],
+    map_solids: Solids,
+) -> dict[str, Fit]:
+    """The fits, those anew that are sunk into the map or into another one; of two, the one with fewer points.
+
+    Args:
+        things: By name.
+        fits: By name.
+        points_m: (n, 3) that each was fitted to.
+        eyes: The cameras.
+        map_solids: What is fixed, in the world.
+    """
+    parted = dict(fits)
+    rank = {name: (len(points_m[name]), name) for name in fits}
+    for name in sorted(fits, key=rank.__getitem__):
+        thing, own = things[name], parted[name]
+        obstacle = map_solids
+        for other, found in parted.items():
+            near_m = (things[other].diameter_m + thing.diameter_m) / 2
+            is_near = float(np.linalg.norm(found.position_m - own.position_m)) < near_m
+            if other != name and rank[other] > rank[name] and is_near:
+                obstacle = obstacle.join(things[other].solids.at(found.rotation, found.position_m))
+        sunk_m = measure_sunk(thing, own.rotation, own.position_m, obstacle)
+        if sunk_m < SUNK_M:
+            continue
+        again = fit(thing, points_m[name], eyes, (own.rotation, own.position_m), obstacle)
+        parted[name] = again or replace(own, sunk_m=sunk_m)
+    return parted

@@ -1,0 +1,195 @@
+"""A policy against the sensors, the target and the clock; and, where its server can be asked, against its own words.
+
+Upstream: the policy descriptor of a skill. Downstream: `compatibility`. How the policy speaks (its action space) is
+checked by compiling the bridges. Asking a server is a port: whoever brings a policy loop brings the asking.
+"""
+
+from collections.abc import Callable, Iterator
+from urllib.parse import urlsplit
+
+from phyagentos.errors import ExecutionError, Problem, format_names
+from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL, SCHEMES, PolicyDescriptor, Stream
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.sensors import Length, Sensor, Sensors, Signal, find_source
+from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
+
+TIME_TOLERANCE_S = 1e-9
+AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> what listens there; raises ExecutionError when nobody does
+
+
+def iter_policy_problems(
+    skill: SkillRuntime, profile: TargetProfile, sensors: Sensors, late_max_s: float
+) -> Iterator[Problem]:
+    """Everything that the declaration tells.
+
+    Args:
+        skill: Of kind `policy`.
+        profile: Of the target.
+        sensors: What can be shown to it.
+        late_max_s: How much older than one period of its stream a picture may be [s].
+    """
+    policy, by = skill.policy, f"skill {skill.skill}"
+    if policy is None or skill.action_space is None:
+        for name, declared in (("policy", policy), ("action_space", skill.action_space)):
+            if declared is None:
+                fix = f"Add {name!r} to SKILL.md: a policy is checked by what it declares."
+                yield make_problem("POLICY_UNDECLARED", f"skill.{name}", "nothing", name, triggered_by=by, fix=fix)
+        return
+    by = f"policy {policy.policy}"
+    yield from _iter_endpoint_problems(policy, by)
+    if policy.protocol != POLICY_PROTOCOL:
+        yield make_problem(
+            "VERSION_MISMATCH",
+            "skill.policy.protocol",
+            f"version {policy.protocol}",
+            f"version {POLICY_PROTOCOL}",
+            triggered_by=by,
+        )
+    for name, stream in policy.observations.items():
+        yield from _iter_stream_problems(name, stream, profile, sensors, by)
+        yield from _iter_lateness_problems(name, stream, sensors, late_max_s, by)
+    chunk_s = skill.action_space.chunk_length / skill.action_space.rate_hz
+    if policy.inference_s > chunk_s:
+        yield make_problem(
+            "POLICY_TOO_SLOW",
+            "skill.policy.inference_s",
+            f"{policy.inference_s:g} s",
+            f"at most {chunk_s:g} s, which one chunk lasts",
+            triggered_by=f"{by}: chunk_length / rate_hz",
+            fix="Longer chunks, or a faster server: the robot would wait in the middle of a motion.",
+        )
+
+
+def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Problem]:
+    """Where the server's own description differs from the declared one."""
+    policy = skill.policy
+    if policy is None:
+        return
+    try:
+        served = ask(policy.endpoint)
+    except ExecutionError as error:
+        yield make_problem(
+            "POLICY_UNREACHABLE",
+            "skill.policy.endpoint",
+            str(error),
+            f"a policy server at {policy.endpoint}",
+            triggered_by=f"policy {policy.policy}",
+            fix="Start the server.",
+        )
+        return
+    for name in PolicyDescriptor.model_fields:
+        said, found = getattr(policy, name), getattr(served, name)
+        if name != "endpoint" and said != found:
+            yield make_problem(
+                "POLICY_MISMATCH",
+                f"skill.policy.{name}",
+                str(found),
+                str(said),
+                triggered_by=f"policy {policy.policy}",
+                fix="The server at this endpoint is not the one that SKILL.md describes.",
+            )
+
+
+def _iter_endpoint_problems(policy: PolicyDescriptor, by: str) -> Iterator[Problem]:
+    if not _is_endpoint(policy.endpoint):
+        expected = f"SCHEME://HOST:PORT with one of {format_names(SCHEMES)}"
+        yield make_problem(
+            "ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, triggered_by=by
+        )
+
+
+def _is_endpoint(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+        host, has_port = parts.hostname or "", parts.port is not None or parts.scheme in {"http", "https"}
+        host.encode("idna")
+    except ValueError:  # half a bracket, a port that is no number, a part of a host's name that is empty or too long
+        return False
+    return parts.scheme in SCHEMES and bool(host) and has_port
+
+
+def _iter_stream_problems(
+    name: str, stream: Stream, profile: TargetProfile, sensors: Sensors, by: str
+) -> Iterator[Problem]:
+    address = f"skill.policy.observations.{name}"
+    if name not in profile.observations:
+        yield make_unknown("OBSERVATION_UNAVAILABLE", address, name, profile.observations, triggered_by=by)
+        return
+    found = find_source(sensors, name, stream.frame)
+    if found is None:
+        known = sorted({each for sensor in sensors.sensors.values() for each in sensor.provides})
+        fix = f"Let a sensor of sensors.yaml provide {name!r}."
+        yield make_problem("SENSOR_MISSING", address, repr(name), format_names(known), triggered_by=by, fix=fix)
+        return
+    sensor = found[1]
+    signal = sensor.signals.get(name) or _describe_picture(stream, sensor)
+    if signal is None:
+        fix = f"Say shape, dtype and unit of {name!r} in sensors.yaml, under sensors.{found[0]}.signals."
+        yield make_problem("OBSERVATION_SHAPE", address, "no form in sensors.yaml", "one", triggered_by=by, fix=fix)
+    else:
+        yield from _iter_form_problems(address, stream, signal, len(profile.arm.joints), by)
+    yield from _iter_source_problems(address, stream, sensor, by)
+
+
+def _iter_lateness_problems(
+    name: str, stream: Stream, sensors: Sensors, late_max_s: float, by: str
+) -> Iterator[Problem]:
+    """A camera whose pictures are too old to be shown before the next one comes."""
+    found = find_source(sensors, name, stream.frame)
+    if found is None or found[1].camera is None:
+        return
+    sensor, latency_s = found[1], found[1].camera.latency_s
+    most_s = late_max_s + 1.0 / stream.rate_hz - 1.0 / sensor.rate_hz
+    if latency_s > most_s + TIME_TOLERANCE_S:
+        yield make_problem(
+            "SENSOR_RATE",
+            f"sensors.yaml: sensors.{found[0]}.camera.latency_s",
+            f"{latency_s:g} s",
+            f"at most {max(most_s, 0.0):.3g} s",
+            triggered_by=f"{by}: observations.{name}",
+            fix="A picture is older than embedded.max_age_s of perception.yaml and one period of the stream.",
+        )
+
+
+def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: int, by: str) -> Iterator[Problem]:
+    wanted, given = _resolve(stream.shape, n_joints), _resolve(signal.shape, n_joints)
+    if wanted != given:
+        yield make_problem(
+            "OBSERVATION_SHAPE", f"{address}.shape", str(list(wanted)), str(list(given)), triggered_by=by
+        )
+    if stream.dtype != signal.dtype:
+        yield make_problem("OBSERVATION_DTYPE", f"{address}.dtype", stream.dtype, signal.dtype, triggered_by=by)
+    if stream.unit != signal.unit:
+        yield make_problem(
+            "OBSERVATION_UNIT", f"{address}.unit", stream.unit or "none", signal.unit or "none", triggered_by=by
+        )
+
+
+def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str) -> Iterator[Problem]:
+    both = sensor.modality == "rgbd" and stream.modality in ("rgb", "depth")
+    if stream.modality != sensor.modality and not both:
+        yield make_problem(
+            "OBSERVATION_MODALITY", f"{address}.modality", stream.modality, sensor.modality, triggered_by=by
+        )
+    if stream.frame != sensor.frame:
+        yield make_problem("OBSERVATION_FRAME", f"{address}.frame", stream.frame, sensor.frame, triggered_by=by)
+    if stream.rate_hz > sensor.rate_hz * (1.0 + RATE_TOLERANCE):
+        yield make_problem(
+            "OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, f"at most {sensor.rate_hz:g} Hz", triggered_by=by
+        )
+
+
+def _describe_picture(stream: Stream, sensor: Sensor) -> Signal | None:
+    """The form of a camera's picture follows from the camera."""
+    if sensor.camera is None:
+        return None
+    height, width = sensor.camera.height, sensor.camera.width
+    if stream.modality == "depth":
+        return Signal(shape=(height, width), dtype="float32", unit="m")
+    return Signal(shape=(height, width, 3), dtype="uint8")
+
+
+def _resolve(shape: tuple[Length, ...], n_joints: int) -> tuple[int, ...]:
+    return tuple(n_joints if each == "n_joints" else int(each) for each in shape)

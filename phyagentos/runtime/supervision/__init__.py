@@ -1,0 +1,1 @@
+"""Supervision of targets: queues, leases, limits, liveness, recorded state changes."""

@@ -1,0 +1,194 @@
+"""Who is next: the sessions that wait, by target, and the resources that targets share.
+
+Upstream: the journal's pending sessions. Downstream: the watchdog, which claims what is granted here. Priorities age: a
+session gains `ageing_per_s` for each second that it has waited. Since all gain alike, the order of two sessions never
+changes while they wait, so each has one key for good, and a claim costs O(log n). Nobody starves: whoever comes later
+by more than the difference of the priorities, divided by the rate, comes after.
+
+Resources are granted all at once or not at all, the senior session first, and what a senior one waits for no junior one
+gets: so there is neither a deadlock nor a session that two others keep out in turn. The head of a target's queue is
+waited for: what stands behind it never overtakes it.
+"""
+
+import heapq
+import itertools
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import NamedTuple
+
+from phyagentos.clock import Clock
+from phyagentos.protocol.sessions.lifecycle import SessionState
+from phyagentos.protocol.sessions.session import Session, SessionId, SessionStatus
+from phyagentos.store.ledger import Ledger
+
+QUEUE_TIMED_OUT = "QUEUE_TIMED_OUT"
+RESOURCE_UNAVAILABLE = "RESOURCE_UNAVAILABLE"
+AGEING_PER_S = 1.0 / 60.0  # see `RuntimeContract.ageing_per_min`
+SLACK = 1000  # so many deadlines of sessions that no longer wait may be remembered before they are swept
+
+
+class _Ticket(NamedTuple):
+    """Since when a session waits: by the wall clock, never before an older one [s]; its number; by this clock [s]."""
+
+    since_s: float
+    number: int
+    put_s: float
+
+
+class _Waiter(NamedTuple):
+    """One entry of a queue; the least comes first. Another priority makes it out of date."""
+
+    key: float
+    number: int
+    id: SessionId
+    priority: int
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A session whose turn it is.
+
+    Attributes:
+        session: It has left the queue and, unless refused, holds its resources.
+        refused: Why it cannot have them at all, with its code; empty when it has them.
+    """
+
+    session: Session
+    refused: str = ""
+
+
+class Queues:
+    """All that waits in one workspace.
+
+    Args:
+        ledger: Where the sessions stand; what is no longer pending is passed over.
+        clock: For the limit of waiting.
+        ageing_per_s: Priority that a waiting session gains [1/s].
+    """
+
+    def __init__(self, ledger: Ledger, clock: Clock, ageing_per_s: float = AGEING_PER_S) -> None:
+        self._ledger = ledger
+        self._clock = clock
+        self._ageing_per_s = ageing_per_s
+        self._heaps: dict[str, list[_Waiter]] = {}
+        self._tickets: dict[SessionId, _Ticket] = {}  # of all that wait
+        self._taken: dict[str, tuple[SessionId, _Ticket]] = {}  # by target, for one that is put back
+        self._numbers = itertools.count()
+        self._latest_s = -float("inf")
+        self._deadlines: list[tuple[float, SessionId]] = []
+        self._holders: dict[str, str] = {}  # resource -> target
+        self._forsaken: dict[str, str] = {}  # resource -> target that will never let go of it
+
+    def put(self, status: SessionStatus) -> None:
+        """Add a session; or again with another priority, or after its target was lost, and then it keeps its age."""
+        session = status.contract
+        ticket = self._find_ticket(session) or self._make_ticket(status)
+        self._tickets[session.id] = ticket
+        key = self._ageing_per_s * ticket.since_s - session.priority
+        waiter = _Waiter(key, ticket.number, session.id, session.priority)
+        heapq.heappush(self._heaps.setdefault(session.target, []), waiter)
+        heapq.heappush(self._deadlines, (ticket.put_s + session.limits.queue_s, session.id))
+        if len(self._deadlines) > 2 * len(self._tickets) + SLACK:
+            self._deadlines = [each for each in self._deadlines if each[1] in self._tickets]
+            heapq.heapify(self._deadlines)
+
+    def _find_ticket(self, session: Session) -> _Ticket | None:
+        taken = self._taken.get(session.target)
+        return taken[1] if taken is not None and taken[0] == session.id else self._tickets.get(session.id)
+
+    def _make_ticket(self, status: SessionStatus) -> _Ticket:
+        """A clock that was set back makes no later session older than an earlier one."""
+        self._latest_s = max(self._latest_s, datetime.fromisoformat(status.updated_at).timestamp())
+        return _Ticket(self._latest_s, next(self._numbers), self._clock.now_s())
+
+    def iter_targets(self) -> Iterator[str]:
+        """Targets for which a session may wait."""
+        return (target for target, heap in self._heaps.items() if heap)
+
+    def take(self, target: str) -> Session | None:
+        """The next session of a target, whatever it needs; or None."""
+        session = self._find_head(target)
+        if session is not None:
+            self._remove(session)
+        return session
+
+    def grant(self, idle: Collection[str]) -> list[Turn]:
+        """Whose turn it is on targets that have nothing to do; at most one for each.
+
+        Args:
+            idle: The targets.
+        """
+        heads = [session for target in idle if (session := self._find_head(target)) is not None]
+        needy = [session for session in heads if session.resources]
+        turns = [Turn(session) for session in heads if not session.resources]
+        if needy:
+            turns += self._share(sorted(needy, key=lambda each: self._heaps[each.target][0]))
+        for turn in turns:
+            self._remove(turn.session)
+        return turns
+
+    def guess_next(self, target: str) -> Session | None:
+        """Whose turn it will be on a target that is busy, as far as can be told now; it stays in the queue."""
+        session = self._find_head(target)
+        return None if session is None or session.resources else session
+
+    def hold(self, target: str, resources: Collection[str]) -> None:
+        """A target may be using these, whoever granted them."""
+        self._holders.update(dict.fromkeys(resources, target))
+
+    def release(self, target: str) -> None:
+        """A target is at rest, and observed."""
+        if self._holders:
+            self._holders = {name: holder for name, holder in self._holders.items() if holder != target}
+
+    def forsake(self, target: str) -> None:
+        """A target is given up, and nobody has seen how it stands: what it holds nobody else gets."""
+        self._forsaken |= {name: holder for name, holder in self._holders.items() if holder == target}
+
+    def pop_overdue(self) -> Iterator[Session]:
+        """Sessions that have waited longer than their contracts allow; they leave the queue."""
+        now_s = self._clock.now_s()
+        while self._deadlines and self._deadlines[0][0] <= now_s:
+            _, id = heapq.heappop(self._deadlines)
+            ticket, status = self._tickets.get(id), self._ledger.sessions.get(id)
+            if ticket is None or status is None or status.state != SessionState.PENDING:
+                continue
+            deadline_s = ticket.put_s + status.contract.limits.queue_s
+            if deadline_s > now_s:  # amended
+                heapq.heappush(self._deadlines, (deadline_s, id))
+                continue
+            del self._tickets[id]
+            yield status.contract
+
+    def _find_head(self, target: str) -> Session | None:
+        """The first that still waits."""
+        heap = self._heaps.get(target, [])
+        while heap:
+            head = heap[0]
+            status = self._ledger.sessions.get(head.id)
+            if status is not None and status.state == SessionState.PENDING and head.id in self._tickets:
+                if status.contract.priority == head.priority:
+                    return status.contract
+            else:
+                self._tickets.pop(head.id, None)
+            heapq.heappop(heap)
+        return None
+
+    def _remove(self, session: Session) -> None:
+        heapq.heappop(self._heaps[session.target])
+        self._taken[session.target] = session.id, self._tickets.pop(session.id)
+
+    def _share(self, needy: list[Session]) -> Iterator[Turn]:
+        """What is free goes to the senior; what one of them waits for no junior gets."""
+        promised: set[str] = set()
+        for session in needy:
+            lost = next((name for name in session.resources if name in self._forsaken), None)
+            if lost is not None:
+                why = f"{lost!r} is held by {self._forsaken[lost]!r}, which is broken"
+                yield Turn(session, f"{RESOURCE_UNAVAILABLE}: {why}")
+            elif promised.isdisjoint(session.resources) and self._holders.keys().isdisjoint(session.resources):
+                self.hold(session.target, session.resources)
+                yield Turn(session)
+            else:
+                promised.update(session.resources)

@@ -1,0 +1,87 @@
+"""The watchdog's side of the journal: what stands there, and what it adds. A refusal means that somebody was faster.
+
+Upstream: the journal, opened for the runtime. Downstream: the watchdog and its parts, which all look at one ledger.
+"""
+
+from collections.abc import Callable
+
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, SessionState
+from phyagentos.protocol.sessions.session import SessionId, SessionStatus
+from phyagentos.store.journal import Entry, Journal, Record
+from phyagentos.store.ledger import Ledger
+
+
+class SupervisorJournal:
+    """Follows the journal and records in it.
+
+    Args:
+        journal: Opened for the runtime side.
+        ledger: Opened with it.
+        on_pending: Told of every session that begins to wait, and of one whose contract was amended while it waits.
+        on_record: Told of every record, once it is applied.
+
+    Attributes:
+        ledger: Everything as of the latest record that was followed.
+    """
+
+    def __init__(
+        self,
+        journal: Journal,
+        ledger: Ledger,
+        on_pending: Callable[[SessionStatus], None],
+        on_record: Callable[[Record], None] = lambda _: None,
+    ) -> None:
+        self._journal = journal
+        self._on_pending, self._on_record = on_pending, on_record
+        self.ledger = ledger
+
+    def follow(self, *, looks: bool = True) -> None:
+        """Take in what is new; without a look at the disk, what a commit here has found and added."""
+        for record in self._journal.read_new(looks=looks):
+            self.ledger.apply(record)
+            self._on_record(record)
+            if record.to == SessionState.PENDING:
+                status = self.ledger.sessions.get(SessionId(record.id))
+                if status is not None:
+                    self._on_pending(status)
+
+    def record(self, *entries: Entry, durable: bool = True) -> None:
+        """Add a batch.
+
+        Raises:
+            IllegalTransition, Fenced: Another writer was faster; nothing was recorded.
+        """
+        self._journal.commit(entries, durable=durable)
+        self.follow(looks=False)
+
+    def sync(self) -> None:
+        """Wait until all that was recorded is on the disk."""
+        self._journal.sync()
+
+    def commit(self, session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> None:
+        """Add one record of one session; raises as `record` does."""
+        self.record(make_entry(session, trigger, epoch, **body))
+
+    def try_commit(self, session: SessionId, trigger: str, reason: str = "", *, durable: bool = True) -> bool:
+        """Record it, unless somebody else was faster; then the next turn of the loop decides anew."""
+        try:
+            self.record(make_entry(session, trigger, reason=reason), durable=durable)
+        except IllegalTransition:
+            self.follow()
+            return False
+        return True
+
+    def get_state(self, session: SessionId) -> SessionState:
+        """Where a session stands."""
+        status = self.ledger.sessions.get(session)
+        return SessionState(status.state) if status is not None else SessionState.CANCELLED  # forgotten: long over
+
+    def open_claim(self, session: SessionId, epoch: int) -> tuple[Entry, ...]:
+        """The claim under this epoch, where it is still to be recorded."""
+        is_pending = self.get_state(session) is SessionState.PENDING
+        return (Entry(session, "claim", epoch=epoch - 1),) if is_pending else ()
+
+
+def make_entry(session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> Entry:
+    """A record of one session; what is empty is left out of its body."""
+    return Entry(session, trigger, {name: value for name, value in body.items() if value != ""} or None, epoch)

@@ -1,0 +1,202 @@
+"""The processes of one target, as the watchdog holds them: the world, and the warm worker that commands it.
+
+Both are children with a pipe on their standard input: when the watchdog dies, they notice. The worker ends; the world
+holds its target and waits for the next watchdog (see `world_process`). Rejected: daemon
+threads (a crash of one would take the supervisor with it); multiprocessing.Process (forks locks and open journals).
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import IO, Any
+
+from phyagentos.runtime.supervision.world_process import WorldProcess
+from phyagentos.runtime.worker.orders import FromWorker, ToWorker, receive_answer, send
+
+SEAL_S = 3.0  # for a worker that is told to end; what it has not sealed by then, the next clean-up seals
+END_BYTES = 2000  # of a log: its last line is in there
+
+
+def end_with_parent() -> None:
+    """In a child: end this process as soon as the parent's end of standard input is closed."""
+
+    def wait() -> None:
+        while os.read(sys.stdin.fileno(), 1):
+            pass
+        os._exit(0)
+
+    threading.Thread(target=wait, daemon=True, name="end-with-parent").start()
+
+
+def explain_failure(logs: Path, target: str, failures: int) -> str:
+    """Why a target is given up, in the words of what did not start, and what to do about it.
+
+    Args:
+        logs: Where the processes of the target write.
+        target: Its name.
+        failures: Workers in a row that were lost.
+    """
+    said = [f"logs/{name} ends with {words!r}" for name in _name_logs(target) if (words := _read_end(logs / name))]
+    heard = "; ".join(said) or f"logs/*-{target}.log say nothing"
+    return f"{failures} workers in a row did not start; {heard}. Mend that, then start `paos watch` again"
+
+
+def _name_logs(target: str) -> tuple[str, str]:
+    return f"world-{target}.log", f"worker-{target}.log"
+
+
+def _read_end(log: Path) -> str:
+    """The last line of a log, empty when there is none."""
+    try:
+        with log.open("rb") as file:
+            file.seek(-min(END_BYTES, log.stat().st_size), os.SEEK_END)
+            lines = file.read().decode(errors="replace").split("\n")
+    except OSError:
+        return ""
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+
+class ChildProcess:
+    """A child that ends with its parent and logs to a file.
+
+    Args:
+        command: Arguments after the interpreter.
+        log: File that takes its output.
+        pass_fds: Open files that the child inherits.
+    """
+
+    def __init__(self, command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> None:
+        self._log: IO[bytes] = log.open("ab")
+        self._process = subprocess.Popen(
+            [sys.executable, *command],
+            stdin=subprocess.PIPE,
+            stdout=self._log,
+            stderr=self._log,
+            start_new_session=True,
+            pass_fds=tuple(pass_fds),
+        )
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    def is_alive(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
+
+    def wait(self, timeout_s: float) -> None:
+        """Until it has ended by itself, at most so long [s]."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+
+    def stop(self, grace_s: float = 2.0) -> None:
+        """Close its input, so that it ends by itself; kill it when it does not, and what it leaves in any case."""
+        self._close_input()
+        self.wait(grace_s)
+        self.kill()
+        self._log.close()
+
+    def kill(self) -> None:
+        """End it at once, with its whole process group."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._close_input()
+
+    def _close_input(self) -> None:
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+
+
+class Worker:
+    """The warm worker of one target and its world.
+
+    Args:
+        target: Name of the target.
+        world: Command line of the world process (arguments after the interpreter); none when the worker holds it.
+        lock: Held by the world process; one that lives is adopted.
+        worker: Command line of the worker process; it is given `--control FD`.
+        logs: Folder for the output of both.
+    """
+
+    def __init__(self, target: str, *, world: Sequence[str], lock: Path, worker: Sequence[str], logs: Path) -> None:
+        self.target = target
+        self._lock = lock
+        self._world_command, self._worker_command, self._logs = tuple(world), tuple(worker), logs
+        self._world = self._start_world()
+        self._worker, self.connection = self._start_worker()
+
+    def _start_world(self) -> WorldProcess | None:
+        if not self._world_command:
+            return None
+        return WorldProcess(self._world_command, self._lock, self._logs / f"world-{self.target}.log")
+
+    def _start_worker(self) -> "tuple[ChildProcess, Connection[Any, Any]]":
+        ours, theirs = Pipe()
+        fd = theirs.fileno()
+        command = (*self._worker_command, "--control", str(fd))
+        child = ChildProcess(command, self._logs / f"worker-{self.target}.log", pass_fds=(fd,))
+        theirs.close()
+        return child, ours
+
+    @property
+    def pid(self) -> int:
+        """Process id of the worker that is there now."""
+        return self._worker.pid
+
+    def send(self, message: ToWorker) -> None:
+        """Give an order; that a worker is gone shows at the next `receive`."""
+        with contextlib.suppress(OSError):
+            send(self.connection, message)
+
+    def receive(self) -> FromWorker | None:
+        """Take one answer, or None when the worker is gone."""
+        try:
+            return receive_answer(self.connection)
+        except (EOFError, OSError):
+            return None
+
+    def has_lost_world(self) -> bool:
+        """Whether the world process has ended."""
+        return self._world is not None and not self._world.is_alive()
+
+    def kill(self, *, with_world: bool = False) -> None:
+        """End the worker at once: nothing comes from it any more, and the target takes back its authority.
+
+        Args:
+            with_world: End the world too; one that does not answer might still carry out what it was asked.
+        """
+        self._worker.kill()
+        if with_world and self._world is not None:
+            self._world.kill()
+
+    def restart(self) -> None:
+        """Replace a lost or silent worker; the world goes on, unless it is lost too."""
+        self._worker.kill()
+        self.connection.close()
+        if self._world is not None and not self._world.is_alive():
+            self._world.close()
+            self._world = self._start_world()
+        self._worker, self.connection = self._start_worker()
+
+    def stop(self, *, at_once: bool = False) -> None:
+        """End both processes.
+
+        Args:
+            at_once: Do not wait until the worker has recorded the hashes of its bundles; it may be commanding.
+        """
+        self.connection.close()
+        if not at_once:
+            self._worker.wait(SEAL_S)
+        self._worker.stop()
+        if self._world is not None:
+            self._world.close()

@@ -1,0 +1,107 @@
+"""The world process of one target, as the watchdog holds it: started, or adopted from a watchdog that died.
+
+Upstream: `workers`. Downstream: the world. A simulated world is all that its sessions have achieved, so it must not end
+with its watchdog, as no robot does: without one it holds its target and waits to be adopted. It is the sole process
+that holds the lock of its target, so there are never two.
+"""
+
+import contextlib
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+from phyagentos.clock import Clock
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, find_sole, is_held
+
+ORPHAN_S = 60.0  # a world that nobody supervises waits so long for the next watchdog
+LOOK_PERIOD_S = 1.0
+
+
+def get_lock(root: Path, target: str) -> Path:
+    """The lock file of a target's world, below the workspace."""
+    return root / ".world" / "locks" / f"{target}.lock"
+
+
+def end_worlds(root: Path) -> None:
+    """End every world process of a workspace: one that an earlier watchdog left is nobody else's affair."""
+    for path in sorted(get_lock(root, "any").parent.glob("*.lock")):
+        pidfd = find_sole(path)
+        if pidfd is not None:
+            _end(pidfd)
+            os.close(pidfd)
+
+
+def end_when_unwatched(root: Path, clock: Clock) -> None:
+    """In a world process: end it once nobody has supervised its workspace for a while."""
+
+    def wait() -> None:
+        while os.read(sys.stdin.fileno(), 1):
+            pass
+        seen_s = clock.now_s()
+        while clock.now_s() - seen_s < ORPHAN_S:
+            clock.sleep(LOOK_PERIOD_S)
+            if is_held(root / WATCHDOG_LOCK):
+                seen_s = clock.now_s()
+        os._exit(0)
+
+    threading.Thread(target=wait, daemon=True, name="end-when-unwatched").start()
+
+
+class WorldProcess:
+    """One world process; adopts the one that lives, else starts one.
+
+    Args:
+        command: Arguments after the interpreter.
+        lock: See `get_lock`.
+        log: File that takes its output.
+    """
+
+    def __init__(self, command: Sequence[str], lock: Path, log: Path) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        found = find_sole(lock)
+        if found is None:
+            with log.open("ab") as output:
+                self._process = subprocess.Popen(
+                    [sys.executable, *command],
+                    stdin=subprocess.PIPE,
+                    stdout=output,
+                    stderr=output,
+                    start_new_session=True,
+                )
+            found = os.pidfd_open(self._process.pid)
+        self._pidfd = found
+
+    def is_alive(self) -> bool:
+        """Whether it still runs."""
+        return not _wait(self._pidfd, 0.0)
+
+    def kill(self) -> None:
+        """End it at once; its state is lost."""
+        _end(self._pidfd)
+        if self._process is not None:
+            self._process.wait()
+            if self._process.stdin is not None:
+                with contextlib.suppress(OSError):
+                    self._process.stdin.close()
+
+    def close(self) -> None:
+        """End it, and let go of it."""
+        self.kill()
+        os.close(self._pidfd)
+
+
+def _end(pidfd: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        signal.pidfd_send_signal(pidfd, signal.SIGKILL)
+    _wait(pidfd, None)
+
+
+def _wait(pidfd: int, timeout_s: float | None) -> bool:
+    poll = select.poll()
+    poll.register(pidfd, select.POLLIN)
+    return bool(poll.poll(None if timeout_s is None else 1e3 * timeout_s))

@@ -1,0 +1,1 @@
+"""The worker process of one target: orders, runner, recorder, heartbeat."""

@@ -1,0 +1,74 @@
+"""Signs of life of a worker, written at most ten times a second.
+
+Upstream: the runner's loop. Downstream: the watchdog (`liveness`), and whoever looks on.
+"""
+
+import os
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.clock import Clock
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
+
+PERIOD_S = 0.1
+
+
+class HeartbeatWriter:
+    """Publishes what one worker is doing, at most ten times a second; what is left out of a rush nobody would see."""
+
+    def __init__(self, folder: Path, target: str, clock: Clock) -> None:
+        self._folder = folder
+        self._clock = clock
+        self._beat = Heartbeat(target=target, pid=os.getpid())
+        self._written_at_s = -PERIOD_S
+
+    def beat(
+        self,
+        *,
+        phase: str,
+        session: str = "",
+        epoch: int = 0,
+        tick: int = 0,
+        sim_time_s: float = 0.0,
+        leaf: str = "",
+        at_once: bool = False,
+    ) -> None:
+        """Say what is going on now; cheap enough for every control period.
+
+        Args:
+            phase: See `Heartbeat`, as for the other fields.
+            session: Empty when idle.
+            epoch: Of the claim.
+            tick: Control periods commanded so far.
+            sim_time_s: The world's time [s].
+            leaf: Path of the active leaf.
+            at_once: Even within a tenth of a second: nothing will be said for a while.
+        """
+        now_s = self._clock.now_s()
+        if now_s - self._written_at_s < PERIOD_S and not at_once:
+            return
+        self._written_at_s = now_s
+        self._beat = msgspec.structs.replace(
+            self._beat,
+            session=session,
+            epoch=epoch,
+            sequence=self._beat.sequence + 1,
+            tick=tick,
+            sim_time_s=sim_time_s,
+            leaf=leaf,
+            phase=phase,
+        )
+        write_heartbeat(self._folder, self._beat)
+
+    def beat_again(self, phase: str) -> None:
+        """As the last one, in another phase."""
+        beat = self._beat
+        self.beat(
+            phase=phase,
+            session=beat.session,
+            epoch=beat.epoch,
+            tick=beat.tick,
+            sim_time_s=beat.sim_time_s,
+            leaf=beat.leaf,
+        )

@@ -1,0 +1,165 @@
+"""What the watchdog asks of a worker process, and what it hears back. One session at a time."""
+
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import Problem
+from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
+
+
+class Check(msgspec.Struct, frozen=True, tag=True):
+    """Load the session's scene if need be and check the contract against the live target. Answer: `Checked`.
+
+    Attributes:
+        restore: File with the state vector to start from (a rerun), empty for an ordinary session.
+        thorough: Try out the motions of every session, paths too (`paos preflight`).
+        may_reset: Whether the episode that stands there may end for it (`ResetPolicy`).
+        is_expected: It is not submitted yet: the end of the session that runs is told first.
+    """
+
+    session: Session
+    epoch: int
+    restore: str = ""
+    thorough: bool = False
+    may_reset: bool = True
+    is_expected: bool = False
+
+
+class Run(msgspec.Struct, frozen=True, tag=True):
+    """Carry out the session that was checked last. Answer: `Finished`.
+
+    Attributes:
+        until_s: End of the lease, by the monotonic clock of this machine [s]; a wall clock that jumps changes nothing.
+    """
+
+    session: Session
+    epoch: int
+    evidence: str
+    until_s: float = float("inf")
+
+
+class Renew(msgspec.Struct, frozen=True, tag=True):
+    """The watchdog is there: the session may go on. Without it the worker brings its target to rest.
+
+    Attributes:
+        until_s: As of `Run`.
+    """
+
+    until_s: float
+
+
+class Prepare(msgspec.Struct, frozen=True, tag=True):
+    """Make ready what a `Run` of the session that was checked last begins with, and command nothing. No answer.
+
+    Its start stands in the journal, but may not be on the disk yet; meanwhile authority can be taken, the world
+    observed, and the first half of the evidence written.
+    """
+
+    session: Session
+    epoch: int
+    evidence: str
+
+
+class Stop(msgspec.Struct, frozen=True, tag=True):
+    """Bring the running session to an end. No answer of its own; `Finished` comes sooner.
+
+    Attributes:
+        reason: `cancelled`, `timed_out` or `stalled`.
+    """
+
+    session: str
+    reason: str
+
+
+class Pause(msgspec.Struct, frozen=True, tag=True):
+    """Let the running session rest at the end of its present motion until `Resume` or `Stop`."""
+
+    session: str
+
+
+class Resume(msgspec.Struct, frozen=True, tag=True):
+    """Let a paused session go on."""
+
+    session: str
+
+
+class Reconcile(msgspec.Struct, frozen=True, tag=True):
+    """Observe the world for a session whose runner was lost. Answer: `Finished`.
+
+    Attributes:
+        ended: What was lost.
+        code: Under which the session ends; that of `ended` when empty.
+    """
+
+    session: Session
+    epoch: int
+    evidence: str
+    reason: str
+    ended: Ended = Ended.RUNNER_LOST
+    code: str = ""
+
+
+class Ready(msgspec.Struct, frozen=True, tag=True):
+    """The worker, its planner and its target stand; sent once, unasked."""
+
+
+class Checked(msgspec.Struct, frozen=True, tag=True):
+    """Result of preflight: a plan, or every problem.
+
+    Attributes:
+        plan: None when there is any problem.
+        trials: Of the dry run, where one was made.
+        ms: What the examination cost, wall time [ms].
+    """
+
+    session: str
+    plan: AdapterPlan | None
+    tools: TargetToolManifest | None
+    problems: tuple[Problem, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    ms: float = 0.0
+
+    def tell_grant(self) -> dict[str, Any]:
+        """What the start of the session says of it; operations by name, since their schemas are the target's."""
+        granted = self.tools.expose if self.tools is not None else ()
+        return {"plan": msgspec.to_builtins(self.plan), "tools": {"expose": granted}}
+
+
+class Finished(msgspec.Struct, frozen=True, tag=True):
+    """The session left `running`; the target is at rest and observed, unless it was lost.
+
+    Attributes:
+        is_target_lost: Nobody could look at the world; it must be replaced before anybody can.
+        ahead: Result of the check that was asked for meanwhile, made in the world that this session left.
+    """
+
+    session: str
+    execution: Execution
+    is_target_lost: bool = False
+    ahead: Checked | None = None
+
+
+ToWorker = Check | Prepare | Run | Renew | Stop | Pause | Resume | Reconcile
+FromWorker = Ready | Checked | Finished
+
+_ENCODER = msgspec.msgpack.Encoder()
+_TO_WORKER: msgspec.msgpack.Decoder[ToWorker] = msgspec.msgpack.Decoder(ToWorker)
+_FROM_WORKER: msgspec.msgpack.Decoder[FromWorker] = msgspec.msgpack.Decoder(FromWorker)
+
+
+def send(connection: Channel, message: ToWorker | FromWorker) -> None:
+    """Send one message."""
+    connection.send_bytes(_ENCODER.encode(message))
+
+
+def receive_order(connection: Channel) -> ToWorker:
+    """Wait for the watchdog; raises EOFError when it is gone."""
+    return _TO_WORKER.decode(connection.recv_bytes())
+
+
+def receive_answer(connection: Channel) -> FromWorker:
+    """Wait for the worker; raises EOFError when it is gone."""
+    return _FROM_WORKER.decode(connection.recv_bytes())

@@ -1,0 +1,252 @@
+"""Writes the evidence bundle of one session: what was asked, observed, commanded and measured.
+
+Upstream: the runner, which tells it what happens. Downstream: the verifier, which reads nothing else. During the loop
+samples only go to memory; files are written before the first command and after the last one.
+"""
+
+import contextlib
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from phyagentos.protocol.documents.body_codec import render_yaml
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence import Event, TraceEvent, encode_json, encode_lines
+from phyagentos.protocol.sessions.evidence_manifest import unseal_bundle
+from phyagentos.protocol.sessions.session import Execution, Session
+from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.workspace.array_files import encode_arrays
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.targets.wire import FaultStruck, Observation, Step
+from phyagentos.runtime.worker.blanks import Blanks
+
+RECORDED_PACKAGES = (
+    "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
+)  # fmt: skip
+
+WRITTEN = (
+    evidence.CONTRACT, evidence.INITIAL, evidence.BEFORE, evidence.TERMINAL, evidence.AFTER, evidence.TRAJECTORY,
+    evidence.TRACE, evidence.EVENTS, evidence.EXECUTION,
+)  # fmt: skip
+"""Files that every session writes for itself."""
+
+_NONE = encode_json([])
+_FILL = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
+_REPLACE = _FILL | os.O_TRUNC
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contract:
+    """What was agreed before the first command.
+
+    Attributes:
+        plan: The adapter plan that preflight granted.
+        settings_sha256: Of the settings files in force, by name.
+    """
+
+    session: Session
+    epoch: int
+    plan: Mapping[str, Any]
+    settings_sha256: Mapping[str, str]
+
+
+class Stationery:
+    """Files that are the same in many bundles: written once, then linked, since a new file costs fifty times a link."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, bytes], str] = {}
+
+    def write(self, folder: str, name: str, data: bytes) -> None:
+        """Let the file of this name hold `data`."""
+        path = f"{folder}/{name}"
+        known = self._known.get((name, data))
+        if known is not None:
+            with contextlib.suppress(OSError):  # it was cleaned away, or has too many links
+                os.link(known, path)
+                return
+        Path(path).write_bytes(data)
+        os.chmod(path, 0o444)  # noqa: PTH101 - a change in place would change every bundle
+        self._known[name, data] = path
+
+
+class Recorder:
+    """One bundle.
+
+    Args:
+        folder: `evidence/<session id>/`; made if it is missing.
+        stationery: Shared by the bundles of one process.
+        blanks: Folders that were made ahead.
+    """
+
+    def __init__(self, folder: Path, stationery: Stationery | None = None, blanks: Blanks | None = None) -> None:
+        self.folder, self._path = folder, str(folder)
+        self._stationery = stationery or Stationery()
+        self._rows: list[tuple[float, ...]] = []
+        self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
+        self._blank: set[str] = set()  # files that were made ahead and hold nothing yet
+        made = blanks.take(folder) if blanks is not None else None
+        if made is not None:
+            self._blank.update(made)
+            return
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            unseal_bundle(folder)  # of a session whose runner was lost: what it left is written to again
+
+    def write_contract(self, contract: Contract) -> None:
+        """The resolved contract, the granted plan, the hashes of the settings, and the environment's fingerprint."""
+        document = {
+            "session": contract.session,
+            "epoch": contract.epoch,
+            "adapter_plan": contract.plan,
+            "settings_sha256": contract.settings_sha256,
+        }
+        self._write(evidence.CONTRACT, render_yaml(document).encode())
+        self._stationery.write(self._path, evidence.FINGERPRINT, _encode_fingerprint())
+
+    def link_model(self, source: Path) -> bool:
+        """Share the scene model of an earlier session of the same episode; False when it cannot be shared."""
+        try:
+            for name in (evidence.SCENE_MODEL, evidence.SCENE_XML):
+                (self.folder / name).unlink(missing_ok=True)
+                os.link(source / name, self.folder / name)
+        except OSError:
+            return False
+        return True
+
+    def write_initial(self, observation: Observation, environment: Environment) -> None:
+        """The world before the first command."""
+        self._write_state(evidence.INITIAL, observation)
+        self._write(evidence.BEFORE, encode_json(environment))
+
+    def write_terminal(self, observation: Observation, environment: Environment) -> None:
+        """The world at rest after the last command."""
+        self._write_state(evidence.TERMINAL, observation)
+        self._write(evidence.AFTER, encode_json(environment))
+
+    def write_picture(self, name: str, png: bytes) -> None:
+        """A picture, unless the world could not make one."""
+        if png:
+            (self.folder / name).write_bytes(png)
+
+    def on_turn(self, result: object, ticks: int, time_s: float) -> None:
+        """Turns leave no sample; the tree keeps its own trace."""
+
+    def on_step(self, points: SetPoints, step: Step) -> None:
+        """Keep one sample: the end of a commanded period and what was measured there."""
+        target = step.target
+        self._rows.append(
+            (
+                step.time_s,
+                *points.q_rad[-1].tolist(),
+                *target.q_rad,
+                *target.qd_rad_s,
+                float(points.gripper_width_m[-1]),
+                target.gripper_width_m,
+            )
+        )
+        self._forces_n.append(np.nan if step.contact_force_n is None else step.contact_force_n)
+
+    def on_rest(self, step: Step) -> None:
+        """What is felt after the last command, until the target is at rest, belongs to its sample."""
+        if self._forces_n and step.contact_force_n is not None:
+            self._forces_n[-1] = max(self._forces_n[-1], step.contact_force_n)
+
+    def write_course(
+        self,
+        *,
+        trace: Sequence[TraceEvent],
+        events: Sequence[Event],
+        holds: Sequence[Criterion],
+        faults: Sequence[FaultStruck],
+        n_joints: int,
+    ) -> None:
+        """What happened between the first and the last command."""
+        rows = np.array(self._rows, dtype=np.float64).reshape(len(self._rows), 3 * n_joints + 3)
+        q_end, measured_end, velocity_end = 1 + n_joints, 1 + 2 * n_joints, 1 + 3 * n_joints
+        arrays = {
+            "time_s": rows[:, 0],
+            "q_commanded": rows[:, 1:q_end],
+            "q_measured": rows[:, q_end:measured_end],
+            "qd_measured": rows[:, measured_end:velocity_end],
+            "gripper_commanded_m": rows[:, velocity_end],
+            "gripper_measured_m": rows[:, velocity_end + 1],
+        }
+        if self._forces_n and not np.isnan(self._forces_n).any():
+            arrays["force_n"] = np.array(self._forces_n)
+        self._write(evidence.TRAJECTORY, encode_arrays(arrays))
+        self._write(evidence.TRACE, encode_lines(list(trace)))
+        self._write(evidence.EVENTS, encode_lines(list(events)))
+        for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):
+            if values:
+                self._write(name, encode_json(list(values)))
+            else:
+                self._stationery.write(self._path, name, _NONE)
+
+    def write_execution(self, execution: Execution) -> None:
+        """How it ended; the last file of a bundle."""
+        self._write(evidence.EXECUTION, encode_json(execution))
+        for name in self._blank:  # the session was given up before there was anything to tell
+            (self.folder / name).unlink(missing_ok=True)
+
+    def _write(self, name: str, data: bytes) -> None:
+        """Let a file of the bundle hold `data`; in plain calls, since every session writes ten."""
+        # what is truncated goes to the disk as soon as it is closed (ext4), which costs five times the writing
+        flags = _FILL if name in self._blank else _REPLACE
+        fd = os.open(f"{self._path}/{name}", flags, 0o644)
+        try:
+            written = os.write(fd, data)
+            while written < len(data):
+                written += os.write(fd, data[written:])
+        finally:
+            os.close(fd)
+        self._blank.discard(name)
+
+    def _write_state(self, name: str, observation: Observation) -> None:
+        arrays = {
+            "state": observation.state,
+            "time": np.asarray(observation.time_s, dtype=np.float64),
+            "qpos": observation.qpos,
+            "qvel": observation.qvel,
+            "act": observation.act,
+        }
+        self._write(name, encode_arrays(arrays))
+
+
+@cache
+def read_fingerprint() -> dict[str, Any]:
+    """Versions of this process's packages, Python, operating system and CPU model."""
+    versions = {}
+    for package in RECORDED_PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "absent"
+    return {
+        "python": sys.version.split()[0],
+        "system": f"{platform.system()} {platform.machine()}",
+        "cpu": _read_cpu_model(),
+        "packages": versions,
+    }
+
+
+@cache
+def _encode_fingerprint() -> bytes:
+    return encode_json(read_fingerprint())
+
+
+def _read_cpu_model() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")

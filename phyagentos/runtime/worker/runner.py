@@ -1,0 +1,373 @@
+"""Runs one session: open, loop, and whatever happened halt, observe and leave the evidence.
+
+Upstream: the worker, after preflight. Downstream: the loop, the handle, the recorder. The outcome of a session is read
+from the world at rest, not from its skill. Paper section 3.4.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions import evidence as files
+from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.protocol.settings.safety import TargetLimits
+from phyagentos.protocol.settings.settings_files import compute_file_hash
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.execution.context import SkillContext, open_context
+from phyagentos.runtime.execution.holds import HoldMonitor
+from phyagentos.runtime.execution.leaf import LeafError
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
+from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
+from phyagentos.runtime.execution.open_criteria import find_undecided
+from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
+from phyagentos.runtime.execution.tree_loader import build_tree
+from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
+from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.perception.world_model import WorldModel
+from phyagentos.runtime.policies.policy_skills import Policies
+from phyagentos.runtime.targets.wire import FaultStruck, Step
+from phyagentos.runtime.worker.blanks import Blanks
+from phyagentos.runtime.worker.recorder import Contract, Recorder, Stationery
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.motion.process import Planner
+
+SETTLE_S = 0.3  # released things come to rest within this; simulated time
+
+
+class Beat(Protocol):
+    """Called in every turn of the loop; see `heartbeat.HeartbeatWriter.beat`."""
+
+    def __call__(self, *, phase: str, session: str, epoch: int, tick: int, sim_time_s: float, leaf: str) -> None:
+        """Say what is going on."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pulse:
+    """Heartbeat of one session, as an observer of its loop."""
+
+    session: Session
+    epoch: int
+    beat: Beat
+
+    def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
+        self.say("thinking" if result.thinking else "executing", ticks, time_s, result.active)
+
+    def on_step(self, points: SetPoints, step: Step) -> None:
+        pass
+
+    def say(self, phase: str, ticks: int, time_s: float, leaf: str = "") -> None:
+        self.beat(phase=phase, session=self.session.id, epoch=self.epoch, tick=ticks, sim_time_s=time_s, leaf=leaf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
+    """One session while it runs."""
+
+    context: SkillContext
+    skill: SkillRuntime
+    holds: HoldMonitor
+    loop: SessionLoop
+    recorder: Recorder
+    pulse: _Pulse
+
+
+@dataclass(frozen=True, slots=True)
+class _Opened:
+    """A session that stands before its first command, or what kept it from that."""
+
+    session: Session
+    epoch: int
+    recorder: Recorder
+    run: "_Run | DefinitionError | ExecutionError"
+
+
+class SessionRunner:
+    """Runs sessions on one target, one at a time.
+
+    Args:
+        handle: The door to the target; the session's scene is loaded already.
+        planner: Answers motion requests; stays warm between sessions.
+        perception: Turns observations into snapshots.
+        registry: Leaves for trees.
+        library: Where trees are found.
+        profile: The target.
+        limits: Of the target, from safety.yaml.
+        workspace: Root of the run; evidence folders are relative to it.
+        clock: Bounds thinking.
+        settings: Settings files in force; their hashes, as they are now, go into each bundle.
+        pictures: Whether to take pictures before and after.
+        blanks: Evidence folders that were made ahead.
+        policies: Opens skills that a policy server carries out.
+        sampling_hz: How often conditions that must hold all through are sampled, in simulated time [Hz].
+    """
+
+    def __init__(
+        self,
+        *,
+        handle: TargetSessionHandle,
+        planner: "Planner",
+        perception: Perception,
+        registry: LeafRegistry,
+        library: Library,
+        profile: TargetProfile,
+        limits: TargetLimits,
+        workspace: Path,
+        clock: Clock,
+        settings: Sequence[Path] = (),
+        pictures: bool = False,
+        blanks: Blanks | None = None,
+        policies: Policies | None = None,
+        sampling_hz: float = 10.0,
+    ) -> None:
+        self._handle = handle
+        self._sample_every = max(1, round(1.0 / (sampling_hz * profile.control_period_s)))
+        self._planner = planner
+        self._perception = perception
+        self._registry = registry
+        self._library = library
+        self._profile = profile
+        self._limits = limits
+        self._workspace = workspace
+        self._clock = clock
+        self._settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
+        self._pictures = pictures
+        self._stationery, self._blanks, self._policies = Stationery(), blanks, policies
+        self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
+        self._opened: _Opened | None = None
+
+    def prepare(
+        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
+    ) -> None:
+        """All of `run` that comes before the first command, which goes on from there; arguments as there."""
+        began_s = self._clock.now_s()
+        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
+        recorder.write_contract(
+            Contract(session=session, epoch=epoch, plan=plan, settings_sha256=self._settings_sha256)
+        )
+        run: _Run | DefinitionError | ExecutionError
+        try:
+            run = self._open(session, epoch, plan, recorder, cancel, beat)
+            run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
+        except (DefinitionError, ExecutionError) as error:
+            run = error
+        self._opened = _Opened(session, epoch, recorder, run)
+
+    def run(
+        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
+    ) -> Execution:
+        """Carry out one session and leave its bundle.
+
+        Args:
+            session: The contract, after preflight.
+            epoch: Fencing token of the claim.
+            plan: The adapter plan as plain data; `tree` names the behaviour tree.
+            evidence: Folder of the bundle, relative to the workspace.
+            cancel: Asked in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
+            beat: Told in every turn what is going on.
+
+        Returns:
+            How the execution ended. Never raises for what the world, a leaf or a tree did.
+        """
+        opened, self._opened = self._opened, None
+        if opened is None or (opened.session.id, opened.epoch) != (session.id, epoch):
+            self.prepare(session, epoch, plan, evidence=evidence, cancel=cancel, beat=beat)
+            return self.run(session, epoch, plan, evidence=evidence, cancel=cancel, beat=beat)
+        recorder, run = opened.recorder, opened.run
+        self._undecided: tuple[str, ...] = ()
+        if not isinstance(run, _Run):
+            return self._give_up(session, run, recorder, evidence)
+        began_sim_s = run.context.time_s
+        try:
+            outcome = run.loop.run()
+        finally:
+            lost = self._halt(run)
+        outcome, faults = self._observe_end(run, lost or outcome)
+        self._write_course(run, faults)
+        outputs = run.skill.read_outputs()
+        run.skill.close()
+        report = _report(outcome, evidence, run, outputs, began_sim_s)
+        return _finish(recorder, msgspec.structs.replace(report, undecided=self._undecided))
+
+    def observe_only(
+        self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str, code: str = ""
+    ) -> Execution:
+        """Bring the target to rest and observe the world that a lost runner left behind.
+
+        Args:
+            session: Whose outcome is unknown.
+            epoch: A fresh one.
+            ended: How its execution ended, as far as is known.
+            evidence: Folder of its bundle; what is in it already stays.
+            reason: One sentence for people.
+            code: Under which it ends; that of `ended` when empty.
+
+        Raises:
+            ExecutionError: `TARGET_LOST` when the world cannot be observed either.
+        """
+        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
+        self._handle.begin(session.id, epoch)
+        self._handle.halt()
+        self._handle.settle(SETTLE_S)
+        outcome = Outcome(ended=ended, code=code or ended.upper(), message=reason)
+        return self._close_unmoved(session, outcome, recorder, evidence)
+
+    def _open(
+        self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
+    ) -> _Run:
+        """Take authority, observe, record, build the skill."""
+        handle = self._handle
+        observation = handle.begin(session.id, epoch)
+        initial = self._perception.perceive(observation, session.scene)
+        handle.believe(initial)
+        self._provide_model(session, recorder)
+        recorder.write_initial(observation, initial)
+        self._take_picture(recorder, files.PICTURE_BEFORE)
+        context = open_context(
+            session,
+            profile=self._profile,
+            limits=self._limits,
+            description=handle.describe(),
+            planner=self._planner,
+            step=handle.step,
+            initial=initial,
+            senses=WorldModel(handle, self._perception, session.scene),
+        )
+        skill = self._make_skill(session, plan, context)
+        holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
+        pulse = _Pulse(session=session, epoch=epoch, beat=beat)
+        loop = SessionLoop(
+            handle=handle,
+            context=context,
+            skill=skill,
+            holds=holds,
+            cancel=cancel,
+            clock=self._clock,
+            observers=(recorder, pulse),
+        )
+        return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, pulse=pulse)
+
+    def _make_skill(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
+        """Who decides: a policy server where the plan names one, otherwise a behaviour tree."""
+        if plan.get("policy_adapter") and self._policies is not None:
+            return self._policies.open(session, context)
+        tree = build_tree(str(plan["tree"]), session.parameters, context, self._library, self._registry)
+        return TreeSkillRuntime(tree, context)
+
+    def _halt(self, run: _Run) -> Outcome | None:
+        """Bring skill and target to rest; an outcome only when the target is lost."""
+        run.pulse.say("halting", run.loop.ticks, run.context.time_s)
+        try:
+            run.skill.halt()
+        except LeafError as error:
+            run.context.note("leaf_error", "LEAF_ERROR", leaf=error.path, message=str(error))
+        try:
+            run.recorder.on_rest(self._handle.step)  # which no command answered where the target stopped by itself
+            run.recorder.on_rest(self._handle.halt())
+            settled = self._handle.settle(SETTLE_S)
+            run.recorder.on_rest(settled)
+            run.context.situation.advance(settled)
+        except ExecutionError as error:
+            return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
+        return None
+
+    def _observe_end(self, run: _Run, outcome: Outcome) -> tuple[Outcome, tuple[FaultStruck, ...]]:
+        """Observe what is left and give authority back."""
+        if outcome.ended is Ended.TARGET_LOST:
+            return outcome, ()
+        run.pulse.say("observing", run.loop.ticks, run.context.time_s)
+        try:
+            return outcome, self._write_end(run.context.session, run.recorder, run.holds)
+        except ExecutionError as error:
+            return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error)), ()
+
+    def _give_up(
+        self, session: Session, error: DefinitionError | ExecutionError, recorder: Recorder, evidence: str
+    ) -> Execution:
+        """Nothing was commanded: the tree is unsound, or there is no target."""
+        if isinstance(error, DefinitionError):
+            try:
+                outcome = Outcome(ended=Ended.SKILL_FAILED, code="TREE_INVALID", message=str(error))
+                return self._close_unmoved(session, outcome, recorder, evidence)
+            except ExecutionError as lost:
+                error = lost
+        outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
+        return _finish(recorder, _report(outcome, evidence))
+
+    def _close_unmoved(self, session: Session, outcome: Outcome, recorder: Recorder, evidence: str) -> Execution:
+        """Observe and give authority back after a session that commanded nothing."""
+        self._write_end(session, recorder)
+        return _finish(recorder, _report(outcome, evidence))
+
+    def _write_end(
+        self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None
+    ) -> tuple[FaultStruck, ...]:
+        """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
+        observation = self._handle.observe()
+        after = self._perception.perceive(observation, session.scene)
+        recorder.write_terminal(observation, after)
+        if holds is not None:
+            holds.sample(after)
+        self._undecided = find_undecided(session, after)
+        self._take_picture(recorder, files.PICTURE_AFTER)
+        return self._handle.end().faults
+
+    def _write_course(self, run: _Run, faults: Sequence[FaultStruck]) -> None:
+        run.context.note("timing", "", **{name: round(ms, 3) for name, ms in run.loop.ms.items()})
+        run.recorder.write_course(
+            trace=run.skill.trace(),
+            events=run.context.events,
+            holds=run.holds.read_worst(),
+            faults=faults,
+            n_joints=len(self._profile.arm.joints),
+        )
+
+    def _provide_model(self, session: Session, recorder: Recorder) -> None:
+        """The scene model, where the target has one: written once an episode, shared by its later sessions."""
+        if self._profile.kind == "debug":
+            return
+        episode = session.scene.episode
+        if self._model_of is not None and self._model_of[0] == episode and recorder.link_model(self._model_of[1]):
+            return
+        self._handle.save_model(recorder.folder)
+        self._model_of = (episode, recorder.folder)
+
+    def _take_picture(self, recorder: Recorder, name: str) -> None:
+        cameras = self._handle.describe().cameras
+        if self._pictures and cameras and self._handle.permits("render"):
+            recorder.write_picture(name, self._handle.render(cameras[0]).png)
+
+
+def _report(
+    outcome: Outcome,
+    evidence: str,
+    run: _Run | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    began_sim_s: float = 0.0,
+) -> Execution:
+    """What is said of a session; without a run, nothing was commanded."""
+    return Execution(
+        ended=outcome.ended,
+        evidence=evidence,
+        outputs=dict(outputs or {}),
+        leaf=outcome.leaf,
+        code=outcome.code,
+        message=outcome.message,
+        sim_time_s=run.context.time_s - began_sim_s if run else 0.0,
+        interventions=sum(event.kind == "intervention" for event in run.context.events) if run else 0,
+        ticks=run.loop.ticks if run else 0,
+    )
+
+
+def _finish(recorder: Recorder, execution: Execution) -> Execution:
+    recorder.write_execution(execution)
+    return execution

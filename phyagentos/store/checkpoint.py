@@ -1,0 +1,233 @@
+"""The checkpoint of a lane: what a fold holds at one record, so that a start need not read the whole journal.
+
+Upstream: a ledger. Downstream: `Journal`, and every reader that starts. It is never the truth: one that is missing,
+torn, damaged or of another format is ignored, and the journal is read from its first record. One that is intact, but
+ahead of the segments, is proof that their end is gone, for it is made of durable records only: a writer refuses. A
+writer that dies leaves the former one or the new one, never a mixture.
+
+The file `sessions/<lane>/checkpoint.md` is Markdown: front matter, then one fenced list each of goals, of sessions that
+are live or belong to a goal that is not over, and of the latest that are over. Each item is one line, a JSON mapping
+(so YAML too): `span` (sequence numbers of its first and latest record), `is_over`, `status`. `tail_crc` is the CRC-32
+of the (up to 4096) bytes of the segment before `offset`; the last line is a comment with that of all bytes before it.
+"""
+
+import contextlib
+import math
+import os
+import re
+import zlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.body_codec import render_flow
+from phyagentos.store.follower import Follower, Position
+from phyagentos.store.ledger import GoalImage, Image, Ledger, SessionImage
+from phyagentos.store.records import Tail
+from phyagentos.store.segments import (
+    FileIO,
+    damage,
+    open_segment,
+    read_front,
+    sync_file,
+    sync_folder,
+    write_all,
+)
+
+NAME = "checkpoint.md"
+_TEMPORARY = ".checkpoint.tmp"
+_TAIL_BYTES = 4096
+_FRONT = re.compile(
+    rb"---\nphy: checkpoint/1\nlane: (?P<lane>[^\n]+)\nsegment: (?P<segment>[^\n]+)\nfirst_seq: (?P<first>\d+)\n"
+    rb"offset: (?P<offset>\d+)\nseq: (?P<seq>\d+)\ntail_crc: \"(?P<crc>[0-9a-f]{8})\"\n"
+    rb"sessions: (?P<sessions>\d+)\ngoals: (?P<goals>\d+)\n---\n"
+)
+_TRAILER = re.compile(rb"<!-- crc32 ([0-9a-f]{8}) -->\n\Z")
+_TRAILER_BYTES = 25
+_LIST = re.compile(rb"^```yaml\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
+_SECTIONS = ("Goals", "Sessions that are live, or of a goal that is not over", "The latest sessions that are over")
+_GOALS = msgspec.json.Decoder(GoalImage)
+_SESSIONS = msgspec.json.Decoder(SessionImage)
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """A fold and the place in the journal that it stands for."""
+
+    position: Position
+    image: Image
+
+
+def write_checkpoint(folder: Path, ledger: Ledger, position: Position, file_io: FileIO, *, durable: bool) -> None:
+    """Publish a checkpoint: temporary file, fsync, rename, fsync of the folder.
+
+    Args:
+        folder: Of the lane.
+        ledger: The fold of every record up to `position`.
+        position: Where it stands; everything before it must be durable.
+        file_io: The calls that change the disk.
+        durable: Whether to wait for the disk.
+
+    Raises:
+        OSError: The former one stands.
+    """
+    temporary = folder / _TEMPORARY
+    data = render_checkpoint(folder.name, ledger.take_image(), position, _read_tail_crc(folder, position))
+    with temporary.open("wb", buffering=0) as file:
+        write_all(file_io, file.fileno(), data)
+        if durable:
+            sync_file(file.fileno(), file_io.fsync)
+    file_io.replace(temporary, folder / NAME)
+    if durable:
+        sync_folder(folder, file_io)
+
+
+def render_checkpoint(lane: str, image: Image, position: Position, tail_crc: int) -> bytes:
+    """The file as it is written."""
+    head = (
+        f"---\nphy: checkpoint/1\nlane: {lane}\nsegment: {position.segment}\nfirst_seq: {position.first_seq}\n"
+        f'offset: {position.offset}\nseq: {position.seq}\ntail_crc: "{tail_crc:08x}"\n'
+        f"sessions: {image.session_count}\ngoals: {image.goal_count}\n---\n\n"
+        f"# Checkpoint of lane {lane} at record {position.seq}\n\n"
+        "What is live and what ended last, so that a start is short. The segments are the truth: this file may be "
+        "deleted.\n"
+    )
+    lists: list[Sequence[GoalImage | SessionImage]] = [
+        image.goals,
+        [each for each in image.sessions if not each.is_over],
+        [each for each in image.sessions if each.is_over],
+    ]
+    parts = [head.encode()]
+    for title, items in zip(_SECTIONS, lists, strict=True):
+        parts += [f"\n## {title}: {len(items)}\n\n```yaml\n".encode(), *map(_render_item, items), b"```\n"]
+    data = b"".join(parts) + b"\n"
+    return data + b"<!-- crc32 %08x -->\n" % zlib.crc32(data)
+
+
+def find_checkpoint(folder: Path) -> Checkpoint | None:
+    """The lane's checkpoint, or None when there is none that can be trusted."""
+    try:
+        data = (folder / NAME).read_bytes()
+        checkpoint = parse_checkpoint(data, folder.name)
+        if checkpoint is None:
+            return None
+        stands = b'tail_crc: "%08x"' % _read_tail_crc(folder, checkpoint.position)
+    except (OSError, ExecutionError):
+        return None
+    return checkpoint if stands in data[:1024] else None
+
+
+def find_seen_seq(folder: Path) -> int:
+    """Sequence number of an intact checkpoint, whether the segments reach so far or not; 0 when there is none."""
+    try:
+        checkpoint = parse_checkpoint((folder / NAME).read_bytes(), folder.name)
+    except OSError:
+        return 0
+    return checkpoint.position.seq if checkpoint is not None else 0
+
+
+def refuse_missing_end(follower: Follower, seen_seq: int) -> None:
+    """Compare where a lane ends with what its checkpoint has seen, which is made of durable records only.
+
+    Raises:
+        ExecutionError: `JOURNAL_DAMAGED` when records are gone; not when the follower has found another damage itself.
+    """
+    if follower.seq < seen_seq and follower.tail is not Tail.DAMAGED:
+        what = f"it ends with record {follower.seq}, but the checkpoint has seen record {seen_seq}"
+        raise damage(follower.path, follower.offset, what)
+
+
+def find_checkpoint_seq(folder: Path) -> int:
+    """Sequence number in the front matter of the lane's checkpoint, unchecked; 0 when there is none."""
+    try:
+        with (folder / NAME).open("rb") as file:
+            front = _FRONT.match(file.read(1024))
+    except OSError:
+        return 0
+    return int(front["seq"]) if front is not None else 0
+
+
+def parse_checkpoint(data: bytes, lane: str) -> Checkpoint | None:
+    """What stands in the file; None when it is not whole, not intact, not of this format or of another lane."""
+    front, trailer = _FRONT.match(data), _TRAILER.search(data[-_TRAILER_BYTES:])
+    if front is None or trailer is None or front["lane"] != lane.encode():
+        return None
+    if zlib.crc32(memoryview(data)[: -len(trailer[0])]) != int(trailer[1], 16):
+        return None
+    seq = int(front["seq"])
+    try:
+        goals, unfinished, finished = (match[1].splitlines() for match in _LIST.finditer(data))
+        image = Image(
+            seq=seq,
+            session_count=int(front["sessions"]),
+            goal_count=int(front["goals"]),
+            goals=[_parse_item(line, _GOALS) for line in goals],
+            sessions=[_parse_item(line, _SESSIONS) for line in (*unfinished, *finished)],
+        )
+    except (ValueError, msgspec.MsgspecError):
+        return None
+    return Checkpoint(Position(front["segment"].decode(), int(front["first"]), int(front["offset"]), seq), image)
+
+
+def start_reading(folder: Path, *, forgets: bool = True) -> tuple[Ledger, Follower]:
+    """A ledger as of the checkpoint (empty where there is none) and a follower that goes on behind it.
+
+    Close the follower. What it reads next is to be applied to the ledger; together they hold what is live, goals that
+    are not over with all their sessions, and the latest of the rest.
+    """
+    checkpoint = find_checkpoint(folder)
+    if checkpoint is not None:
+        with contextlib.suppress(FileNotFoundError):
+            follower = Follower(folder, checkpoint.position)
+            return Ledger.restore(checkpoint.image, forgets=forgets), follower
+    return Ledger(forgets=forgets), Follower(folder)
+
+
+def _render_item(item: GoalImage | SessionImage) -> bytes:
+    line = msgspec.json.encode(item)
+    if b"null" in line:  # JSON has no infinity; YAML has
+        plain = msgspec.to_builtins(item)
+        if not _is_finite(plain):
+            line = render_flow(plain).encode()
+    return b"- %b\n" % line
+
+
+def _parse_item(line: bytes, decoder: Any) -> Any:
+    try:
+        return decoder.decode(line[2:])
+    except msgspec.DecodeError:
+        import yaml  # only where a number is not finite
+
+        return msgspec.convert(yaml.load(line[2:], Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), decoder.type)
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    parts: Iterable[Any] = (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
+    )
+    return all(_is_finite(each) for each in parts)
+
+
+def _read_tail_crc(folder: Path, position: Position) -> int:
+    """CRC of what stands before a position.
+
+    Raises:
+        OSError: There is no such segment, or it ends earlier.
+        ExecutionError: It is another segment.
+    """
+    fd = open_segment(folder, position.segment)
+    try:
+        front = read_front(folder / f"{position.segment}.md", os.pread(fd, _TAIL_BYTES, 0))
+        begin = max(0, position.offset - _TAIL_BYTES)
+        tail = os.pread(fd, position.offset - begin, begin)
+    finally:
+        os.close(fd)
+    if front.first_seq != position.first_seq or len(tail) != position.offset - begin:
+        raise FileNotFoundError(f"segment {position.segment} does not hold record {position.seq}")
+    return zlib.crc32(tail)

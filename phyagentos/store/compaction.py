@@ -1,0 +1,113 @@
+"""Making a lane short: seal what is written, write a checkpoint, archive what nothing alive needs.
+
+Upstream: `paos store compact`. Downstream: `checkpoint` and `archive`, which writers use by themselves now and then.
+"""
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from phyagentos.clock import Clock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.archive import archive_segments
+from phyagentos.store.checkpoint import start_reading, write_checkpoint
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
+from phyagentos.store.maintenance import LOCK_NAME as UPKEEP_LOCK
+from phyagentos.store.partition_lock import PartitionLock
+from phyagentos.store.records import Tail
+from phyagentos.store.segments import FileIO, Front, choose_next_name, create_segment, sync_folder
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compaction:
+    """What was done.
+
+    Attributes:
+        seq: Number of the record at which the checkpoint stands.
+        sealed: Segment that was sealed, None when the last one is still needed or empty.
+        archived: Segments that were moved to the archive.
+    """
+
+    seq: int
+    sealed: str | None
+    archived: list[str]
+
+
+def compact_lane(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Compaction:
+    """Seal, checkpoint and archive, with the lane locked; others go on afterwards.
+
+    Args:
+        folder: `sessions/<lane>`.
+        by: Name of the writer, for the record of a torn end that has to be cut first.
+        clock: For the day of the new segment.
+        file_io: The calls that change the disk.
+
+    Raises:
+        ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`, `JOURNAL_WRITE_FAILED`.
+        OSError: The disk refused; the journal is as whole as before.
+    """
+    root = folder.parent.parent
+    Journal(root, side=Side.OPERATOR, by=by, clock=clock, lane=folder.name, file_io=file_io).close()  # mends the end
+    with keep_still(folder) as lock:
+        return _compact(folder, lock, clock.wall_iso()[:10], file_io)
+
+
+@contextlib.contextmanager
+def keep_still(folder: Path) -> Iterator[PartitionLock]:
+    """Hold both locks of a lane: nobody writes, and nobody else archives.
+
+    Raises:
+        ExecutionError: `JOURNAL_LOCKED`.
+    """
+    upkeep = os.open(folder / UPKEEP_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    lock = PartitionLock(folder)
+    try:
+        fcntl.flock(upkeep, fcntl.LOCK_EX)  # held for milliseconds, by one who waits for no other lock
+        lock.acquire()
+        try:
+            yield lock
+        finally:
+            lock.release()
+    finally:
+        lock.close()
+        os.close(upkeep)
+
+
+def _compact(folder: Path, lock: PartitionLock, today: str, file_io: FileIO) -> Compaction:
+    ledger, follower = start_reading(folder)
+    try:
+        for record in follower.advance():
+            ledger.apply(record)
+        if follower.tail is not Tail.CLEAN or follower.position is None:
+            raise follower.describe_damage()
+        _sync(follower.path, file_io)
+        sealed = None
+        horizon_seq = ledger.find_horizon()
+        if follower.first_seq <= follower.seq < horizon_seq:
+            sealed = follower.position.segment
+            _seal(folder, follower, lock, today, file_io)
+        write_checkpoint(folder, ledger, follower.position, file_io, durable=True)
+        archived = archive_segments(folder, horizon_seq, ledger.seq, file_io, durable=True)
+        return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
+    finally:
+        follower.close()
+
+
+def _seal(folder: Path, follower: Follower, lock: PartitionLock, today: str, file_io: FileIO) -> None:
+    """Begin the next segment, so that this one grows no more."""
+    current = str(follower.segment)
+    name = choose_next_name(current, today)
+    lock.announce(name)
+    front = Front(folder.name, name, follower.seq + 1, prev=current, prev_sha256=follower.compute_sha256())
+    create_segment(folder, front, file_io, durable=True)
+    sync_folder(folder, file_io)
+    follower.advance()
+
+
+def _sync(path: Path, file_io: FileIO) -> None:
+    with path.open("rb") as file:
+        file_io.fsync(file.fileno())

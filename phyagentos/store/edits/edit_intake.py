@@ -1,0 +1,227 @@
+"""The desk where edits are taken in: SESSIONS.md and the inbox on one side, the operator's journal on the other.
+
+Upstream: people and other programs. Downstream: the journal, SESSIONS.rejected.md, `inbox/refused/`. The renderer calls
+it between two renderings; `paos edit` uses it without one.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.admission import Entry, Fenced, IllegalEvent
+from phyagentos.store.edits.changes import Accepted, Impossible, Refused
+from phyagentos.store.edits.inbox import Inbox, plan_request
+from phyagentos.store.edits.merge import Merge, merge
+from phyagentos.store.edits.reading import decode, read_sheet
+from phyagentos.store.edits.rejections import Rejections
+from phyagentos.store.edits.shared_file import TwoWayFile
+from phyagentos.store.journal import Journal
+from phyagentos.store.views.history import History
+
+OPERATOR = "operator"  # who wrote a record that came from an edit
+NOTES_S = 600.0  # a refusal is told at the head of SESSIONS.md for so long
+_REFUSALS = (IllegalTransition, Fenced, IllegalEvent, DefinitionError, ValueError, TypeError, OverflowError)
+
+
+class EditIntake:
+    """Takes edits of one workspace in.
+
+    Args:
+        workspace: Whose.
+        clock: For waiting editors and for wall times.
+        adopts: Whether it also deals with what processes that are gone left half done.
+        durable: See `Journal`.
+    """
+
+    def __init__(self, workspace: Workspace, clock: Clock, *, adopts: bool = True, durable: bool = True) -> None:
+        self.file = TwoWayFile(workspace.sessions_document, workspace.edits, clock)
+        self._workspace, self._clock, self._durable = workspace, clock, durable
+        self._operator: Journal | None = None  # opened with the first edit: most runs see none
+        self._source = workspace.sessions_document.name
+        self._rejections = Rejections(workspace.rejected_document)
+        self._inbox = Inbox(workspace.inbox, clock)
+        self._noted_at_s = 0.0
+        if adopts:
+            self.file.adopt()
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """One line for each edit that was refused lately."""
+        if self._rejections.notes and self._clock.now_s() - self._noted_at_s > NOTES_S:
+            self._rejections.forget_notes()
+        return self._rejections.notes
+
+    def is_touched(self) -> bool:
+        """Whether somebody wrote SESSIONS.md since it was put there."""
+        return self.file.is_touched()
+
+    def put(self, text: str) -> bool:
+        """Put a rendering there; see `TwoWayFile.put`."""
+        return self.file.put(text)
+
+    def close(self) -> None:
+        """Let go of the files."""
+        self.file.close()
+        if self._operator is not None:
+            self._operator.close()
+
+    def take(self, history: History, *, at_once: bool = False) -> bool:
+        """Deal with everything that arrived, in SESSIONS.md and in the inbox; the history is brought up to date.
+
+        Args:
+            history: The fold, and what was rendered before.
+            at_once: See `TwoWayFile.take`.
+
+        Returns:
+            Whether anything was recorded or refused.
+
+        Raises:
+            ExecutionError: An error of the journal; what was not dealt with stays where it is.
+        """
+        is_new = any(each.accepted or each.refused for each in self.take_file(history, at_once=at_once))
+        return self._take_inbox(history) or is_new
+
+    def take_file(self, history: History, *, at_once: bool = False) -> list[Merge]:
+        """As `take`, of SESSIONS.md alone: what became of each version that somebody left there."""
+        results: list[Merge] = []
+
+        def handle(data: bytes, is_whole: bool) -> None:
+            results.append(self.take_text(decode(data), history, is_whole=is_whole))
+
+        self.file.take(handle, at_once=at_once)
+        return results
+
+    def take_text(self, text: str, history: History, *, is_whole: bool = True, source: str = "") -> Merge:
+        """Merge one edited document and record what it asks for.
+
+        Args:
+            text: All of it.
+            history: The fold, and what was rendered before.
+            is_whole: Whether its editor finished it.
+            source: File name for messages; SESSIONS.md by default.
+
+        Returns:
+            What was recorded, and what was refused (only what no earlier save of the same text was refused for).
+        """
+        source = source or self._source
+        try:
+            return self._merge_text(text, history, source, is_whole=is_whole)
+        except ExecutionError:
+            raise
+        except Exception as error:  # whatever somebody wrote, it must not end the process that supervises
+            return Merge((), tuple(self._reject([_refuse_unread(text, error)], source)))
+
+    def _merge_text(self, text: str, history: History, source: str, *, is_whole: bool) -> Merge:
+        history.read_new()
+        sheet = read_sheet(text)
+        page = history.find_page(sheet.view) if sheet.view is not None else None
+        if page is None:
+            if not text.strip():
+                return Merge((), ())
+            refused = [_refuse_unknown(text, sheet.view, history.ledger.seq)]
+            return Merge((), tuple(self._reject(refused, source)))
+        base = history.render(page)
+        if not is_whole:
+            return Merge((), tuple(self._reject(_refuse_unfinished(text, base), source)))
+        merged = merge(sheet, read_sheet(base), history.ledger.sessions, source)
+        accepted, late = [], []
+        for change in merged.accepted:
+            if reason := self._find_refusal(change):
+                late.append(_refuse_late(change, reason))
+            else:
+                accepted.append(change)
+        history.read_new()
+        refused = sorted([*merged.refused, *late], key=lambda each: each.line)
+        return Merge(tuple(accepted), tuple(self._reject(refused, source)))
+
+    def _take_inbox(self, history: History) -> bool:
+        dropped = self._inbox.read_new()
+        for file in dropped:
+            history.read_new()
+            try:
+                entry = plan_request(file.path, history.ledger.sessions)
+                if entry is not None:
+                    self._commit(entry)
+            except ExecutionError:
+                raise
+            except (Impossible, *_REFUSALS) as error:
+                file.refuse(str(error))
+            except Exception as error:  # as in `take_text`
+                file.refuse(_tell_failure(error))
+            else:
+                file.accept()
+        if dropped:
+            history.read_new()
+        return bool(dropped)
+
+    def _commit(self, entry: Entry) -> None:
+        if self._operator is None:
+            self._operator = Journal(
+                self._workspace.root, side=Side.OPERATOR, by=OPERATOR, clock=self._clock, durable=self._durable
+            )
+        self._operator.commit([entry])
+
+    def _find_refusal(self, change: Accepted) -> str:
+        """Record it; why not, when the journal does not take it."""
+        try:
+            self._commit(change.entry)
+        except _REFUSALS as error:
+            return str(error) or type(error).__name__
+        return ""
+
+    def _reject(self, refused: Sequence[Refused], source: str) -> list[Refused]:
+        new = self._rejections.append(refused, source, self._clock.wall_iso())
+        if new:
+            self._noted_at_s = self._clock.now_s()
+        return new
+
+
+def _refuse_unknown(text: str, view: int | None, seq: int) -> Refused:
+    if view is None:
+        reason = (
+            "its first lines do not say which rendering it was made from ('view: <number>' between two lines '---')"
+        )
+    else:
+        reason = f"the journal does not tell what was shown at record {view}; it stands at {seq}"
+    possible = "make the same change in the present SESSIONS.md"
+    return Refused(line=1, about="the whole file", reason=reason, possible=possible, text=text)
+
+
+def _refuse_unread(text: str, error: Exception) -> Refused:
+    possible = "make the same change in the present SESSIONS.md, and report this"
+    return Refused(line=1, about="the whole file", reason=_tell_failure(error), possible=possible, text=text)
+
+
+def _tell_failure(error: Exception) -> str:
+    return f"this program failed on it ({type(error).__name__}: {error})"
+
+
+def _refuse_unfinished(text: str, base: str) -> list[Refused]:
+    """A save that its editor gave up: what it added, if anything; the missing rest asks for nothing."""
+    left = Counter(line.rstrip() for line in base.split("\n"))
+    lines = text.split("\n")
+    new = []
+    for number, line in enumerate(lines[:-1], 1):  # the last one may be half a line
+        if line.strip() and left[line.rstrip()] <= 0:
+            new.append(number)
+        left[line.rstrip()] -= 1
+    if not new and any(each.startswith(lines[-1]) for each in left):
+        return []
+    reason = "the file ends before its end mark, so the save was not finished"
+    return [
+        Refused(
+            line=new[0] if new else len(lines),
+            about="the whole file",
+            reason=reason,
+            possible="make the same change in the present SESSIONS.md",
+            text=text,
+        )
+    ]
+
+
+def _refuse_late(change: Accepted, reason: str) -> Refused:
+    possible = "look at the session as it stands now, and decide anew"
+    return Refused(line=change.line, about=change.entry.id, reason=reason, possible=possible, text=change.text)

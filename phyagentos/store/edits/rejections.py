@@ -1,0 +1,123 @@
+"""SESSIONS.rejected.md: every edit that was not taken, word for word, with its place, the reason and what is possible.
+
+Upstream: the merge. Downstream: the person who wrote it. Only ever appended to, and on the disk before the edit is
+gone.
+"""
+
+import hashlib
+import os
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+
+from phyagentos.store.edits.changes import Refused
+
+NOTES_SHOWN = 3
+_HEAD = """# Refused edits
+
+What somebody wrote into SESSIONS.md and was not taken, newest last: where, why, what is possible, and every word of it.
+Nothing reads this file; delete it when you like.
+
+"""
+
+
+class Rejections:
+    """Appends to one SESSIONS.rejected.md.
+
+    Args:
+        path: The file; it appears with the first refusal.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: set[bytes] = set()
+        self._notes: deque[str] = deque(maxlen=NOTES_SHOWN)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One line for each of the latest refusals, for the head of SESSIONS.md."""
+        return tuple(self._notes)
+
+    def forget_notes(self) -> None:
+        """Show none any more."""
+        self._notes.clear()
+
+    def append(self, refused: Sequence[Refused], source: str, at: str) -> list[Refused]:
+        """Write refusals down; durable when this returns.
+
+        Args:
+            refused: In the order of their lines; one that was written before (a second save of the same text) is not
+                written again.
+            source: Name of the edited file.
+            at: UTC wall time.
+
+        Returns:
+            Those that are new.
+        """
+        new = [each for each in refused if _hash(each) not in self._known]
+        if not new:
+            return []
+        self._known |= {_hash(each) for each in new}
+        text = "".join(_render(each, source, at) for each in new)
+        is_first = not self._path.exists()
+        head = _HEAD if is_first else ""
+        fd = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        with os.fdopen(fd, "ab") as file:
+            file.write((head + text).encode("utf-8", "backslashreplace"))
+            file.flush()
+            os.fsync(file.fileno())
+        if is_first:
+            _sync_name(self._path)
+        for each in new:
+            self._notes.append(
+                f"`{source}:{each.line}` ({each.about}): {_shorten(each.reason)}. See {self._path.name}."
+            )
+        return new
+
+
+def _sync_name(path: Path) -> None:
+    fd = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def _hash(refused: Refused) -> bytes:
+    words = "\0".join((refused.about, refused.reason, refused.text))
+    return hashlib.blake2b(words.encode("utf-8", "backslashreplace"), digest_size=16).digest()
+
+
+def format_refusal(refused: Refused, source: str) -> str:
+    """One line: where, what, why, possible."""
+    reason = " ".join(refused.reason.split()).rstrip(".")
+    return f"{source}:{refused.line}: {refused.about}: {reason}. Possible: {refused.possible}."
+
+
+def _render(refused: Refused, source: str, at: str) -> str:
+    longest = max((len(run) for run in _iter_ticks(refused.text)), default=0)
+    fence = "`" * max(4, longest + 1)
+    text = refused.text if refused.text.endswith("\n") else f"{refused.text}\n"
+    return (
+        f"## {at} {source}:{refused.line}\n\n"
+        f"- **About:** {refused.about}\n"
+        f"- **Refused:** {' '.join(refused.reason.split()).rstrip('.')}.\n"
+        f"- **Possible:** {refused.possible}.\n\n"
+        f"{fence}text\n{text}{fence}\n\n"
+    )
+
+
+def _iter_ticks(text: str) -> list[str]:
+    runs, run = [], ""
+    for letter in f"{text} ":
+        if letter == "`":
+            run += letter
+        elif run:
+            runs.append(run)
+            run = ""
+    return runs
+
+
+def _shorten(text: str) -> str:
+    words = " ".join(text.split()).rstrip(".")
+    return words if len(words) <= 160 else f"{words[:157]}..."

@@ -1,0 +1,268 @@
+"""A file that we render and others edit at the same time: every version that somebody else left is found once.
+
+A rendering is swapped in, and what comes out is compared with what was put in last. It is kept, because an editor may
+still be writing to it; once nobody can, it is read a last time and deleted. What a killed process had in its hands lies
+in the folder `aside` and is adopted by the next, which also finds there what was put in last. Compare-then-rename was
+measured beside it (`benchmarks/edits.py`): it loses edits.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from phyagentos.clock import Clock
+from phyagentos.store.edits.exchange import ExchangeUnsupported, exchange, may_be_written, rename_new
+from phyagentos.store.edits.reading import is_whole
+
+GRACE_S = 60.0  # an editor that opened the file before the swap has this long to write to it
+SETTLED_S = 1.0  # between finding the file and opening it an editor's process may have been held up this long
+QUIET_S = 0.5  # where the system does not tell who writes: unchanged for so long is finished
+LOOK_PERIOD_S = 0.03  # at a rendering every 10 ms a hundred versions wait to be settled
+MISSING_S = 1.0  # an editor that moved the file away has this long to write a new one
+
+_LAST = "last"  # file with the hash of what was put in last
+_DIGEST_BYTES = 16
+
+Stamp = tuple[int, int, int]  # inode, size, time of change [ns]
+Swap = Callable[[Path, Path], None]
+
+
+@dataclass(slots=True)
+class _Kept:
+    """A version that came out.
+
+    Attributes:
+        path: Where it lies now.
+        since_s: When it came out.
+        digest: Of the contents that were dealt with.
+        stamp: Of the file when it was last read or put in; None before.
+        changed_s: When its stamp was last seen to change.
+        look_s: When it is to be looked at again.
+    """
+
+    path: Path
+    since_s: float
+    digest: bytes
+    stamp: Stamp | None
+    changed_s: float
+    look_s: float = 0.0
+
+
+class TwoWayFile:
+    """One such file; belongs to one thread.
+
+    Args:
+        path: The file.
+        aside: Folder on the same file system, for versions that came out.
+        clock: For the times above.
+        swap: How two files are exchanged.
+    """
+
+    def __init__(self, path: Path, aside: Path, clock: Clock, *, swap: Swap = exchange) -> None:
+        self._path, self._aside, self._clock, self._swap = path, aside, clock, swap
+        self._lock_file = str(aside / ".lock")
+        aside.mkdir(parents=True, exist_ok=True)
+        self._kept: list[_Kept] = []
+        self._last_fd = os.open(aside / _LAST, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._digest = os.pread(self._last_fd, _DIGEST_BYTES, 0)  # of what was put in last
+        self._stamp: Stamp | None = None
+        self._put_at_s = 0.0
+        self._is_checked = False  # whether the contents were compared once the clock of the file system had moved on
+        self._missing_since_s: float | None = None
+        self._number = 0
+        self._owner = _identify_process(str(os.getpid())) or f"{os.getpid()}.0"
+
+    def close(self) -> None:
+        """Let go of the files; what came out and is undecided stays aside."""
+        os.close(self._last_fd)
+
+    def adopt(self) -> None:
+        """Take over what processes that are gone left aside."""
+        for path in sorted(self._aside.glob("*.md")):
+            owner = path.name.partition("-")[0]
+            if owner != _identify_process(owner.partition(".")[0]):
+                self._keep(path, b"", None, self._clock.now_s() - SETTLED_S)
+
+    @contextlib.contextmanager
+    def hold(self, *, wait: bool) -> Iterator[bool]:
+        """Keep every other process from swapping; gives whether that succeeded.
+
+        Args:
+            wait: Until whoever holds it lets go.
+        """
+        fd = self._open_lock()
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            yield True
+        except BlockingIOError:
+            yield False
+        finally:
+            os.close(fd)
+
+    def _open_lock(self) -> int:
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+        try:
+            return os.open(self._lock_file, flags, 0o644)
+        except FileNotFoundError:  # somebody cleaned up
+            self._aside.mkdir(parents=True, exist_ok=True)
+            return os.open(self._lock_file, flags, 0o644)
+
+    def put(self, text: str) -> bool:
+        """Swap a rendering in, unless another process holds the file or an editor is just replacing it.
+
+        Returns:
+            Whether it stands there now.
+        """
+        with self.hold(wait=False) as is_ours:
+            return is_ours and self._put(text.encode())
+
+    def is_touched(self) -> bool:
+        """Whether somebody else wrote the file, or moved it away, since the last `put`."""
+        try:
+            stamp = _read_stamp(self._path)
+        except FileNotFoundError:
+            return True
+        if stamp != self._stamp:
+            return True
+        if self._is_checked or self._clock.now_s() - self._put_at_s < SETTLED_S:
+            return False
+        self._is_checked = True  # a change within one tick of the file system's clock leaves the stamp as it was
+        return _hash(self._path.read_bytes()) != self._digest
+
+    def take(self, handle: Callable[[bytes, bool], None], *, at_once: bool = False) -> None:
+        """Hand over every version that somebody else has finished, each once.
+
+        Args:
+            handle: Called with the contents and whether they have their end mark; what it raises leaves the version
+                where it is.
+            at_once: Give those who may be about to write no further time (at the end of a run); what is unfinished
+                stays aside for the next process.
+        """
+        self._kept = [kept for kept in self._kept if self._examine(kept, handle, at_once=at_once)]
+
+    def _put(self, data: bytes) -> bool:
+        fresh = self._write_aside(data)
+        stamp, digest = _read_stamp(fresh), _hash(data)
+        self._note_last(digest)  # before the swap: a wrong one costs a comparison
+        try:
+            is_swapped = self._swap_in(fresh)
+        except FileNotFoundError:
+            if not self._place(fresh):
+                fresh.unlink(missing_ok=True)
+                return False
+            is_swapped = False
+        if is_swapped:
+            self._keep(fresh, self._digest, self._stamp, self._clock.now_s())
+        self._digest, self._stamp, self._is_checked = digest, stamp, False
+        self._put_at_s, self._missing_since_s = self._clock.now_s(), None
+        return True
+
+    def _note_last(self, digest: bytes) -> None:
+        os.pwrite(self._last_fd, digest, 0)  # in place: a file that is truncated or replaced is flushed by ext4
+
+    def _swap_in(self, fresh: Path) -> bool:
+        try:
+            self._swap(fresh, self._path)
+        except ExchangeUnsupported:
+            old = self._choose_name()
+            old.hardlink_to(self._path)  # between this call and the next an edit can still be lost
+            fresh.replace(self._path)
+            self._keep(old, self._digest, self._stamp, self._clock.now_s())
+            return False
+        return True
+
+    def _place(self, fresh: Path) -> bool:
+        """Nothing stands there: wait for an editor that moved it away, then put ours."""
+        now_s = self._clock.now_s()
+        if self._stamp is not None:
+            self._missing_since_s = now_s if self._missing_since_s is None else self._missing_since_s
+            if now_s - self._missing_since_s < MISSING_S:
+                return False
+        try:
+            rename_new(fresh, self._path)
+        except FileExistsError:
+            return False
+        except ExchangeUnsupported:
+            fresh.replace(self._path)
+        return True
+
+    def _examine(self, kept: _Kept, handle: Callable[[bytes, bool], None], *, at_once: bool) -> bool:
+        """Look at one version; whether it must be looked at again."""
+        now_s = self._clock.now_s()
+        age_s = now_s - kept.since_s
+        is_settled = at_once or age_s >= SETTLED_S
+        if not is_settled and now_s < kept.look_s:
+            return True
+        kept.look_s = now_s + LOOK_PERIOD_S
+        try:
+            stamp = _read_stamp(kept.path)
+            if stamp == kept.stamp and not is_settled:
+                return True
+            may_grow, data = _read(kept.path)
+        except FileNotFoundError:
+            return False
+        except OSError:  # a folder, or a file of somebody else's: it stays aside
+            return False
+        digest = _hash(data)
+        if stamp != kept.stamp:
+            kept.changed_s = now_s
+        kept.stamp = stamp
+        is_final = may_grow is False and is_settled
+        is_over = age_s >= GRACE_S
+        if digest != kept.digest:
+            is_quiet = may_grow is None and now_s - kept.changed_s >= QUIET_S
+            is_finished = (may_grow is False or is_quiet) and is_whole(data)
+            if not (is_finished or is_final or is_over):
+                kept.stamp = None
+                return True
+            handle(data, is_whole(data))
+            kept.digest = digest
+        if is_final or is_over:
+            kept.path.unlink(missing_ok=True)
+            return False
+        return True
+
+    def _keep(self, path: Path, digest: bytes, stamp: Stamp | None, since_s: float) -> None:
+        self._kept.append(_Kept(path, since_s, digest, stamp, self._clock.now_s()))
+
+    def _choose_name(self) -> Path:
+        while True:
+            self._number += 1
+            path = self._aside / f"{self._owner}-{self._number:08d}.md"
+            if not path.exists():
+                return path
+
+    def _write_aside(self, data: bytes) -> Path:
+        path = self._choose_name()
+        path.write_bytes(data)  # the folder is there: its lock is held
+        return path
+
+
+def _read(path: Path) -> tuple[bool | None, bytes]:
+    """Whether it may still be written to, asked first, and what it holds."""
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    with os.fdopen(fd, "rb") as file:
+        may_grow = may_be_written(fd)
+        return may_grow, file.read()
+
+
+def _read_stamp(path: Path) -> Stamp:
+    found = os.stat(path)  # noqa: PTH116 - of every version that came out, in every turn
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _hash(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=_DIGEST_BYTES).digest()
+
+
+def _identify_process(pid: str) -> str:
+    """`<pid>.<start>`, unlike that of any earlier process with this number; empty when there is none now."""
+    try:
+        stat = Path("/proc", pid, "stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    return f"{pid}.{stat.rpartition(')')[2].split()[19]}"  # field 22 of proc(5): ticks between boot and its start

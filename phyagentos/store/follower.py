@@ -1,0 +1,293 @@
+"""The follower: reads one lane of the journal, as far as it is whole. Writes nothing.
+
+Upstream: the segments. Downstream: the writer (which must know what stands there before it adds to it) and readers. It
+never skips: behind the first byte that it cannot trust it waits, and a damaged segment is reported with its offset.
+
+The algorithm, for any language. A lane is the folder `sessions/<lane>/`; a segment `<name>.md` lies there, or, once it
+is sealed and no live session or open goal needs it, in `sessions/archive/<yyyy-mm>/<lane>/<name>.md`, where `yyyy-mm`
+are the first seven characters of its name. Segments are moved oldest first, by rename, and never back.
+
+1. List the names in the lane, then those in the archive (`*/<lane>/`), in this order, so that one that is moved
+   meanwhile is met at least once; put them together and sort. Begin with the first, at the first byte behind its front
+   matter and heading. A reader that knows a position (segment, offset, seq) begins there instead.
+2. Open a segment in the lane; where it is not, in the archive. Its front matter must name this lane, itself, the next
+   sequence number, the segment before and that file's SHA-256 (`none` for both before the first). Otherwise: damage.
+3. Read from the offset to the end. Accept a record when header, length, CRC and sequence number (last + 1) hold; a
+   batch (`more` counts down to 0) is accepted as a whole.
+4. What follows the last whole batch is a writer at work or a dead one's rest (a prefix of a record): wait. If it cannot
+   be the beginning of a record, or a whole record stands behind it: damage; look once more with the lock held shared,
+   because a writer may have been cutting a rest, then report segment and offset and stop.
+5. When nothing is left to read: list the lane. Where the current segment is missing from it, list the archive too. If
+   there is a later name, read the current segment once more to its end (it grows no more), demand that nothing is left
+   over, and go on with the first later name at step 2. Otherwise wait for a change of the folder, at most a second.
+"""
+
+import fcntl
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.store.partition_lock import LOCK_NAME, describe_move, find_holder, hold_lock, read_announced
+from phyagentos.store.records import Record, Tail, scan_records
+from phyagentos.store.segments import (
+    NONE,
+    Front,
+    damage,
+    find_next_segment,
+    list_all_segments,
+    locate,
+    open_segment,
+    read_front,
+)
+
+__all__ = ["LOCK_NAME", "Follower", "Position", "find_holder", "hold_lock"]
+
+_DISTRUST_EVERY = 16  # looks: so often the folder is listed although the lock file says that there is nothing new
+_CHUNK_BYTES = 1 << 20
+_CLEAN, _DAMAGED = Tail.CLEAN, Tail.DAMAGED  # an enumeration takes its time to find a member
+
+
+class Position(msgspec.Struct, frozen=True, gc=False):
+    """Where a reader stands.
+
+    Attributes:
+        segment: Name of the segment.
+        first_seq: Sequence number of its first record.
+        offset: Where the next record begins.
+        seq: Sequence number of the record before it.
+    """
+
+    segment: str
+    first_seq: int
+    offset: int
+    seq: int
+
+
+class Follower:
+    """A cursor over the records of one lane.
+
+    Attributes:
+        seq: Sequence number of the last record that was read.
+        segment: Name of the segment it stands in, None before the first.
+        first_seq: Sequence number of that segment's first record.
+        offset: Where the next record begins.
+        tail: What stood behind `offset` when it last looked.
+
+    Args:
+        folder: Of the lane.
+        position: Where to begin; trusted. By default before the first record.
+
+    Raises:
+        FileNotFoundError: When the segment of `position` does not exist.
+    """
+
+    def __init__(self, folder: Path, position: Position | None = None) -> None:
+        self.seq = 0
+        self.segment: str | None = None
+        self.first_seq = 1
+        self.offset = 0
+        self.tail = Tail.CLEAN
+        self._folder = folder
+        self._fd = self._lock_fd = -1
+        self._looks = 0
+        self._held: list[Record] = []  # read, but not given away because of an error: for the next call
+        self._damage: ExecutionError | None = None
+        self._file, self._announcement = "", b""
+        self._inode = (0, 0)
+        if position is not None:
+            self._take(open_segment(folder, position.segment), position.segment)
+            self.segment, self.first_seq = position.segment, position.first_seq
+            self.offset, self.seq = position.offset, position.seq
+
+    @property
+    def path(self) -> Path:
+        """File of the current segment."""
+        return locate(self._folder, str(self.segment))
+
+    @property
+    def position(self) -> Position | None:
+        """Where it stands, None before the first segment."""
+        return None if self.segment is None else Position(self.segment, self.first_seq, self.offset, self.seq)
+
+    def compute_sha256(self) -> str:
+        """Hash of the current segment as it stands, up to `offset`."""
+        import hashlib  # only where a segment ends
+
+        digest, at = hashlib.sha256(), 0
+        while at < self.offset and (data := self._read(min(_CHUNK_BYTES, self.offset - at), at)):
+            digest.update(data)
+            at += len(data)
+        return digest.hexdigest()
+
+    def read_new(self) -> list[Record]:
+        """Every whole batch since the last call; takes no lock unless something looks damaged.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_MOVED`.
+        """
+        self._looks += 1
+        records = self.advance(trusts_lock=self._looks % _DISTRUST_EVERY != 0)
+        if self.tail is _DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again while nobody writes
+            with hold_lock(self._folder, fcntl.LOCK_SH):
+                records += self.advance()
+            if self.tail is Tail.DAMAGED:
+                self._held = records
+                raise self.describe_damage()
+        return records
+
+    def advance(self, *, trusts_lock: bool = False) -> list[Record]:
+        """Read as far as possible; what stopped it is in `tail`.
+
+        Args:
+            trusts_lock: Believe the lock file when it says that there is no later segment.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the lane, `JOURNAL_MOVED`, `JOURNAL_UNREADABLE`.
+        """
+        records: list[Record] = []
+        try:
+            if trusts_lock and (found := self._look()) is not None:
+                return found
+            records, self._held, self._damage = self._held, [], None
+            self._read_on(records, trusts_lock=trusts_lock)
+        except ExecutionError as error:
+            if self.segment is None or error.code != "JOURNAL_DAMAGED":
+                self._held = records
+                raise
+            self.tail, self._damage = Tail.DAMAGED, error
+        except OSError as error:
+            self._held += records
+            raise self._describe_refusal(error) from error
+        return records
+
+    def _look(self) -> list[Record] | None:
+        """What is new in this segment, as it mostly is: whole batches and no later segment; None for all else."""
+        if self.segment is None or self.tail is not _CLEAN or self._held or self._lock_fd < 0:
+            return None
+        new_bytes = self._stat().st_size - self.offset
+        if os.pread(self._lock_fd, len(self._announcement) + 1, 0) != self._announcement or new_bytes < 0:
+            return None
+        if not new_bytes:
+            return []
+        data = os.pread(self._fd, new_bytes, self.offset)
+        scan = scan_records(data, self.seq)
+        if scan.tail is not _CLEAN:
+            return None
+        self.accept(data, scan.records)
+        return list(scan.records)
+
+    def _read_on(self, records: list[Record], *, trusts_lock: bool) -> None:
+        while True:
+            if self.segment is None:
+                names = list_all_segments(self._folder)
+                if not names:
+                    return
+                self._enter(names[0])
+            records += self._read_segment()
+            if trusts_lock and self._read_announced() == self.segment:
+                return
+            later = find_next_segment(self._folder, str(self.segment))
+            if later is None:
+                return
+            records += self._read_segment()  # it grows no more
+            if self.tail is not Tail.CLEAN:
+                self.tail = Tail.DAMAGED
+                return
+            self._enter(later)
+
+    def accept(self, data: bytes, records: Sequence[Record]) -> None:
+        """Step over bytes that were read, or that the owner of this cursor has just appended."""
+        self.offset += len(data)
+        self.seq = records[-1].seq
+
+    def read_rest(self) -> bytes:
+        """The bytes behind `offset`."""
+        size = self._stat().st_size
+        if size < self.offset:
+            raise damage(self.path, size, f"the file ends here, but record {self.seq} ended at {self.offset}")
+        return self._read(size - self.offset, self.offset) if size > self.offset else b""
+
+    def describe_damage(self) -> Exception:
+        """The error for a damaged tail."""
+        return self._damage or damage(self.path, self.offset, f"record {self.seq + 1} is not as it was written")
+
+    def close(self) -> None:
+        """Let go of the files."""
+        for fd in (self._fd, self._lock_fd):
+            if fd >= 0:
+                os.close(fd)
+        self._fd = self._lock_fd = -1
+
+    def _read_announced(self) -> str:
+        """Name in the lock file; empty where there is none, as in a copy of a workspace."""
+        if self._lock_fd < 0:
+            try:
+                self._lock_fd = os.open(self._folder / LOCK_NAME, os.O_RDONLY | os.O_CLOEXEC)
+            except FileNotFoundError:
+                return ""
+        return read_announced(self._lock_fd)
+
+    def _read_segment(self) -> Sequence[Record]:
+        data = self.read_rest()
+        if not data:
+            self.tail = Tail.CLEAN
+            return ()
+        scan = scan_records(data, self.seq)
+        self.tail = scan.tail
+        if scan.records:
+            self.accept(data[: scan.end], scan.records)
+        return scan.records
+
+    def _enter(self, name: str) -> None:
+        path = locate(self._folder, name)
+        fd = open_segment(self._folder, name)
+        try:
+            front = read_front(path, os.pread(fd, 4096, 0))
+            sealed = self.compute_sha256() if self.segment is not None else NONE
+            expected = Front(self._folder.name, name, self.seq + 1, self.segment or NONE, sealed)
+            if self.segment is not None and (front.lane, front.name) == (expected.lane, name):
+                if front != expected:  # most likely something is missing here
+                    what = f"it ends here, but {path} begins with {front}, and after this asked for is {expected}"
+                    raise damage(self.path, self.offset, what)
+            elif front != expected:
+                raise damage(path, 0, f"it begins with {front}, but what stands before it asks for {expected}")
+        except BaseException:
+            os.close(fd)
+            raise
+        if self._fd >= 0:
+            os.close(self._fd)
+        self._take(fd, name)
+        self.segment, self.first_seq, self.offset = name, front.first_seq, len(front.encode())
+        self.tail = Tail.CLEAN
+
+    def _read(self, size: int, offset: int) -> bytes:
+        try:
+            return os.pread(self._fd, size, offset)
+        except OSError as error:
+            raise self._describe_refusal(error) from error
+
+    def _describe_refusal(self, error: OSError) -> ExecutionError:
+        return ExecutionError("JOURNAL_UNREADABLE", f"{self._folder}: {error}. Nothing was changed; try again.")
+
+    def _take(self, fd: int, name: str) -> None:
+        status = os.fstat(fd)
+        self._fd, self._inode = fd, (status.st_dev, status.st_ino)
+        self._file = str(locate(self._folder, name))
+        self._announcement = f"{name}\n".encode()
+
+    def _stat(self) -> os.stat_result:
+        """The segment by its name, as long as that is still the file that was opened."""
+        try:
+            status = os.stat(self._file)  # noqa: PTH116 - in every commit
+        except FileNotFoundError:
+            self._file = str(self.path)  # it was archived
+            try:
+                status = os.stat(self._file)  # noqa: PTH116
+            except FileNotFoundError:
+                raise describe_move(self.path) from None
+        if (status.st_dev, status.st_ino) != self._inode:
+            raise describe_move(self.path)
+        return status

@@ -1,0 +1,170 @@
+"""The whole history of one session, goal or node, archived or not, without reading the journal.
+
+Upstream: the index for sealed segments, a search for the one being written. Downstream: the writer (was this id ever
+used, and how did it end), `paos why`, `paos rerun`. Every record is checked like by any follower before it is believed.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, compile_table
+from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
+from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent
+from phyagentos.store.index import HistoryIndex, RecordPosition
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import HEADER_BYTES, Record, read_record, scan_records
+from phyagentos.store.segments import (
+    Front,
+    damage,
+    find_next_segment,
+    list_all_segments,
+    locate,
+    open_segment,
+    read_front,
+)
+
+KIN = ("parent", "child")  # in the body of `child_of`
+
+
+class Histories:
+    """Looks up histories in one lane; close it, or use it in a `with` block.
+
+    Args:
+        folder: Of the lane, `sessions/<lane>`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.index = HistoryIndex(folder)
+        self._folder = folder
+
+    def __enter__(self) -> "Histories":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the index."""
+        self.index.close()
+
+    def find(self, id: str) -> list[Record]:
+        """Every record of a session id, `goal:<goal id>` or `node:<goal id>/<node>`, oldest first; empty when unknown.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
+        """
+        self.index.extend()
+        begin = b'- {"id":%b,' % msgspec.json.encode(id)
+        records = self.read_sealed(id)
+        if records and _is_closed(records[-1]):
+            return records
+        for data, _ in self._iter_unsealed_segments():
+            at = data.find(begin)
+            while at >= 0:
+                found = read_record(data, at - HEADER_BYTES)
+                if found is not None and found[0].id == id:
+                    records.append(found[0])
+                at = data.find(begin, at + 1)
+        return records
+
+    def fold_around(self, id: SessionId) -> Ledger | None:
+        """A session, its goal, and the other sessions of its node; None when no such session was ever submitted."""
+        records = self.find(id)
+        if not records or records[0].ev != "submit":
+            return None
+        contract = records[0].contract
+        if contract.goal:
+            of_node = self.find(f"{NODE_PREFIX}{contract.goal}/{contract.node}")
+            kin = _find_kin(of_node)
+            records += self.find(f"{GOAL_PREFIX}{contract.goal}") + of_node
+            records += [record for each in sorted(kin - {id}) for record in self.find(each)]
+        return fold(sorted(records, key=lambda record: record.seq))
+
+    def fold_goal(self, id: GoalId) -> Ledger | None:
+        """A goal, its nodes and all their sessions; None when it was never submitted.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
+        """
+        records = self.find(f"{GOAL_PREFIX}{id}")
+        if not records:
+            return None
+        for node in fold(records).goals[id].nodes:
+            of_node = self.find(f"{NODE_PREFIX}{id}/{node}")
+            records += of_node
+            records += [record for each in {f"{id}.{node}", *_find_kin(of_node)} for record in self.find(each)]
+        return fold(sorted(records, key=lambda record: record.seq))
+
+    def read_sealed(self, id: str) -> list[Record]:
+        """Those of them that the index knows."""
+        try:
+            return [self._read(place, id) for place in self.index.find(id)]
+        except (ExecutionError, OSError):  # the index does not fit the segments
+            self.index.rebuild()
+            return [self._read(place, id) for place in self.index.find(id)]
+
+    def iter_unsealed(self, last_seq: int) -> Iterator[Record]:
+        """Every record behind the index, up to `last_seq`.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`.
+        """
+        for data, front in self._iter_unsealed_segments():
+            head = len(front.encode())
+            for record in scan_records(data[head:], front.first_seq - 1).records:
+                if record.seq > last_seq:
+                    return
+                yield record
+
+    def find_status(self, id: SessionId) -> SessionStatus | None:
+        """A session as it stands now, None when it is unknown."""
+        return fold(self.find(id)).sessions.get(id)
+
+    def _read(self, place: RecordPosition, id: str) -> Record:
+        fd = open_segment(self._folder, place.segment)
+        try:
+            data = os.pread(fd, place.length, place.offset)
+        finally:
+            os.close(fd)
+        found = read_record(data, 0)
+        if found is None or found[0].id != id:
+            path = locate(self._folder, place.segment)
+            raise damage(path, place.offset, f"a record of {id} is not as it was written")
+        return found[0]
+
+    def _iter_unsealed_segments(self) -> Iterator[tuple[bytes, Front]]:
+        """Contents and front matter of the segments that the index does not hold: mostly the one being written."""
+        name = self.index.last_segment
+        names = [] if name else list_all_segments(self._folder)
+        following = find_next_segment(self._folder, name) if name else next(iter(names), None)
+        while following is not None:
+            fd = open_segment(self._folder, following)
+            try:
+                data = os.pread(fd, os.fstat(fd).st_size, 0)
+            finally:
+                os.close(fd)
+            yield data, read_front(locate(self._folder, following), data)
+            following = find_next_segment(self._folder, following)
+
+
+def _find_kin(of_node: Sequence[Record]) -> set[str]:
+    """Sessions that the records of a node tell of."""
+    return {str(body[name]) for record in of_node if (body := record.body or {}) for name in KIN if name in body}
+
+
+def _is_closed(latest: Record) -> bool:
+    """Whether nothing can follow: a session that is over may still be judged once more."""
+    is_final = latest.to in FINAL_STATES and (str(latest.to), REVIEW) not in compile_table()
+    return is_final or latest.ev == GoalEvent.GOAL_VERDICT
+
+
+def fold(records: list[Record]) -> Ledger:
+    """What some records alone tell."""
+    ledger = Ledger(forgets=False)
+    for record in records:
+        ledger.apply(record)
+    return ledger

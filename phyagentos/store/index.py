@@ -1,0 +1,241 @@
+"""Where the records of each session, goal and node lie: an index over sealed segments, which may be deleted any time.
+
+Upstream: sealed segments, archived or not; they never change, so neither does what is said about them. Downstream:
+`history`, and the writer, which must refuse an id that was ever used. `.cache/<lane>.sqlite` is a cache and nothing
+else: what is missing is read again from the segments, and what does not fit them is thrown away.
+"""
+
+import contextlib
+import os
+import sqlite3
+import zlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from phyagentos.errors import ExecutionError
+from phyagentos.store.records import iter_places
+from phyagentos.store.segments import (
+    damage,
+    find_next_segment,
+    list_all_segments,
+    locate,
+    open_segment,
+    read_front,
+)
+
+_CRC_MASK = 0xFFFFFFFF
+_ROTTEN = (sqlite3.Error, OSError, TypeError, ValueError)  # what reading a file of arbitrary bytes may raise
+_WAIT_S = 30.0  # while another process reads segments in
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS segment
+    (number INTEGER PRIMARY KEY, name TEXT, bytes INTEGER, last_seq INTEGER, crc INTEGER);
+CREATE TABLE IF NOT EXISTS place (id TEXT, segment INTEGER, spots TEXT, PRIMARY KEY (id, segment)) WITHOUT ROWID;
+"""
+
+# always a row, with how far the index goes: one statement is one look at one state of the file
+_FIND = """
+SELECT (SELECT last_seq FROM segment ORDER BY number DESC LIMIT 1), segment.name, spots
+FROM (SELECT 1) LEFT JOIN place ON place.id = ? LEFT JOIN segment ON segment.number = place.segment
+ORDER BY place.segment
+"""
+
+
+class RecordPosition(NamedTuple):
+    """Where one record lies."""
+
+    segment: str
+    offset: int
+    length: int
+
+
+class _Segment(NamedTuple):
+    number: int
+    name: str
+    bytes: int
+    last_seq: int
+
+
+class HistoryIndex:
+    """The index of one lane; each process opens its own.
+
+    Args:
+        folder: Of the lane, `sessions/<lane>`.
+
+    Attributes:
+        last_seq: Records up to this one are in it, as far as this process has looked.
+        last_segment: The segment that holds it, empty when nothing is in it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.last_seq, self.last_segment = 0, ""
+        self._folder = folder
+        self._path = folder.parent.parent / ".cache" / f"{folder.name}.sqlite"
+        self._connection: sqlite3.Connection | None = None
+
+    def extend(self) -> None:
+        """Read every sealed segment that is not in it yet.
+
+        Raises:
+            ExecutionError: `INDEX_UNAVAILABLE`, or `JOURNAL_DAMAGED`.
+        """
+        for is_last_try in (False, True):
+            try:
+                self._extend(self._connect())
+            except _ROTTEN as error:
+                self._discard()
+                if is_last_try:
+                    raise ExecutionError("INDEX_UNAVAILABLE", f"{self._path}: {error}. Delete it.") from error
+            else:
+                return
+
+    def find(self, id: str) -> list[RecordPosition]:
+        """Where the records of an id lie that are in the index, oldest first.
+
+        Raises:
+            ExecutionError: `INDEX_UNAVAILABLE`, or `JOURNAL_DAMAGED`.
+        """
+        try:
+            return self._find(id)
+        except _ROTTEN:
+            self.rebuild()
+            return self._find(id)
+
+    def rebuild(self) -> None:
+        """Throw it away and read every sealed segment again.
+
+        Raises:
+            ExecutionError: `INDEX_UNAVAILABLE`, or `JOURNAL_DAMAGED`.
+        """
+        self._discard()
+        self.extend()
+
+    def _find(self, id: str) -> list[RecordPosition]:
+        connection = self._connect()
+        rows = connection.execute(_FIND, (id,)).fetchall()
+        if (rows[0][0] or 0) < self.last_seq:  # another process began it anew
+            self._extend(connection)
+            rows = connection.execute(_FIND, (id,)).fetchall()
+        return [
+            RecordPosition(name, *map(int, spot.split(":")))
+            for _, name, spots in rows
+            if name
+            for spot in spots.split(" ")
+        ]
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _connect(self) -> sqlite3.Connection:
+        if self._connection is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            # the owner takes care that one thread uses it at a time
+            connection = sqlite3.connect(self._path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
+            try:
+                connection.executescript(f"PRAGMA journal_mode = WAL; {_SCHEMA}")
+                _check(connection)
+            except BaseException:
+                connection.close()
+                raise
+            self._connection = connection
+        return self._connection
+
+    def _discard(self) -> None:
+        with contextlib.suppress(sqlite3.Error):
+            self.close()
+        self._connection = None
+        self.last_seq, self.last_segment = 0, ""
+        for suffix in ("", "-wal", "-shm"):
+            with contextlib.suppress(OSError):
+                self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
+
+    def _extend(self, connection: sqlite3.Connection) -> None:
+        last = self._find_last(connection)
+        name = self._find_sealed(last)
+        while name is not None:
+            with _transaction(connection):
+                now = self._find_last(connection)  # another process may have been faster
+                if now == last:
+                    now = self._read_in(connection, name, (last.number if last else 0) + 1)
+            last = now
+            name = self._find_sealed(last)
+        self.last_seq, self.last_segment = (last.last_seq, last.name) if last else (0, "")
+
+    def _find_last(self, connection: sqlite3.Connection) -> _Segment | None:
+        """The latest segment in it; nothing is left in it when that is not the segment as it stands."""
+        row = connection.execute(
+            "SELECT number, name, bytes, last_seq FROM segment ORDER BY number DESC LIMIT 1"
+        ).fetchone()
+        if row is None:
+            return None
+        last = _Segment(*row)
+        with contextlib.suppress(FileNotFoundError):
+            fd = open_segment(self._folder, last.name)
+            try:
+                if os.fstat(fd).st_size == last.bytes:
+                    return last
+            finally:
+                os.close(fd)
+        connection.execute("DELETE FROM segment")
+        connection.execute("DELETE FROM place")
+        return None
+
+    def _find_sealed(self, last: _Segment | None) -> str | None:
+        """The first sealed segment behind the last one in it."""
+        if last is None:
+            names = list_all_segments(self._folder)
+            return names[0] if len(names) > 1 else None
+        name = find_next_segment(self._folder, last.name)
+        return name if name is not None and find_next_segment(self._folder, name) is not None else None
+
+    def _read_in(self, connection: sqlite3.Connection, name: str, number: int) -> _Segment:
+        fd = open_segment(self._folder, name)
+        try:
+            data = os.pread(fd, os.fstat(fd).st_size, 0)
+        finally:
+            os.close(fd)
+        spots: dict[str, list[str]] = {}
+        front = read_front(self._folder / f"{name}.md", data)
+        last_seq = front.first_seq - 1
+        end = len(front.encode())
+        for id, seq, offset, length in iter_places(data, end):
+            spots.setdefault(id, []).append(f"{offset}:{length}")
+            last_seq, end = seq, offset + length
+        if end != len(data):
+            raise damage(locate(self._folder, name), end, f"record {last_seq + 1} is not as it was written")
+        places = [(id, number, " ".join(each)) for id, each in spots.items()]
+        connection.executemany("INSERT INTO place VALUES (?, ?, ?)", places)
+        row = _Segment(number, name, len(data), last_seq)
+        crc = sum(map(_compute_crc, places), _compute_crc(row)) & _CRC_MASK
+        connection.execute("INSERT INTO segment VALUES (?, ?, ?, ?, ?)", (*row, crc))
+        return row
+
+
+def _check(connection: sqlite3.Connection) -> None:
+    """Hold every row against the sums, once a process: a row that has rotted away would make a used id look new."""
+    with _transaction(connection, "DEFERRED"):
+        expected, found = {}, {}
+        for *row, crc in connection.execute("SELECT number, name, bytes, last_seq, crc FROM segment"):
+            expected[row[0]], found[row[0]] = crc, _compute_crc(row)
+        for segment, row in connection.execute("SELECT segment, id || ' ' || segment || ' ' || spots FROM place"):
+            found[segment] = found.get(segment, 0) + zlib.crc32(str(row).encode())
+    if {number: total & _CRC_MASK for number, total in found.items()} != expected:
+        raise sqlite3.DatabaseError("its rows are not as they were written")
+
+
+def _compute_crc(row: Iterable[object]) -> int:
+    return zlib.crc32(" ".join(map(str, row)).encode())
+
+
+@contextlib.contextmanager
+def _transaction(connection: sqlite3.Connection, kind: str = "IMMEDIATE") -> Iterator[None]:
+    connection.execute(f"BEGIN {kind}")
+    try:
+        yield
+    except BaseException:
+        connection.execute("ROLLBACK")
+        raise
+    connection.execute("COMMIT")

@@ -1,0 +1,237 @@
+"""Looking at a lane of the journal without changing a byte: every problem it has, not only the first.
+
+Upstream: `salvage`, which goes on behind damage. Downstream: `paos store check`, `repair`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import yaml
+
+from phyagentos.errors import PhyAgentOSError
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Execution
+from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, Admission, Entry
+from phyagentos.store.checkpoint import NAME as CHECKPOINT
+from phyagentos.store.checkpoint import Checkpoint, find_checkpoint, find_seen_seq
+from phyagentos.store.ledger import GoalImage, Image, Ledger, SessionImage
+from phyagentos.store.records import JOURNAL_ID, Record
+from phyagentos.store.salvage import Gap, Kept, Survey, iter_surveys
+from phyagentos.store.segments import list_segments, locate_archived
+
+LOST = "lost"  # event of a record that stands for one that is gone
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is not as it should be.
+
+    Attributes:
+        code: `SEGMENT_MISLINKED`, `RECORD_DAMAGED`, `RECORDS_MISSING`, `BODY_UNREADABLE`, `RECORD_ILLEGAL`,
+            `CHECKPOINT_WRONG`; no damage are `END_TORN`, `SEGMENT_TWICE` and `CHECKPOINT_UNUSED`.
+        segment: Where.
+        offset: Where in its file [bytes].
+        message: What.
+    """
+
+    code: str
+    segment: str
+    offset: int
+    message: str
+
+    @property
+    def is_damage(self) -> bool:
+        """False for what the next writer mends by itself, and for a shortcut that nobody takes."""
+        return self.code not in {"END_TORN", "SEGMENT_TWICE", "CHECKPOINT_UNUSED"}
+
+    def __str__(self) -> str:
+        """`segment:offset: CODE: what`."""
+        return f"{self.segment}:{self.offset}: {self.code}: {self.message}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inspection:
+    """What a check found.
+
+    Attributes:
+        findings: Every problem, in the order of the journal.
+        segments: How many were read.
+        records: How many are intact.
+        last_seq: Number of the last record, lost ones counted.
+    """
+
+    findings: Sequence[Finding]
+    segments: int
+    records: int
+    last_seq: int
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is damaged."""
+        return not any(finding.is_damage for finding in self.findings)
+
+
+def inspect_lane(folder: Path) -> Inspection:
+    """Check every segment, archived ones included: frames, chain, bodies, lifecycle; and the checkpoint.
+
+    Args:
+        folder: `sessions/<lane>`.
+    """
+    findings = list(_iter_doubles(folder))
+    expected = find_checkpoint(folder)
+    known_seq = find_seen_seq(folder)
+    replay = _Replay(expected)
+    segments = records = last_seq = 0
+    for survey in iter_surveys(folder, known_seq=known_seq):
+        segments, last_seq = segments + 1, survey.last_seq
+        findings += iter_frame_findings(survey)
+        for piece in survey.pieces:
+            if isinstance(piece, Gap):
+                replay.note_loss(piece.first_seq + piece.lost - 1)
+                continue
+            records += len(piece.records)
+            for offset, record in piece.records:
+                findings += [Finding(code, survey.name, offset, what) for code, what in replay.judge(record)]
+    findings += replay.judge_checkpoint(folder)
+    return Inspection(findings=findings, segments=segments, records=records, last_seq=last_seq)
+
+
+def iter_frame_findings(survey: Survey) -> Iterator[Finding]:
+    """What is wrong with a segment's front matter and frames."""
+    if survey.front is None:
+        yield Finding("SEGMENT_MISLINKED", survey.name, 0, "the front matter is not that of a journal segment")
+    elif survey.front != survey.expected:
+        for name in ("lane", "name", "first_seq", "prev", "prev_sha256"):
+            found, expected = getattr(survey.front, name), getattr(survey.expected, name)
+            if found == expected:
+                continue
+            what = "; one of the two files is not as it was sealed" if name == "prev_sha256" else ""
+            yield Finding("SEGMENT_MISLINKED", survey.name, 0, f"{name} is {found}, expected {expected}{what}")
+    for piece in survey.pieces:
+        if isinstance(piece, Kept):
+            continue
+        if piece.is_torn:
+            what = f"{len(piece.data)} bytes of a batch that nobody was told of; the next writer cuts them"
+            yield Finding("END_TORN", survey.name, piece.offset, what)
+        elif piece.data:
+            what = f"{len(piece.data)} bytes are not as they were written; {describe_lost(piece)}"
+            yield Finding("RECORD_DAMAGED", survey.name, piece.offset, what)
+        else:
+            yield Finding("RECORDS_MISSING", survey.name, piece.offset, describe_lost(piece))
+
+
+def describe_lost(gap: Gap) -> str:
+    """Which records a gap stands for, for people."""
+    if not gap.lost:
+        return "no record is missing"
+    last = gap.first_seq + gap.lost - 1
+    which = f"record {gap.first_seq} is" if gap.lost == 1 else f"records {gap.first_seq} to {last} are"
+    return f"{which} lost" + ("" if gap.is_exact else ", at least")
+
+
+class _Replay:
+    """Plays the records again: could each have been admitted, and do they lead to the checkpoint?
+
+    Args:
+        checkpoint: The one that would be trusted.
+    """
+
+    def __init__(self, checkpoint: Checkpoint | None) -> None:
+        self._admission = Admission()
+        self._checkpoint = checkpoint
+        self._ledger = Ledger()
+        self._is_other: bool | None = None  # whether the checkpoint holds another state than the records before it
+        self._lost_seq = 0
+        self._seen: dict[str, int] = {}  # session or goal -> number of its latest record
+
+    def note_loss(self, seq: int) -> None:
+        """Records up to `seq` are missing: what follows may not fit what came before."""
+        self._lost_seq = seq
+
+    def judge(self, record: Record) -> Iterator[tuple[str, str]]:
+        """Code and message of each problem of the next record."""
+        if record.id == JOURNAL_ID:
+            if record.ev == LOST:
+                self.note_loss(record.seq)
+            self._compare(record)
+            return
+        try:
+            body = record.body
+            if record.ev != "submit":  # a contract has an `attempt` of its own; admission judges it
+                _convert_parts(body or {})
+        except (yaml.YAMLError, msgspec.MsgspecError) as error:
+            yield "BODY_UNREADABLE", f"record {record.seq} ({record.id}: {record.ev}): {' '.join(str(error).split())}"
+            body = None
+        else:
+            if (what := self._find_illegal(record)) is not None:
+                yield "RECORD_ILLEGAL", f"record {record.seq}: {what}"
+        self._admission.apply(record)
+        self._seen[_subject(record.id)] = record.seq
+        self._compare(record)
+
+    def judge_checkpoint(self, folder: Path) -> Iterator[Finding]:
+        """Whether the checkpoint is one, and whether it says what the records say."""
+        if self._checkpoint is None:
+            if (folder / CHECKPOINT).exists():
+                yield Finding("CHECKPOINT_UNUSED", CHECKPOINT, 0, "it fits no place in the journal; it may be deleted")
+        elif self._is_other:
+            seq = self._checkpoint.position.seq
+            what = f"what it holds is not what the records up to {seq} lead to; delete it and run `paos store compact`"
+            yield Finding("CHECKPOINT_WRONG", CHECKPOINT, 0, what)
+
+    def _compare(self, record: Record) -> None:
+        if self._checkpoint is None or record.seq > self._checkpoint.position.seq:
+            return
+        try:
+            self._ledger.apply(record)
+        except (PhyAgentOSError, msgspec.MsgspecError, yaml.YAMLError, ValueError, KeyError, TypeError):
+            self._checkpoint = None  # told as a problem of that record
+            return
+        if record.seq == self._checkpoint.position.seq:
+            self._is_other = _list_unfinished(self._ledger.take_image()) != _list_unfinished(self._checkpoint.image)
+
+    def _find_illegal(self, record: Record) -> str | None:
+        if self._seen.get(_subject(record.id), 0) <= self._lost_seq and self._lost_seq:
+            return None  # something between its last record and this one is lost
+        try:
+            side = Side(record.side)
+            (again,) = self._admission.admit(
+                [Entry(record.id, record.ev, record.body)],
+                [record.markdown],
+                last_seq=record.seq - 1,
+                by=record.by,
+                side=side,
+                at=record.at,
+            )
+        except (PhyAgentOSError, ValueError) as error:
+            return str(error)
+        found, expected = ((each.source, each.to, each.epoch) for each in (record, again))
+        if found != expected:
+            return f"{record.id}: {record.ev}: from, to, ep are {found}, the lifecycle gives {expected}"
+        return None
+
+
+def _list_unfinished(image: Image) -> tuple[list[GoalImage], list[SessionImage]]:
+    return [each for each in image.goals if not each.is_over], [each for each in image.sessions if not each.is_over]
+
+
+def _subject(id: str) -> str:
+    """The session, or the goal that a goal or node record is about."""
+    return GOAL_PREFIX + id.removeprefix(NODE_PREFIX).partition("/")[0] if id.startswith(NODE_PREFIX) else id
+
+
+def _convert_parts(body: dict[str, object]) -> None:
+    if "execution" in body:
+        msgspec.convert(body["execution"], Execution)
+    if "attempt" in body:
+        msgspec.convert(body["attempt"], Attempt)
+
+
+def _iter_doubles(folder: Path) -> Iterator[Finding]:
+    for name in list_segments(folder):
+        archived = locate_archived(folder, name)
+        if archived.exists():
+            yield Finding("SEGMENT_TWICE", name, 0, f"stands in {folder} and in {archived.parent}; the former counts")

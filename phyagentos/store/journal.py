@@ -1,0 +1,329 @@
+"""The journal: the one truth of a workspace, an append-only Markdown log that several processes share.
+
+Upstream: both planes and the operator. Downstream: followers, the fold (`ledger`) and the views. One `commit` is one
+lock, one check, one write and one wait for the disk. A database was measured and rejected: the truth must be text.
+
+Which records may lag. A wait for the disk covers everything that stands before it in the lane, whoever wrote it, so
+what is on the disk is always a prefix of the journal. A record may therefore be committed with `durable=False` when
+losing it in a power cut is harmless, or when a durable one follows before anybody acts on it. A session needs three
+waits at most:
+
+- `submit` (agent), before anybody is told that it was accepted;
+- `start` (runtime), before the first command: it covers `claim` and `check`;
+- the verdict (agent): it covers `finish` and `verify`. While sessions follow one another closely, the `start` of the
+  next one covers it, and the submission beside it; the mission waits by itself when nothing follows, and at its end,
+  before anybody is told. Without them, after a power cut, the session is taken for
+  running; the watchdog observes the world anew and the same evidence is judged.
+"""
+
+import contextlib
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.body_codec import prepare_body, render_body
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.admission import Entry, Fenced, IllegalEvent
+from phyagentos.store.checkpoint import (
+    find_checkpoint,
+    find_seen_seq,
+    refuse_missing_end,
+    start_reading,
+)
+from phyagentos.store.consumer_offset import ConsumerOffset
+from phyagentos.store.follower import Follower
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.log_partition import choose_lane
+from phyagentos.store.maintenance import Upkeep
+from phyagentos.store.memory import Cold, Memory
+from phyagentos.store.partition_lock import PartitionLock
+from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_record
+from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_next_name, sync_folder
+from phyagentos.store.writer import SegmentWriter
+
+__all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_lane"]
+
+SEGMENT_BYTES = 16 << 20
+_CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member, and this one is asked for at every commit
+
+
+class Journal:
+    """Reads and extends one lane of a workspace's journal; several threads may share it.
+
+    Args:
+        root: The workspace.
+        side: On whose behalf it writes.
+        by: Name of the writer.
+        clock: For the time of records and the day of segments.
+        durable: Whether a commit waits for the disk; without, an acknowledged record may die with the machine.
+        lane: Folder under `sessions/`; by default the only one there is, or the host's name.
+        segment_bytes: Size at which a new segment begins.
+        file_io: The calls that change the disk.
+
+    Raises:
+        ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED` or `LANE_UNCLEAR`.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        *,
+        side: Side,
+        by: str,
+        clock: Clock,
+        durable: bool = True,
+        lane: str | None = None,
+        segment_bytes: int = SEGMENT_BYTES,
+        file_io: FileIO | None = None,
+    ) -> None:
+        self.folder = root / "sessions" / (lane or choose_lane(root / "sessions"))
+        self._side, self._by, self._clock = side, by, clock
+        self._durable = durable
+        self._segment_bytes = segment_bytes
+        self._mutex = threading.Lock()  # one commit at a time in this process
+        self._ledger: Ledger | None = None
+        self._has_looked = False
+        io = file_io or SystemIO()
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}: {error}") from error
+        self._lock = PartitionLock(self.folder)
+        self._writer = SegmentWriter(self.folder, self._lock, io, durable=durable)
+        if durable:  # whoever made these folders may have died before their names reached the disk
+            self._writer.be_durable(sync_folder, root, io)
+            self._writer.be_durable(sync_folder, self.folder.parent, io)
+        checkpoint = find_checkpoint(self.folder)
+        self._seen_seq = find_seen_seq(self.folder) if checkpoint is None else 0
+        self._follower = Follower(self.folder, checkpoint.position if checkpoint else None)
+        self._memory = Memory(self.folder, checkpoint)
+        self._admission = self._memory.admission
+        self._reading = ConsumerOffset(self.folder)
+        self._upkeep = Upkeep(self.folder, clock, io, durable=durable)
+        try:
+            with self._mutex, self._locked():
+                self._catch_up()
+        except BaseException:
+            self._let_go()
+            raise
+
+    def open_ledger(self) -> Ledger:
+        """The fold of all that stands here, from the checkpoint where there is one; `read_new` goes on behind it.
+
+        Apply what `read_new` gives to this ledger: then checkpoints are made of it now and then.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`.
+        """
+        ledger, follower = start_reading(self.folder)
+        try:
+            for record in follower.read_new():
+                ledger.apply(record)
+            self._reading.begin_at(follower.position)
+        finally:
+            follower.close()
+        self._ledger = ledger
+        return ledger
+
+    def commit(self, entries: Sequence[Entry], *, durable: bool = True) -> list[Record]:
+        """Record all of these, or none.
+
+        Args:
+            entries: One batch, in order; each is checked as if those before it stood already.
+            durable: Whether to wait for the disk now; if not, the next durable commit or `sync` covers it.
+
+        Returns:
+            Its records.
+
+        Raises:
+            IllegalTransition: The lifecycle does not allow it, or not to this side.
+            Fenced: A stale epoch.
+            IllegalEvent: A goal or node event out of order, or from the wrong side.
+            DefinitionError: A contract that is none, or a record that is too large.
+            ExecutionError: `JOURNAL_WRITE_FAILED` (nothing was recorded), `JOURNAL_NOT_DURABLE` (final for this
+                process), `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`.
+        """
+        if not entries:
+            return []
+        plain, markdown = [], []
+        for entry in entries:
+            body, text = prepare_body(entry.body)
+            plain.append(Entry(entry.id, entry.ev, body, entry.epoch) if entry.body else entry)
+            markdown.append(text)
+        with self._mutex:
+            self._writer.refuse_if_failed()
+            try:
+                records = self._record(plain, markdown)
+            except Cold:
+                self._memory.warm_up()
+                records = self._record(plain, markdown)
+            if self._follower.segment != self._memory.segment:
+                self._memory.shrink(str(self._follower.segment))
+        if self._durable and durable:
+            self._writer.sync(records[-1].seq, self._follower)
+        return records
+
+    def sync(self) -> None:
+        """Wait until everything that was committed or read here is on the disk.
+
+        Raises:
+            ExecutionError: `JOURNAL_NOT_DURABLE`.
+        """
+        with self._mutex:
+            self._writer.refuse_if_failed()
+            self._writer.open(self._follower)
+            seq = self._follower.seq
+        if self._durable:
+            self._writer.sync(seq, self._follower)
+
+    def knows(self, id: str) -> bool:
+        """Whether a session or goal (`goal:<goal id>`) of this id was ever submitted, archived or not."""
+        with self._mutex:
+            self._note(self._follower.read_new())
+            return self._memory.knows(id)
+
+    def read_new(self, *, looks: bool = True) -> list[Record]:
+        """Every record since the last call, those of this object's own commits among them, each once and in order.
+
+        Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own.
+
+        Args:
+            looks: Whether to look at the lane, and to keep it short. If not, what the last commit found there and what
+                it added is all there is: enough for whoever has just recorded something and has to act on it.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`.
+        """
+        if looks:
+            self._tidy_if_due()
+        with self._mutex:
+            if looks:
+                self._note(self._follower.read_new())
+            before = self._follower.seq
+            records, self._follower = self._reading.take(self._follower)
+            if self._follower.seq > before:
+                for record in records:
+                    if record.seq > before:
+                        self._admission.apply(record)
+            return records
+
+    def close(self) -> None:
+        """Let go of the files; everything committed stays."""
+        with self._mutex:
+            if self._writer.failure is None:
+                with contextlib.suppress(SyncFailedError):  # what was acknowledged stands without it
+                    self._upkeep.finish(self._ledger, self._follower.position)
+            self._let_go()
+            self._writer.failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
+
+    def _let_go(self) -> None:
+        for each in (self._writer, self._follower, self._reading, self._memory, self._lock):
+            each.close()
+
+    @contextlib.contextmanager
+    def _locked(self) -> Iterator[None]:
+        self._lock.acquire()
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def _record(self, entries: Sequence[Entry], markdown: Sequence[str]) -> list[Record]:
+        self._lock.acquire()
+        try:
+            self._catch_up()
+            at = self._clock.wall_iso()
+            self._rotate_if_due(at[:10])
+            records = self._admission.admit(
+                entries, markdown, last_seq=self._follower.seq, by=self._by, side=self._side, at=at
+            )
+            self._append(records)
+        finally:
+            self._lock.release()
+        return records
+
+    def _note(self, records: Sequence[Record]) -> None:
+        if records:
+            for record in records:
+                self._admission.apply(record)
+            self._reading.add(records)
+
+    def _tidy_if_due(self) -> None:
+        ledger, delivered = self._ledger, self._reading.delivered
+        if ledger is None or delivered is None or ledger.seq != delivered.seq:
+            return
+        if self._upkeep.is_due(delivered):
+            self._writer.be_durable(self._upkeep.tidy, ledger, delivered)
+
+    def _catch_up(self) -> None:
+        """Know everything that stands in the lane; cut what a dying writer left half."""
+        is_first_look, self._has_looked = not self._has_looked, True
+        records = self._follower.advance(trusts_lock=not is_first_look)
+        self._note(records)
+        if self._writer.segment == self._follower.segment and self._follower.tail is _CLEAN and not is_first_look:
+            return
+        refuse_missing_end(self._follower, self._seen_seq)
+        if self._follower.segment is None:
+            self._writer.create(choose_next_name(None, self._clock.wall_iso()[:10]), self._follower)
+            self._note(self._follower.advance())
+        self._writer.open(self._follower)
+        if self._follower.tail is Tail.DAMAGED:
+            error = self._follower.describe_damage()
+            self._set_aside()
+            raise error
+        if is_first_look:  # a writer that died may have announced one that never appeared
+            self._writer.announce(str(self._follower.segment))
+        if self._follower.tail is Tail.TORN:
+            self._repair()
+
+    def _set_aside(self) -> None:
+        name = f"{self._follower.segment}.{self._follower.offset}.damaged"
+        with contextlib.suppress(OSError, ExecutionError):
+            if rest := self._follower.read_rest():
+                (self.folder / name).write_bytes(rest)
+
+    def _repair(self) -> None:
+        """Cut a torn tail: nobody was ever told that it stands."""
+        import hashlib
+
+        rest = self._follower.read_rest()
+        body = {
+            "segment": self._follower.segment,
+            "offset": self._follower.offset,
+            "cut_bytes": len(rest),
+            "cut_sha256": hashlib.sha256(rest).hexdigest(),
+        }
+        try:
+            self._writer.cut(self._follower.offset)
+        except OSError as error:
+            raise ExecutionError(
+                "JOURNAL_WRITE_FAILED", f"{self._follower.path}: {error}. Nothing was changed."
+            ) from error
+        self._follower.tail = Tail.CLEAN
+        record = Record(
+            seq=self._follower.seq + 1,
+            id=JOURNAL_ID,
+            ev="repair",
+            by=self._by,
+            side=self._side.value,
+            at=self._clock.wall_iso(),
+            markdown=render_body(body),
+        )
+        self._append([record])
+
+    def _append(self, records: Sequence[Record]) -> None:
+        data = b"".join([encode_record(record) for record in records])
+        self._writer.append(data, self._follower)
+        self._follower.accept(data, records)
+        self._note(records)
+
+    def _rotate_if_due(self, today: str) -> None:
+        current = str(self._follower.segment)
+        if self._follower.offset < self._segment_bytes and today <= current[:10]:
+            return
+        self._writer.seal()
+        self._writer.create(choose_next_name(current, today), self._follower)
+        self._note(self._follower.advance())
+        self._writer.open(self._follower)

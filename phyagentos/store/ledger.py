@@ -1,0 +1,353 @@
+"""The fold: what stands in the journal, told as the present state of sessions and goals.
+
+Upstream: records of a follower, or a checkpoint and the records behind it: both lead to the same ledger. Downstream:
+watchdog, mission, views. Applying a record costs the same however many there are; nothing here is ever written back.
+
+A ledger stays small: it holds what is live, goals that are not over and all their sessions, and of the rest the latest
+(`FINISHED_KEPT`, `GOALS_KEPT`). What it let go of is still in the journal: see `history`.
+
+Bodies that it understands:
+
+- `submit`: the contract. `amend`: an `Amendment`. `execution`, `attempt`, `reason` in the body of any later session
+  record.
+- `goal_submitted`: `graph`, `seed`, `objective`.
+- `goal_compiled`: `nodes` (name -> mapping with `objective`, `skill`, `target`, `after`), `accept`, `constraints`.
+- `node_ready`, `node_done`, `node_blocked`, `invalidated`: `reason`. `child_of`: `child`, `parent`, `reason`.
+- `budget_spent`: `replans` (how many, 1 by default), `reason`.
+- `goal_verdict`: `verdict`, `criteria`, `reason`. `goal_cancelled`: `reason`.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import msgspec
+
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, SessionState
+from phyagentos.protocol.sessions.session import (
+    Amendment,
+    Execution,
+    GoalId,
+    Session,
+    SessionId,
+    SessionStatus,
+    apply_amendment,
+)
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Replan
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
+from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent, split_node_id
+from phyagentos.store.records import Record
+
+
+class Span(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Sequence numbers of the first and the latest record about something; of a goal only the first is kept."""
+
+    first_seq: int
+    last_seq: int
+
+
+class SessionImage(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A session as a checkpoint keeps it.
+
+    Attributes:
+        is_over: Whether it may be forgotten.
+    """
+
+    status: SessionStatus
+    span: Span
+    is_over: bool = False
+
+
+class GoalImage(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A goal as a checkpoint keeps it.
+
+    Attributes:
+        is_over: Whether it may be forgotten.
+    """
+
+    status: GoalStatus
+    span: Span
+    is_over: bool = False
+
+
+class Image(msgspec.Struct, frozen=True):
+    """All that a ledger holds; what may be forgotten stands in the order in which it will be."""
+
+    seq: int
+    session_count: int
+    goal_count: int
+    goals: list[GoalImage]
+    sessions: list[SessionImage]
+
+
+FINISHED_KEPT = 50  # sessions, those of goals that are not over not counted
+GOALS_KEPT = 50  # goals that are over
+_SPENT, _CHILD_OF, _ACTIVE = GoalEvent.BUDGET_SPENT.value, GoalEvent.CHILD_OF.value, NodeState.ACTIVE
+_NODE_STATES = {
+    GoalEvent.NODE_READY.value: NodeState.READY,
+    GoalEvent.NODE_DONE.value: NodeState.DONE,
+    GoalEvent.NODE_BLOCKED.value: NodeState.BLOCKED,
+    GoalEvent.INVALIDATED.value: NodeState.INVALIDATED,
+}
+
+
+class Ledger:
+    """The state of everything that still matters, as of the last record applied.
+
+    Attributes:
+        seq: Sequence number of that record.
+        sessions: By id, in the order of submission.
+        goals: By id, in the order of submission.
+        session_count: Sessions ever submitted.
+        goal_count: Goals ever submitted.
+
+    Args:
+        forgets: Whether it lets go of what is long over; off, it keeps all it is told of.
+        on_forget: Told of each session that it lets go of.
+    """
+
+    def __init__(self, *, forgets: bool = True, on_forget: Callable[[SessionStatus], None] = lambda _: None) -> None:
+        self.seq = 0
+        self.sessions: dict[SessionId, SessionStatus] = {}
+        self.goals: dict[GoalId, GoalStatus] = {}
+        self.session_count = self.goal_count = 0
+        self._forgets, self._on_forget = forgets, on_forget
+        self._kept_goal: GoalId | None = None
+        self._spans: dict[str, Span] = {}  # of sessions and goals, by id as in the journal
+        self._by_state: dict[str, dict[SessionId, None]] = {state.value: {} for state in SessionState}
+        self._open: dict[GoalId, dict[SessionId, None]] = {}  # goals that are not over -> all their sessions
+        self._finished: dict[SessionId, None] = {}  # sessions that may be forgotten, the first to go first
+        self._closed: dict[GoalId, None] = {}  # goals that may be forgotten, the first to go first
+
+    def keep_goal(self, id: GoalId) -> None:
+        """Do not let go of this goal and its sessions until another one is named: its report comes after its end."""
+        before, self._kept_goal = self._kept_goal, id
+        if before is not None and before != id and self._forgets and before not in self._open:
+            over = [each for each, status in self.sessions.items() if status.contract.goal == before]
+            for each in over:
+                if each not in self._finished and self.sessions[each].state in FINAL_STATES:
+                    self._forget(each)
+            if before in self.goals and before not in self._closed:
+                del self.goals[before], self._spans[GOAL_PREFIX + before]
+
+    def apply(self, record: Record) -> None:
+        """Take in the next record."""
+        self.seq = record.seq
+        if record.to is not None:
+            self._apply_session(record)
+        elif record.id.startswith(GOAL_PREFIX):
+            self._apply_goal(record)
+        elif record.id.startswith(NODE_PREFIX):
+            self._apply_node(record)
+
+    def find_horizon(self) -> int:
+        """Sequence number of the first record of anything that is live or not over; else that of the next record."""
+        live = [str(id) for state, ids in self._by_state.items() if state not in FINAL_STATES for id in ids]
+        needed = live + [GOAL_PREFIX + id for id in self._open]
+        return min((self._spans[id].first_seq for id in needed), default=self.seq + 1)
+
+    def take_image(self) -> "Image":
+        """What is needed to go on from here."""
+        open_ids = [id for ids in self._open.values() for id in ids]
+        live = [id for state, ids in self._by_state.items() if state not in FINAL_STATES for id in ids]
+        first = sorted({*open_ids, *live} - self._finished.keys(), key=self._get_first_seq)
+        goals = [*sorted(self._open, key=lambda id: self._spans[GOAL_PREFIX + id].first_seq), *self._closed]
+        return Image(
+            seq=self.seq,
+            session_count=self.session_count,
+            goal_count=self.goal_count,
+            goals=[GoalImage(self.goals[id], self._spans[GOAL_PREFIX + id], id not in self._open) for id in goals],
+            sessions=[
+                SessionImage(self.sessions[id], self._spans[id], id in self._finished)
+                for id in [*first, *self._finished]
+            ],
+        )
+
+    @classmethod
+    def restore(cls, image: "Image", *, forgets: bool = True) -> "Ledger":
+        """The ledger of which this is the image."""
+        ledger = cls(forgets=forgets)
+        ledger.seq, ledger.session_count, ledger.goal_count = image.seq, image.session_count, image.goal_count
+        for goal in sorted(image.goals, key=lambda each: each.span.first_seq):
+            id = goal.status.id
+            ledger.goals[id] = msgspec.structs.replace(goal.status, nodes=dict(goal.status.nodes))
+            ledger._spans[GOAL_PREFIX + id] = goal.span
+            if not goal.is_over:
+                ledger._open[id] = {}
+        ledger._closed = {goal.status.id: None for goal in image.goals if goal.is_over}
+        for session in sorted(image.sessions, key=lambda each: each.span.first_seq):
+            contract = session.status.contract
+            ledger.sessions[contract.id] = session.status
+            ledger._spans[contract.id] = session.span
+            if (
+                contract.goal in ledger._open
+                and ledger._spans[GOAL_PREFIX + contract.goal].first_seq < session.span.first_seq
+            ):
+                ledger._open[contract.goal][contract.id] = None
+        for session in sorted(image.sessions, key=lambda each: each.span.last_seq):
+            ledger._by_state[session.status.state][session.status.contract.id] = None
+        ledger._finished = {each.status.contract.id: None for each in image.sessions if each.is_over}
+        return ledger
+
+    def iter_pending(self, target: str | None = None) -> Iterator[SessionStatus]:
+        """Sessions that wait for `target` (for any when None): larger priority first, then the older."""
+        waiting = [
+            status
+            for status in map(self.sessions.__getitem__, self._by_state[SessionState.PENDING])
+            if target is None or status.contract.target == target
+        ]
+        return iter(sorted(waiting, key=lambda each: (-each.contract.priority, self._get_first_seq(each.contract.id))))
+
+    def live_sessions(self) -> list[SessionStatus]:
+        """Sessions that are not final, in the order of submission."""
+        live = [id for state, ids in self._by_state.items() if state not in FINAL_STATES for id in ids]
+        return [self.sessions[id] for id in sorted(live, key=self._get_first_seq)]
+
+    def _get_first_seq(self, id: SessionId) -> int:
+        return self._spans[id].first_seq
+
+    def _apply_session(self, record: Record) -> None:
+        id, state = SessionId(record.id), str(record.to)
+        before = self.sessions.get(id)
+        if before is None:
+            if record.source is not None:  # it was forgotten, so it is over
+                return
+            contract = record.contract
+            status = SessionStatus(contract=contract, state=state, asked_by=record.by, updated_at=record.at)
+            self.session_count += 1
+            self._spans[id] = Span(record.seq, record.seq)
+            self._activate_node(contract)
+        else:
+            contract = before.contract
+            self._by_state[before.state].pop(id)
+            tells = (record.markdown and record.ev != "start") or record.ev == "claim"  # a plan changes no status
+            changes = _read_changes(before, record) if tells else {}
+            if record.ev != REVIEW:  # which changes nothing but the list of judgements
+                changes["updated_at"] = record.at
+            status = msgspec.structs.replace(before, state=state, **changes)
+            self._spans[id] = Span(self._spans[id].first_seq, record.seq)
+        self._by_state[state][id] = None
+        self.sessions[id] = status
+        if state in FINAL_STATES:
+            self._on_final(id, contract.goal)
+
+    def _activate_node(self, contract: Session) -> None:
+        goal = self.goals.get(contract.goal)
+        if goal is not None:
+            node = goal.nodes.get(contract.node, NodeStatus())
+            sessions = (*node.sessions, contract.id)
+            objective = node.objective or contract.objective
+            goal.nodes[contract.node] = msgspec.structs.replace(
+                node, state=_ACTIVE, sessions=sessions, objective=objective
+            )
+        if contract.goal in self._open:
+            self._open[contract.goal][contract.id] = None
+
+    def _on_final(self, id: SessionId, goal: GoalId) -> None:
+        if id not in self._open.get(goal, ()):
+            self._release([id])
+        elif self.goals[goal].is_cancelled:
+            self._close_cancelled(goal)
+
+    def _close_cancelled(self, goal: GoalId) -> None:
+        """A cancelled goal is over when none of its sessions is live; it gets no verdict."""
+        if all(self.sessions[id].state in FINAL_STATES for id in reversed(self._open[goal])):
+            self._close(goal)
+
+    def _close(self, goal: GoalId) -> None:
+        sessions = self._open.pop(goal, {})
+        self._release([id for id in sessions if self.sessions[id].state in FINAL_STATES])
+        self._closed[goal] = None
+        while len(self._closed) > GOALS_KEPT:
+            oldest = next(iter(self._closed))
+            del self._closed[oldest]
+            if self._forgets and oldest != self._kept_goal:
+                del self.goals[oldest], self._spans[GOAL_PREFIX + oldest]
+
+    def _release(self, sessions: Iterable[SessionId]) -> None:
+        """These may be forgotten; forgets the oldest."""
+        self._finished.update(dict.fromkeys(sessions))
+        while len(self._finished) > FINISHED_KEPT:
+            oldest = next(iter(self._finished))
+            del self._finished[oldest]
+            goal = self.sessions[oldest].contract.goal
+            if self._forgets and (not goal or goal != self._kept_goal):
+                self._forget(oldest)
+
+    def _forget(self, id: SessionId) -> None:
+        status = self.sessions.pop(id)
+        del self._by_state[status.state][id], self._spans[id]
+        self._on_forget(status)
+
+    def _apply_goal(self, record: Record) -> None:
+        id = GoalId(record.id.removeprefix(GOAL_PREFIX))
+        body = record.body or {}
+        goal = self.goals.get(id)
+        if goal is None:
+            if record.ev != GoalEvent.GOAL_SUBMITTED:  # it was forgotten, so it is over
+                return
+            goal = self.goals[id] = GoalStatus(id=id, submitted_at=record.at)
+            self.goal_count += 1
+            self._spans[record.id] = Span(record.seq, record.seq)
+            self._open[id] = {}
+        goal.updated_at = record.at
+        match record.ev:
+            case GoalEvent.GOAL_SUBMITTED:
+                goal.graph, goal.seed = str(body.get("graph", "")), int(body.get("seed", 0))
+                goal.objective, goal.asked_by = str(body.get("objective", "")), record.by
+            case GoalEvent.GOAL_COMPILED:
+                goal.nodes |= {name: _read_node(node) for name, node in body.get("nodes", {}).items()}
+                goal.objective = str(body.get("objective", goal.objective))
+                goal.accept, goal.constraints = tuple(body.get("accept", ())), tuple(body.get("constraints", ()))
+            case GoalEvent.BUDGET_SPENT:
+                goal.replans += int(body.get("replans", 1))
+            case GoalEvent.GOAL_VERDICT:
+                goal.verdict, goal.reason = str(body.get("verdict", "")), str(body.get("reason", ""))
+                goal.criteria = msgspec.convert(body.get("criteria", ()), tuple[Criterion, ...])
+                if id in self._open:
+                    self._close(id)
+            case GoalEvent.GOAL_CANCELLED:
+                goal.is_cancelled, goal.reason = True, str(body.get("reason", ""))
+                if id in self._open:
+                    self._close_cancelled(id)
+
+    def _apply_node(self, record: Record) -> None:
+        goal_id, name = split_node_id(record.id)
+        goal = self.goals.get(GoalId(goal_id))
+        if goal is None:
+            return
+        goal.updated_at = record.at
+        body = record.body or {}
+        if record.ev == _SPENT:
+            goal.replans += int(body.get("replans", 1))
+        node = goal.nodes.get(name, NodeStatus())
+        if record.ev == _CHILD_OF:
+            replan = Replan(
+                session=SessionId(str(body.get("parent", ""))),
+                child=SessionId(str(body.get("child", ""))),
+                reason=str(body.get("reason", "")),
+            )
+            node = msgspec.structs.replace(node, replans=(*node.replans, replan))
+        state = _NODE_STATES.get(record.ev, node.state)
+        goal.nodes[name] = msgspec.structs.replace(node, state=state, reason=str(body.get("reason", "")))
+
+
+def _read_changes(before: SessionStatus, record: Record) -> dict[str, Any]:
+    """What a session record adds to its status."""
+    body = record.body or {}
+    changes: dict[str, Any] = {}
+    if record.ev == "claim":
+        changes = {"epoch": record.epoch or 0, "claimed_by": record.by}
+    elif record.ev == "amend":
+        changes["contract"] = apply_amendment(before.contract, msgspec.convert(body, Amendment))
+    if "execution" in body:
+        changes["execution"] = msgspec.convert(body["execution"], Execution)
+    if "attempt" in body:
+        changes["attempts"] = (*before.attempts, msgspec.convert(body["attempt"], Attempt))
+    if "reason" in body:
+        changes["reason"] = str(body["reason"])
+    return changes
+
+
+def _read_node(node: Any) -> NodeStatus:
+    known = {name: node[name] for name in ("after", "objective", "skill", "target", "reasons") if name in (node or {})}
+    return msgspec.convert(known, NodeStatus)

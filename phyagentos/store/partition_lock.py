@@ -1,0 +1,125 @@
+"""The lock file of a lane: who may write now, and into which segment.
+
+Upstream: the writer. Downstream: followers, which read the name in it instead of listing the folder. Whoever opens a
+segment writes its name here first, with the lock held; so whoever finds the name of its own segment here knows that no
+later one exists. Any other content means: list the folder. The file holds nothing that could be lost.
+"""
+
+import contextlib
+import fcntl
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+from phyagentos.errors import ExecutionError
+
+LOCK_NAME = ".lock"
+_FIRST_WAIT_S, _WAIT_S = 0.00002, 0.0005  # pauses between tries, each twice the one before; held for some 0.1 ms
+_TRIES = 20_000  # about ten seconds
+_NAME_BYTES = 64
+
+
+class PartitionLock:
+    """The exclusive lock of one lane, for one `Journal`; its threads take turns by a mutex of their own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path, self._file = folder / LOCK_NAME, str(folder / LOCK_NAME)
+        self._fd, self._pid = self._open(), os.getpid()
+        status = os.fstat(self._fd)
+        self._inode = (status.st_dev, status.st_ino)
+
+    def acquire(self) -> None:
+        """Wait for the lock.
+
+        Raises:
+            ExecutionError: `JOURNAL_LOCKED` after about ten seconds; `JOURNAL_MOVED` when another file stands there.
+        """
+        if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
+            self._fd, self._pid = self._open(), os.getpid()
+        wait_s = _FIRST_WAIT_S
+        for _ in range(_TRIES):
+            try:
+                fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                threading.Event().wait(wait_s)
+                wait_s = min(_WAIT_S, 2.0 * wait_s)
+            else:
+                self._check_place()
+                return
+        raise ExecutionError(
+            "JOURNAL_LOCKED",
+            f"{self._path}: held for ten seconds by {find_holder(self._fd)}. "
+            "If that process is stopped, continue it or end it.",
+        )
+
+    def _check_place(self) -> None:
+        try:
+            status = os.stat(self._file)  # noqa: PTH116 - in every commit
+            is_in_place = status.st_ino == self._inode[1] and status.st_dev == self._inode[0]
+        except FileNotFoundError:
+            is_in_place = False
+        if not is_in_place:
+            self.release()
+            raise describe_move(self._path)
+
+    def release(self) -> None:
+        """Let the next writer in."""
+        fcntl.flock(self._fd, fcntl.LOCK_UN)
+
+    def announce(self, segment: str) -> None:
+        """Say which segment is written from now on; call it with the lock held, before the segment appears."""
+        announce_segment(self._fd, segment)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def _open(self) -> int:
+        return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+
+
+@contextlib.contextmanager
+def hold_lock(folder: Path, mode: int) -> Iterator[int]:
+    """Hold the lane's lock, shared or exclusive, through a descriptor of one's own."""
+    fd = os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(fd, mode)
+        yield fd
+    finally:
+        os.close(fd)
+
+
+def announce_segment(lock_fd: int, segment: str) -> None:
+    """Write the name of the segment that is written from now on; an empty name makes everybody list the folder."""
+    data = f"{segment}\n".encode() if segment else b""
+    os.pwrite(lock_fd, data, 0)
+    os.ftruncate(lock_fd, len(data))
+
+
+def read_announced(lock_fd: int) -> str:
+    """The segment that is written now, as the lock file says; empty when it says nothing."""
+    return os.pread(lock_fd, _NAME_BYTES, 0).rstrip().decode("ascii", "replace")
+
+
+def describe_move(path: Path) -> ExecutionError:
+    """The error of a file that is no longer where it was opened: whoever opens it now finds another truth, or none."""
+    return ExecutionError(
+        "JOURNAL_MOVED",
+        f"{path}: moved, replaced or deleted while it was open. Nothing was recorded. Put the folder back, or "
+        "end what still uses it and open it again.",
+    )
+
+
+def find_holder(lock_fd: int) -> str:
+    """The process that holds a lock file, for people: its id and command line, as far as the system tells."""
+    inode = f":{os.fstat(lock_fd).st_ino}"
+    with contextlib.suppress(OSError, IndexError):
+        for line in Path("/proc/locks").read_text(encoding="ascii").splitlines():
+            fields = line.split()  # 1: FLOCK ADVISORY WRITE 4711 fe:01:123456 0 EOF
+            if fields[1] == "FLOCK" and fields[5].endswith(inode):
+                command = Path(f"/proc/{fields[4]}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                return f"process {fields[4]} ({command.strip()[:120]})"
+    return "an unknown process"

@@ -1,0 +1,184 @@
+"""What a lane of the journal holds, in numbers, and the hash by which two readers know that they have read the same.
+
+Upstream: the follower and the segments. Downstream: `paos store stats`, tests of the second reader.
+"""
+
+import hashlib
+import os
+import statistics
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
+from phyagentos.store.admission import GOAL_PREFIX
+from phyagentos.store.checkpoint import find_checkpoint_seq
+from phyagentos.store.follower import Follower
+from phyagentos.store.records import Record, Tail, encode_record
+from phyagentos.store.segments import ARCHIVE, list_all_segments, list_segments, locate
+
+SYNC_TRIES = 200
+_SYNC_BYTES = 512
+
+
+class HashingFollower(Follower):
+    """A follower that hashes header and payload of every record it accepts, as docs/journal.md defines it.
+
+    Attributes:
+        records: How many.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.records = 0
+        self._hash = hashlib.sha256()
+
+    @property
+    def records_sha256(self) -> str:
+        """The hash of the journal as far as it was read."""
+        return self._hash.hexdigest()
+
+    def accept(self, data: bytes, records: Sequence[Record]) -> None:
+        """Count and hash them."""
+        super().accept(data, records)
+        self._hash.update(data)
+        self.records += len(records)
+
+
+class LargestHistory(msgspec.Struct, frozen=True, kw_only=True):
+    """The session, goal or node that takes most room.
+
+    Attributes:
+        id: Which.
+        records: How many it has.
+        bytes: How large they are together.
+    """
+
+    id: str
+    records: int
+    bytes: int
+
+
+class Statistics(msgspec.Struct, frozen=True, kw_only=True):
+    """A lane in numbers.
+
+    Attributes:
+        lane: Its name.
+        segments: In the lane.
+        archived_segments: In the archive.
+        bytes: Of the segments in the lane.
+        archived_bytes: Of those in the archive.
+        set_aside: Files of damaged bytes that were kept.
+        records: Read, as far as the journal is whole.
+        seq: Number of the last of them.
+        sha256: Hash of their headers and payloads.
+        tail: `clean`, `torn`, or `damaged`: then everything here ends at the damage.
+        checkpoint_seq: Number the checkpoint stands at, 0 without one.
+        goals: How many were submitted.
+        sessions: How many are in each state.
+        largest: The largest history, None in an empty journal.
+    """
+
+    lane: str
+    segments: int
+    archived_segments: int
+    bytes: int
+    archived_bytes: int
+    set_aside: int
+    records: int
+    seq: int
+    sha256: str
+    tail: str
+    checkpoint_seq: int
+    goals: int
+    sessions: dict[str, int]
+    largest: LargestHistory | None
+
+
+class SyncTimes(msgspec.Struct, frozen=True, kw_only=True):
+    """How long the disk below takes to make an append durable.
+
+    Attributes:
+        count: Tries.
+        p50_ms: Median [ms].
+        p99_ms: 99th percentile [ms].
+    """
+
+    count: int
+    p50_ms: float
+    p99_ms: float
+
+
+def compute_statistics(folder: Path) -> Statistics:
+    """Read a lane, archived segments included, as far as it is whole; damage is told by `tail`.
+
+    Args:
+        folder: `sessions/<lane>`.
+    """
+    follower = HashingFollower(folder)
+    try:
+        records = follower.advance()
+        tail = follower.tail
+    except ExecutionError as error:
+        if error.code != "JOURNAL_DAMAGED":
+            raise
+        records, tail = [], Tail.DAMAGED
+    finally:
+        follower.close()
+    live = set(list_segments(folder))
+    archived = (folder.parent / ARCHIVE).glob(f"*/{folder.name}")
+    sizes = {name: locate(folder, name).stat().st_size for name in list_all_segments(folder)}
+    states = {record.id: record.to for record in records if record.to is not None}
+    return Statistics(
+        lane=folder.name,
+        segments=len(live),
+        archived_segments=len(sizes) - len(live),
+        bytes=sum(size for name, size in sizes.items() if name in live),
+        archived_bytes=sum(size for name, size in sizes.items() if name not in live),
+        set_aside=sum(1 for place in (folder, *archived) for _ in place.glob("*.damaged*")),
+        records=follower.records,
+        seq=follower.seq,
+        sha256=follower.records_sha256,
+        tail=tail.value,
+        checkpoint_seq=find_checkpoint_seq(folder),
+        goals=sum(1 for record in records if record.ev == "goal_submitted" and record.id.startswith(GOAL_PREFIX)),
+        sessions=dict(sorted(Counter(states.values()).items())),
+        largest=_find_largest(records),
+    )
+
+
+def measure_sync(folder: Path, clock: Clock) -> SyncTimes:
+    """Append and `fdatasync` some hundred times, in a temporary file beside the journal.
+
+    Args:
+        folder: Where; on the disk that is asked for.
+        clock: For the time taken.
+
+    Raises:
+        OSError: The folder cannot be written to.
+    """
+    times_ms = []
+    with tempfile.NamedTemporaryFile(dir=folder, prefix=".measure-") as file:
+        for _ in range(SYNC_TRIES):
+            os.write(file.fileno(), b"x" * _SYNC_BYTES)
+            begin_s = clock.now_s()
+            os.fdatasync(file.fileno())
+            times_ms.append((clock.now_s() - begin_s) * 1e3)
+    cuts = statistics.quantiles(times_ms, n=100)
+    return SyncTimes(count=SYNC_TRIES, p50_ms=round(cuts[49], 3), p99_ms=round(cuts[98], 3))
+
+
+def _find_largest(records: Sequence[Record]) -> LargestHistory | None:
+    sizes: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
+    for record in records:
+        counts[record.id] += 1
+        sizes[record.id] += len(encode_record(record))
+    if not sizes:
+        return None
+    ((id, size),) = sizes.most_common(1)
+    return LargestHistory(id=id, records=counts[id], bytes=size)

@@ -1,0 +1,131 @@
+"""The fold behind a view, and the way back: what SESSIONS.md showed at an earlier record is the base of an edit.
+
+Upstream: a follower of the journal. Downstream: renderer and merge. The latest renderings are remembered, as the
+statuses they showed; an older one is folded anew from the journal, where that is small or its checkpoint older still.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from phyagentos.errors import ExecutionError
+from phyagentos.store.checkpoint import start_reading
+from phyagentos.store.follower import Follower
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import Record
+from phyagentos.store.segments import list_all_segments, locate
+from phyagentos.store.views.sessions import Cache, Page, build_page, render_page
+
+SMALL_BYTES = 8 << 20  # a journal up to this size is read from its first record, in a fraction of a second
+STATUSES_KEPT = 500_000  # 4 MB of references: 100 sessions for a quarter of an hour at five renderings a second
+
+
+class History:
+    """Follows a journal and remembers what each session was.
+
+    Args:
+        lane: Folder of the journal.
+        on_record: Told of each record, once it is applied.
+        statuses_kept: How many statuses the remembered renderings may show, all together.
+
+    Attributes:
+        ledger: As of the last record applied.
+    """
+
+    def __init__(
+        self,
+        lane: Path,
+        *,
+        on_record: Callable[[Record, Ledger], None] | None = None,
+        statuses_kept: int = STATUSES_KEPT,
+    ) -> None:
+        self._lane = lane
+        self.ledger, self._follower = _begin(lane)
+        self._on_record = on_record
+        self._follow: Callable[[], None] | None = None  # of whoever shares the fold
+        self._told_seq = 0
+        self._texts: Cache = {}
+        self._pages: dict[int, Page] = {}  # the oldest first
+        self._statuses_kept, self._statuses = statuses_kept, 0
+
+    def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
+        """From now on use the fold of somebody else in this thread, so that no record is read and applied twice.
+
+        Args:
+            ledger: The fold.
+            follow: Brings it up to date; `take_in` is told of each record that is applied to it.
+        """
+        follow()
+        self.read_new()  # at least as far as the fold of the other
+        self._follower.close()
+        self._told_seq, self.ledger, self._follow = self.ledger.seq, ledger, follow
+
+    def take_in(self, record: Record) -> None:
+        """A record was applied to the shared fold."""
+        if self._follow is not None and record.seq > self._told_seq and self._on_record is not None:
+            self._on_record(record, self.ledger)
+
+    def read_new(self) -> int:
+        """Take in what was recorded since the last call; how many records there were.
+
+        Raises:
+            ExecutionError: `JOURNAL_DAMAGED`.
+        """
+        if self._follow is not None:
+            before = self.ledger.seq
+            self._follow()
+            return self.ledger.seq - before
+        records = self._follower.read_new()
+        for record in records:
+            self.ledger.apply(record)
+            if self._on_record is not None:
+                self._on_record(record, self.ledger)
+        return len(records)
+
+    def close(self) -> None:
+        """Let go of the journal."""
+        if self._follow is None:
+            self._follower.close()
+
+    def build_page(self, notes: Sequence[str] = ()) -> Page:
+        """What is to be shown now; it is remembered."""
+        page = build_page(self.ledger, notes)
+        if page.seq not in self._pages:
+            self._pages[page.seq] = page
+            self._statuses += len(page.shown)
+        while self._statuses > self._statuses_kept and len(self._pages) > 1:
+            oldest = self._pages.pop(next(iter(self._pages)))
+            self._statuses -= len(oldest.shown)
+        return page
+
+    def render(self, page: Page) -> str:
+        """SESSIONS.md as of a page; sessions that stand as they were rendered last are not rendered again."""
+        is_present = page.seq == self.ledger.seq
+        return render_page(page, self._texts if is_present else dict(self._texts))
+
+    def find_page(self, seq: int) -> Page | None:
+        """What was shown at record `seq`; None when the journal has not come so far, or it is too far back to tell."""
+        if seq >= self.ledger.seq:
+            return build_page(self.ledger) if seq == self.ledger.seq else None
+        return self._pages.get(seq) or (self._read_again(seq) if seq > 0 else build_page(Ledger()))
+
+    def _read_again(self, seq: int) -> Page | None:
+        ledger, follower = _begin(self._lane)
+        try:
+            if ledger.seq > seq:
+                return None
+            for record in follower.read_new() if ledger.seq < seq else ():
+                if record.seq > seq:
+                    break
+                ledger.apply(record)
+        except ExecutionError:
+            return None
+        finally:
+            follower.close()
+        return build_page(ledger) if ledger.seq == seq else None
+
+
+def _begin(lane: Path) -> tuple[Ledger, Follower]:
+    """From the first record where that is soon done, else from the checkpoint."""
+    names = list_all_segments(lane)
+    sizes = (path.stat().st_size for name in names if (path := locate(lane, name)).exists())
+    return (Ledger(), Follower(lane)) if sum(sizes) <= SMALL_BYTES else start_reading(lane)

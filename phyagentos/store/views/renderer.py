@@ -1,0 +1,120 @@
+"""The rendered documents of the runtime plane: SESSIONS.md and LOG.md, kept in step with the journal.
+
+Upstream: a follower of its own, so that it can run in any process, or the fold of that process. Downstream: people,
+who may also write into SESSIONS.md: a desk takes their edits in between two renderings (see `edits`).
+TASK.md is the agent's (`tasks`); SKILLRUNTIME.md and TARGETS.md are in `registries`, ENVIRONMENT.md in
+`environment_view`.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from phyagentos.clock import Clock
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import Record
+from phyagentos.store.views.history import History
+from phyagentos.store.views.log import LogTail
+
+PERIOD_S = 0.2  # a person reads no faster
+SHARE = 0.01  # of the time at most
+CLOSING_TURNS = 3  # an edit comes out with the first rendering, is shown by the second
+
+
+class Desk(Protocol):
+    """Puts SESSIONS.md where people edit it, and takes in what they wrote; see `edits.desk`."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """One line for each edit that was refused lately."""
+        ...
+
+    def take(self, history: History, *, at_once: bool = False) -> bool:
+        """Deal with the edits that arrived; whether anything was recorded or refused."""
+        ...
+
+    def is_touched(self) -> bool:
+        """Whether somebody wrote SESSIONS.md since it was put there."""
+        ...
+
+    def put(self, text: str) -> bool:
+        """Put a rendering there, unless somebody keeps it from changing; whether it was done."""
+        ...
+
+
+class Views:
+    """Renders the views of one workspace.
+
+    Args:
+        workspace: Where they are published.
+        lane: Folder of the journal to follow (`Journal.folder`).
+        clock: For the rate.
+        desk: Where edits of SESSIONS.md are taken in; without one they are overwritten.
+        period_s: Shortest time between two renderings [s].
+    """
+
+    def __init__(
+        self, workspace: Workspace, lane: Path, clock: Clock, *, desk: Desk | None = None, period_s: float = PERIOD_S
+    ) -> None:
+        self._workspace = workspace
+        self._clock = clock
+        self._desk = desk
+        self._period_s = period_s
+        self._log = LogTail()
+        self._history = History(lane, on_record=self._log.take)
+        self._published_seq = -1
+        self._due_at_s = -float("inf")
+
+    def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
+        """Use the fold of whoever runs in this process; see `History.share`."""
+        self._history.share(ledger, follow)
+
+    def take_in(self, record: Record) -> None:
+        """A record was applied to the shared fold."""
+        self._history.take_in(record)
+
+    @property
+    def ledger(self) -> Ledger:
+        """The fold, as of the last `refresh`."""
+        return self._history.ledger
+
+    def refresh(self, *, at_once: bool = False) -> bool:
+        """Take in what changed since the last time, and publish it.
+
+        Args:
+            at_once: Even within the period (at the end of a run).
+
+        Returns:
+            Whether anything was written.
+        """
+        self._history.read_new()
+        is_edited = self._desk is not None and (
+            self._desk.take(self._history, at_once=at_once) or self._desk.is_touched()
+        )
+        begin_s = self._clock.now_s()
+        is_early = begin_s < self._due_at_s and not at_once
+        if not is_edited and (is_early or self.ledger.seq == self._published_seq):
+            return False
+        if self._put_sessions():
+            self._published_seq = self.ledger.seq
+        publish(self._workspace.log, self._log.render(self.ledger.seq))
+        cost_s = self._clock.now_s() - begin_s
+        self._due_at_s = begin_s + max(self._period_s, cost_s / SHARE)
+        return True
+
+    def close(self) -> None:
+        """Publish what is still due, take in what came out, and let go of the journal."""
+        for _ in range(CLOSING_TURNS):
+            if not self.refresh(at_once=True):
+                break
+        self._history.close()
+
+    def _put_sessions(self) -> bool:
+        notes = self._desk.notes if self._desk is not None else ()
+        text = self._history.render(self._history.build_page(notes))
+        if self._desk is not None:
+            return self._desk.put(text)
+        publish(self._workspace.sessions_document, text)
+        return True

@@ -1,0 +1,222 @@
+"""RUNTIME_SIGNAL.md and the health in TARGETS.md: who is alive, what each worker does, what was asked for.
+
+Upstream: heartbeat files and stop requests. Downstream: people. Rendered by the process of the watchdog, at most twice
+a second, without fsync.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from phyagentos.clock import Clock
+from phyagentos.protocol.capabilities.registries import publish_health
+from phyagentos.protocol.capabilities.targets import Health, TargetHealth
+from phyagentos.protocol.documents.document import Front
+from phyagentos.protocol.documents.markdown import format_moment, publish, render_block, render_front, render_table
+from phyagentos.protocol.documents.plain_text import clean
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, find_heartbeat, is_process_alive
+from phyagentos.protocol.sessions.runtime_signal import (
+    RUNTIME_SIGNAL,
+    Request,
+    RequestState,
+    RuntimeState,
+    Signs,
+    WorkerSign,
+)
+from phyagentos.protocol.sessions.stop_signals import parse_signal
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.views.sessions import END_MARK
+
+PERIOD_S = 0.5  # between two documents, at least
+RENEWAL_S = 10.0  # and at most
+SILENCE_S = 2.0  # twenty periods of the writer: a worker that holds a session says nothing new
+REQUESTS_SHOWN = 20
+_IN_TROUBLE = frozenset({Health.SILENT, Health.LOST})
+
+_FOLDERS = {"done": RequestState.TAKEN, "rejected": RequestState.REJECTED, "new": RequestState.WAITING}
+_HEAD = """# Signals of the runtime
+
+Whether a runtime serves this workspace, what the worker of each target said last, and what was asked of it.
+
+- **Written by** the process of the watchdog, from `heartbeats/` and `signals/`; renewed at least every ten seconds
+  while it runs. An older time than that means that it is gone and could not say so.
+- **To ask for something**, use `paos cancel`, or drop a YAML file into `signals/new/`; any tool can:
+  `{kind: cancel, session: "*", by: <who>, reason: <why>}`. Kinds: `cancel`, `pause`, `resume`, `estop`.
+- **An edit becomes a request** when it adds a section `## Request` with such a mapping as a YAML block, within a few
+  seconds, while a runtime runs. Whatever else is changed is lost with the next rendering.
+
+"""
+_NOTHING = "No runtime has been started yet.\n"
+_COLUMNS = ("target", "health", "phase", "session", "epoch", "commands", "simulated time", "leaf", "process", "beat")
+
+
+def render_runtime_signal(signs: Signs | None) -> str:
+    """RUNTIME_SIGNAL.md; without an argument as it is before any runtime was started."""
+    front = render_front(Front(phy=RUNTIME_SIGNAL.phy))
+    if signs is None or signs.runtime is RuntimeState.NOT_STARTED:
+        return f"{front}{_HEAD}{_NOTHING}"
+    told = (
+        f"**The runtime is running**, as of {format_moment(signs.at)}.\n\n"
+        if signs.runtime is RuntimeState.RUNNING
+        else f"**The runtime ended**, {format_moment(signs.at)}. No worker is alive; this is what each said last.\n\n"
+    )
+    workers = render_table(_COLUMNS, map(_tell_worker, signs.workers.values())) + "\n" if signs.workers else ""
+    rows = ((each.state.value, each.kind, each.session, each.by, each.reason, each.at) for each in signs.requests)
+    table = render_table(("request", "asks for", "session", "by", "why", "at"), rows) + "\n" if signs.requests else ""
+    return f"{front}{_HEAD}{told}{workers}{table}## Signs\n\n{render_block(signs)}\n{END_MARK}"
+
+
+def _tell_worker(sign: WorkerSign) -> tuple[str, ...]:
+    return (
+        sign.target,
+        sign.health.value.replace("_", " "),
+        sign.phase,
+        sign.session or "-",
+        str(sign.epoch),
+        str(sign.tick),
+        f"{sign.sim_time_s:.2f} s",
+        sign.leaf or "-",
+        str(sign.pid),
+        str(sign.sequence),
+    )
+
+
+class Desk(Protocol):
+    """Puts RUNTIME_SIGNAL.md where people edit it, and takes out what they ask for; see `edits.signal_desk`."""
+
+    def put(self, text: str) -> bool:
+        """Put a rendering there, unless somebody is just replacing it; whether it was done."""
+        ...
+
+    def is_touched(self) -> bool:
+        """Whether somebody wrote the document since it was put there."""
+        ...
+
+    def take(self, *, at_once: bool = False) -> None:
+        """Turn what was asked for into requests."""
+        ...
+
+
+class RuntimeSignal:
+    """Keeps RUNTIME_SIGNAL.md and the health in TARGETS.md in step with heartbeats and requests.
+
+    Args:
+        workspace: Where they are.
+        clock: For the rate, the time and the silence of a worker.
+        desk: Where edits of RUNTIME_SIGNAL.md are taken in; without one they are overwritten.
+    """
+
+    def __init__(self, workspace: Workspace, clock: Clock, *, desk: Desk | None = None) -> None:
+        self._desk = desk
+        self._workspace = workspace
+        self._clock = clock
+        self._published_at_s = -PERIOD_S
+        self._published: Signs | None = None
+        self._health: dict[str, Health] = {}
+        self._requests: tuple[Request, ...] = ()
+        self._requests_changed: tuple[int, ...] = ()
+        self._heard: dict[str, tuple[Heartbeat, float]] = {}  # the latest beat and when it was new [s]
+        self._earlier = {beat.target: beat for beat in self._iter_beats()}  # left by a runtime before this one
+
+    def refresh(self) -> None:
+        """Publish when something changed and it is time."""
+        now_s = self._clock.now_s()
+        age_s = now_s - self._published_at_s
+        if age_s >= PERIOD_S:
+            if self._desk is not None:
+                self._desk.take()
+            signs = self._read(now_s, RuntimeState.RUNNING)
+            is_touched = self._desk is not None and self._desk.is_touched()
+            is_new = self._published is None or not _is_same(signs, self._published)
+            if is_new or is_touched or age_s >= RENEWAL_S:
+                self._publish(signs, now_s)
+
+    def close(self) -> None:
+        """Say that the runtime has ended; call it when no worker is left."""
+        now_s = self._clock.now_s()
+        self._publish(self._read(now_s, RuntimeState.ENDED), now_s)
+        if self._desk is not None:
+            self._desk.take(at_once=True)
+
+    def _read(self, now_s: float, runtime: RuntimeState) -> Signs:
+        workers = {
+            beat.target: WorkerSign(**msgspec.structs.asdict(beat), health=self._judge(beat, now_s, runtime))
+            for beat in self._iter_beats()
+        }
+        folder = self._workspace.signals.parent
+        changed = tuple(_read_change(folder / name) for name in _FOLDERS)
+        if changed != self._requests_changed:
+            self._requests, self._requests_changed = tuple(_list_requests(folder)), changed
+        return Signs(runtime=runtime, at=self._clock.wall_iso(), workers=workers, requests=self._requests)
+
+    def _judge(self, beat: Heartbeat, now_s: float, runtime: RuntimeState) -> Health:
+        latest = self._heard.get(beat.target)
+        if latest is None or latest[0] != beat:
+            self._heard[beat.target] = latest = (beat, now_s)
+        if runtime is RuntimeState.ENDED or beat == self._earlier.get(beat.target):
+            return Health.STOPPED
+        if not is_process_alive(beat.pid):
+            return Health.LOST
+        return Health.SILENT if beat.session and now_s - latest[1] > SILENCE_S else Health.READY
+
+    def _publish(self, signs: Signs, now_s: float) -> None:
+        text = render_runtime_signal(signs)
+        if self._desk is None:
+            publish(self._workspace.runtime_signal, text)
+        elif not self._desk.put(text):
+            return
+        self._published, self._published_at_s = signs, now_s
+        health = {name: sign.health for name, sign in signs.workers.items()}
+        changed = {
+            name: TargetHealth(
+                state=state, since=signs.at, session=signs.workers[name].session if state in _IN_TROUBLE else ""
+            )
+            for name, state in health.items()
+            if state is not self._health.get(name)
+        }
+        if changed:
+            publish_health(self._workspace.target_registry, changed)
+        self._health = health
+
+    def _iter_beats(self) -> Iterator[Heartbeat]:
+        for path in sorted(self._workspace.heartbeats.glob("*.json")):
+            beat = find_heartbeat(self._workspace.heartbeats, path.stem)
+            if beat is not None:
+                yield beat
+
+
+def _is_same(a: Signs, b: Signs) -> bool:
+    """Whether two say the same, whenever they say it."""
+    return (a.runtime, a.workers, a.requests) == (b.runtime, b.workers, b.requests)
+
+
+def _read_change(folder: Path) -> int:
+    """When something last came into a folder or went, by the file system's clock [ns]; -1 without the folder."""
+    try:
+        return folder.stat().st_mtime_ns
+    except FileNotFoundError:
+        return -1
+
+
+def _list_requests(folder: Path) -> list[Request]:
+    """The latest requests of `signals/`, oldest first; names begin with their time."""
+    found = [
+        (path, state)
+        for name, state in _FOLDERS.items()
+        if (folder / name).is_dir()
+        for path in (folder / name).iterdir()
+        if path.is_file() and not path.name.startswith(".") and not path.name.endswith(".reason.txt")
+    ]
+    found.sort(key=lambda each: (each[1] is RequestState.WAITING, each[0].name))
+    return [_read_request(path, state) for path, state in found[-REQUESTS_SHOWN:]]
+
+
+def _read_request(path: Path, state: RequestState) -> Request:
+    name = clean(path.name)
+    try:
+        signal = parse_signal(path.read_bytes())
+    except (OSError, ValueError):
+        return Request(file=name, state=state)
+    return Request(file=name, state=state, **msgspec.structs.asdict(signal))

@@ -1,0 +1,227 @@
+"""SESSIONS.md: every live session and the latest finished ones, for people first and as one YAML block each.
+
+Upstream: the fold. Each block says what was asked, who did it, what was seen and why the verdict fell as it did. The
+same text is an input: what a person changes in it is merged by `edits`.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import islice
+from typing import Any
+
+import msgspec
+
+from phyagentos.protocol.documents.body_codec import render_yaml
+from phyagentos.protocol.documents.document import FrontMatter
+from phyagentos.protocol.documents.markdown import escape_label, render_front, render_row, render_table
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, render_mermaid
+from phyagentos.protocol.sessions.session import Ended, SessionId, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.criteria import render_criteria
+
+FINISHED_SHOWN = 50
+END_MARK = "<!-- end of view -->\n"
+NOTE_MARK = "> **Refused:** "  # begins each line that tells of a refused edit
+
+_COLUMNS = ("session", "state", "verdict", "execution", "skill", "target", "objective")
+_INTRODUCTION = """# Sessions
+
+A view of the journal in `sessions/`, which is the truth. Three records never stand for each other: `execution` (did the
+instructions run), the evidence folder (what was observed before and after), `attempts` (was the objective met). Each
+section tells it in words first, then as data.
+
+**This file can be edited**, with `paos edit` or with any editor. Change `limits` or `priority` of a pending session;
+write `state: cancelled` into a block, and a line `reason: ...` if you like, to end a session; append a section
+`## <new id>` with a YAML block `contract: ...` to submit one. Everything else is refused and kept, word for word, in
+`SESSIONS.rejected.md`. A section that you delete changes nothing: it is back with the next rendering.
+
+```mermaid
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """What one rendering shows.
+
+    Attributes:
+        seq: Of the last record behind it.
+        shown: Sessions, in the order of the document.
+        total: How many there are.
+        notes: One line for each edit that was refused lately.
+    """
+
+    seq: int
+    shown: Sequence[SessionStatus]
+    total: int
+    notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """A session as text, kept until its status changes.
+
+    Attributes:
+        status: What was rendered.
+        row: Its line of the overview.
+        block: Its section.
+    """
+
+    status: SessionStatus
+    row: str
+    block: str
+
+
+Cache = dict[SessionId, Rendered]
+
+
+def build_page(ledger: Ledger, notes: Sequence[str] = ()) -> Page:
+    """What SESSIONS.md shows now: live sessions in the order of submission, then the last submitted of the finished.
+
+    Args:
+        ledger: The fold.
+        notes: One line for each edit that was refused lately.
+    """
+    finished = (status for status in reversed(ledger.sessions.values()) if status.state in FINAL_STATES)
+    shown = [*ledger.live_sessions(), *islice(finished, FINISHED_SHOWN)]
+    return Page(ledger.seq, shown, ledger.session_count, notes)
+
+
+def render_sessions(ledger: Ledger, cache: Cache | None = None) -> str:
+    """SESSIONS.md as of now; see `render_page`."""
+    return render_page(build_page(ledger), cache)
+
+
+def render_page(page: Page, cache: Cache | None = None) -> str:
+    """SESSIONS.md.
+
+    Args:
+        page: What it shows.
+        cache: Texts of an earlier rendering; what did not change is taken from there.
+    """
+    known = cache if cache is not None else {}
+    texts = []
+    for status in page.shown:
+        text = known.get(status.contract.id)
+        if text is None or text.status is not status:
+            text = known[status.contract.id] = Rendered(status, _render_row(status), render_session(status))
+        texts.append(text)
+    if len(known) > 2 * len(texts) + FINISHED_SHOWN:  # forget what is shown no more
+        shown = {text.status.contract.id for text in texts}
+        for id in [id for id in known if id not in shown]:
+            del known[id]
+    front = render_front(FrontMatter(phy="sessions/1", view=page.seq))
+    parts = [front, *(f"{NOTE_MARK}{' '.join(note.split())}\n" for note in page.notes)]
+    parts += ["\n"] if page.notes else []
+    parts += [_INTRODUCTION, _draw_statechart(), "```\n\n", *_render_overview(texts, page.total)]
+    return "".join([*parts, *(text.block for text in texts), END_MARK])
+
+
+def render_session(status: SessionStatus) -> str:
+    """One `## <id>` section."""
+    folder = status.execution.evidence if status.execution is not None else ""
+    return (
+        f"## {status.contract.id}\n\n{_tell(status)}\n\n"
+        f"{''.join(_render_attempt(number, each, folder) for number, each in enumerate(status.attempts, 1))}"
+        f"```yaml\n{render_yaml(build_data(status))}```\n\n"
+    )
+
+
+def build_data(status: SessionStatus) -> dict[str, Any]:
+    """The YAML block of a session as plain data: its status; while it is pending with every field that may change."""
+    data: dict[str, Any] = msgspec.to_builtins(status, str_keys=True)
+    if status.state == SessionState.PENDING:
+        contract = status.contract
+        data["contract"] |= {"limits": msgspec.structs.asdict(contract.limits), "priority": contract.priority}
+    return data
+
+
+def describe_execution(status: SessionStatus) -> str:
+    """How the execution ended, in one sentence; empty before."""
+    execution = status.execution
+    if execution is None:
+        return ""
+    how = execution.ended.value.replace("_", " ")
+    if execution.ended is not Ended.COMPLETED and execution.leaf:
+        how += f" at `{execution.leaf}`"
+    if execution.code:
+        how += f" ({execution.code})"
+    if execution.message:
+        how += f": {execution.message.rstrip('.')}"
+    guard = f", {execution.interventions} safety interventions" if execution.interventions else ""
+    return f"{how}; {execution.sim_time_s:.2f} s simulated, {execution.ticks} commands{guard}."
+
+
+def describe_attempt(attempt: Attempt) -> str:
+    """The verdict and its reason, in one sentence."""
+    cause = f" ({attempt.cause})" if attempt.cause else ""
+    reason = f": {attempt.reason.rstrip('.')}" if attempt.reason else ""
+    return f"{attempt.verdict}{cause}{reason}."
+
+
+def _tell(status: SessionStatus) -> str:
+    contract = status.contract
+    arguments = ", ".join(f"{name} = {value}" for name, value in contract.parameters.items())
+    lines = [
+        f"**Asked:** {contract.objective} (`{contract.skill}` on `{contract.target}`; {arguments or 'no arguments'})"
+        + (f", by {status.asked_by}" if status.asked_by else "")
+    ]
+    if contract.parent is not None:
+        lines.append(f"**Revises:** `{contract.parent}`{_tell_strategy(contract.strategy)}")
+    lines.append(f"**State:** {status.state}, since {status.updated_at}")
+    if status.claimed_by:
+        lines.append(f"**Done by:** {status.claimed_by}, epoch {status.epoch}")
+    if status.execution is not None:
+        lines.append(f"**Execution:** {describe_execution(status)}")
+        if status.execution.evidence:
+            lines.append(f"**Evidence:** [{status.execution.evidence}]({status.execution.evidence})")
+    if status.reason:
+        lines.append(f"**Reason:** {status.reason}")
+    return "\n".join(f"- {' '.join(line.split())}" for line in lines)  # whatever an objective holds
+
+
+def _tell_strategy(strategy: Mapping[str, object]) -> str:
+    told = [f"{name.replace('_', ' ')} {_tell_value(value)}" for name, value in strategy.items()]
+    return f"; differently: {', '.join(told)}" if told else ""
+
+
+def _tell_value(value: object) -> str:
+    return " and ".join(str(each) for each in value) if isinstance(value, list | tuple) else str(value)
+
+
+def _render_attempt(number: int, attempt: Attempt, folder: str) -> str:
+    told = " ".join(f"{describe_attempt(attempt)} Sensing: {attempt.sensing}.".split())
+    return f"**Verdict {number}:** {told}\n\n" + render_criteria(attempt.criteria, folder)
+
+
+@cache
+def _draw_statechart() -> str:
+    return render_mermaid()
+
+
+def _render_row(status: SessionStatus) -> str:
+    contract = status.contract
+    verdict = status.decision.verdict.value if status.decision is not None else ""
+    ended = status.execution.ended.value if status.execution is not None else ""
+    return render_row((contract.id, status.state, verdict, ended, contract.skill, contract.target, contract.objective))
+
+
+def _render_overview(texts: Sequence[Rendered], total: int) -> Iterable[str]:
+    if not texts:
+        return ["No session has been submitted yet.\n\n"]
+    hidden = f"\n{total - len(texts)} older sessions are in the journal.\n" if total > len(texts) else ""
+    return [render_table(_COLUMNS, ()), *(text.row for text in texts), hidden, "\n", _draw_families(texts)]
+
+
+def _draw_families(texts: Sequence[Rendered]) -> str:
+    """Which session revises which, as a Mermaid graph; empty where none does."""
+    edges = [(text.status.contract.parent, text.status.contract.id) for text in texts if text.status.contract.parent]
+    if not edges:
+        return ""
+    states = {text.status.contract.id: text.status.state for text in texts}
+    names = {id: f"s{number}" for number, id in enumerate(dict.fromkeys(id for edge in edges for id in edge if id))}
+    lines = ["```mermaid", "flowchart LR"]
+    lines += [f'    {name}["<b>{escape_label(id)}</b><br/>{states.get(id, "earlier")}"]' for id, name in names.items()]
+    lines += [f"    {names[parent]} -->|revised as| {names[id]}" for parent, id in edges if parent]
+    return "\n".join(lines) + "\n```\n\n"

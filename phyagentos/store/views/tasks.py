@@ -1,0 +1,181 @@
+"""TASK.md: the goals of a workspace, the graph of each with the state of its nodes, and why its verdict fell.
+
+Upstream: the fold. Downstream: people, and programs in any language; the graph is Mermaid, which every forge draws.
+"""
+
+from phyagentos.protocol.documents.document import FrontMatter
+from phyagentos.protocol.documents.markdown import (
+    escape_label,
+    flatten,
+    format_moment,
+    render_block,
+    render_front,
+    render_link,
+    render_table,
+)
+from phyagentos.protocol.sessions.session import SessionId
+from phyagentos.protocol.sessions.tasks import TASK, GoalStatus, NodeState, Replan
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.criteria import render_criteria
+
+GOALS_SHOWN = 20  # that have their verdict; the others are all shown
+NODES_DRAWN = 150  # more than a person can follow, and close to what a forge still draws
+EDGES_DRAWN = 400  # Mermaid draws 500
+ADVISED_SHOWN = 20  # sessions of a goal that memory changed; the others are counted
+
+_HEAD = """# Tasks
+
+The goals of this workspace, newest first: what was asked, how each node of the graph stands, and why the verdict fell.
+
+- **Written by** the agent, from the goal and node records of the journal in `sessions/`, which is the truth.
+- **An edit is lost** with the next rendering. To end a goal use `paos cancel`; to change one, submit another.
+- **A node** becomes a session only when it is ready; the runtime never sees the graph. What each session did is in
+  `SESSIONS.md`, what it saw in its folder under `evidence/`. The graph as submitted is `goals/<goal id>.yaml`.
+
+"""
+_NOTHING = "No goal has been submitted yet.\n"
+_COLORS = {
+    NodeState.WAITING: "fill:#eceff1,stroke:#90a4ae,color:#263238",
+    NodeState.READY: "fill:#e3f2fd,stroke:#1e88e5,color:#0d47a1",
+    NodeState.ACTIVE: "fill:#fff3e0,stroke:#fb8c00,color:#bf360c",
+    NodeState.DONE: "fill:#e8f5e9,stroke:#43a047,color:#1b5e20",
+    NodeState.BLOCKED: "fill:#ffebee,stroke:#e53935,color:#b71c1c",
+    NodeState.INVALIDATED: "fill:#f3e5f5,stroke:#8e24aa,color:#4a148c",
+}
+
+
+def render_tasks(ledger: Ledger) -> str:
+    """TASK.md."""
+    shown, older = select_goals(ledger)
+    sections = [render_task(goal, ledger) for goal in shown]
+    note = f"{older} older goals are not shown; their records are in `sessions/`, their graphs in `goals/`.\n"
+    front = render_front(FrontMatter(phy=TASK.phy, view=ledger.seq))
+    return f"{front}{_HEAD}{''.join(sections) or _NOTHING}{note if older else ''}"
+
+
+def select_goals(ledger: Ledger) -> tuple[list[GoalStatus], int]:
+    """The goals that are shown, newest first, and how many are not: only of the judged ones the oldest are left out."""
+    shown = []
+    judged = 0
+    for goal in reversed(ledger.goals.values()):
+        judged += is_over(goal)
+        if not is_over(goal) or judged <= GOALS_SHOWN:
+            shown.append(goal)
+    return shown, max(0, ledger.goal_count - len(shown))
+
+
+def is_over(goal: GoalStatus) -> bool:
+    """Whether nothing more happens to it."""
+    return bool(goal.verdict) or goal.is_cancelled
+
+
+def render_task(goal: GoalStatus, ledger: Ledger) -> str:
+    """One `## <goal id>` section: what was asked, how it went, graph, nodes, replans, criteria, then all as YAML."""
+    by = f" by {goal.asked_by}" if goal.asked_by else ""
+    lines = [
+        f"**Asked:** {goal.objective or goal.graph} (graph `{goal.graph}`, seed {goal.seed},"
+        f" submitted{by}, {format_moment(goal.submitted_at)})",
+        f"**Verdict:** {_describe_verdict(goal)}",
+        f"**Sessions:** {sum(len(node.sessions) for node in goal.nodes.values())}, replans: {goal.replans}",
+    ]
+    for name, predicates in (("Accepted when", goal.accept), ("All through", goal.constraints)):
+        if predicates:
+            lines.append(f"**{name}:** {', '.join(f'`{each}`' for each in predicates)}")
+    lines += _tell_advice(goal, ledger)
+    parts = [f"## {goal.id}\n", "".join(f"- {flatten(line)}\n" for line in lines)]
+    if goal.nodes:
+        parts += [_draw(goal), _render_nodes(goal, ledger)]
+    if any(node.replans for node in goal.nodes.values()):
+        parts.append("**Replans:**\n")
+        parts.append(_render_replans(goal, ledger))
+    if goal.criteria:
+        parts += ["**Why the goal's verdict fell:**\n", render_criteria(goal.criteria, ".").rstrip("\n") + "\n"]
+    parts.append(render_block(goal))
+    return "\n".join(parts) + "\n"
+
+
+def render_graph(goal: GoalStatus) -> str:
+    """The goal's nodes as a Mermaid flowchart, coloured by state; every label is quoted."""
+    names = {name: f"n{index}" for index, name in enumerate(goal.nodes)}
+    lines = ["flowchart TD"]
+    for name, node in goal.nodes.items():
+        children = len(node.sessions) - 1
+        revised = f"<br/>{children} revised" if children > 0 else ""
+        label = f"<b>{escape_label(name)}</b><br/>{node.state.value}{revised}"
+        lines.append(f'    {names[name]}["{label}"]:::{node.state.value}')
+    for name, node in goal.nodes.items():
+        lines += [f"    {names[before]} --> {names[name]}" for before in node.after if before in names]
+    lines += [f"    classDef {state.value} {color}" for state, color in _COLORS.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _draw(goal: GoalStatus) -> str:
+    edges = sum(len(node.after) for node in goal.nodes.values())
+    if len(goal.nodes) > NODES_DRAWN or edges > EDGES_DRAWN:
+        return f"The graph has {len(goal.nodes)} nodes and {edges} edges, too many to draw; the table has them all.\n"
+    return f"```mermaid\n{render_graph(goal)}```\n"
+
+
+def _render_nodes(goal: GoalStatus, ledger: Ledger) -> str:
+    rows = (
+        (
+            name,
+            node.state.value,
+            node.objective,
+            f"{node.skill} on {node.target}" if node.target else node.skill,
+            ", ".join(node.after),
+            ", ".join(_describe_session(ledger, id) for id in node.sessions),
+            "; ".join((node.reason, *node.reasons)) if node.reason else "; ".join(node.reasons),
+        )
+        for name, node in goal.nodes.items()
+    )
+    return render_table(("node", "state", "what", "by", "after", "sessions", "why"), rows)
+
+
+def _render_replans(goal: GoalStatus, ledger: Ledger) -> str:
+    rows = (
+        (_link(ledger, each.session), _link(ledger, each.child), *split_reason(each, ledger))
+        for node in goal.nodes.values()
+        for each in node.replans
+    )
+    return render_table(("session", "revised as", "what went wrong", "what is done differently"), rows)
+
+
+def split_reason(replan: Replan, ledger: Ledger) -> tuple[str, str]:
+    """What went wrong, and what the child does differently; all of it as the former when they cannot be told apart."""
+    parent = ledger.sessions.get(replan.session)
+    attempt = parent.decision if parent is not None else None
+    if attempt is not None:
+        wrong = f"{attempt.cause}: {attempt.reason}".rstrip(".")
+        if replan.reason.startswith(wrong):
+            return wrong, replan.reason[len(wrong) :].strip(" .;")
+    return replan.reason, ""
+
+
+def _describe_verdict(goal: GoalStatus) -> str:
+    if not goal.verdict:
+        return f"cancelled, {goal.reason or 'no reason given'}" if goal.is_cancelled else "none yet"
+    why = f": {goal.reason}" if goal.reason else ""
+    return f"**{goal.verdict}**, {format_moment(goal.updated_at)}{why}"
+
+
+def _tell_advice(goal: GoalStatus, ledger: Ledger) -> list[str]:
+    """One line for each session that memory changed: what it does differently, and the lesson that asked for it."""
+    found = (ledger.sessions.get(id) for node in goal.nodes.values() for id in node.sessions)
+    advised = [status.contract for status in found if status is not None and status.contract.advice]
+    lines = [f"**Memory changed {each.id}:** {'; '.join(each.advice)}" for each in advised[:ADVISED_SHOWN]]
+    more = len(advised) - len(lines)
+    return [*lines, f"**Memory changed** {more} more sessions; `paos why SESSION` tells how."] if more else lines
+
+
+def _link(ledger: Ledger, id: SessionId) -> str:
+    """The session, linked to its evidence where it left some."""
+    status = ledger.sessions.get(id)
+    evidence = status.execution.evidence if status is not None and status.execution is not None else ""
+    return render_link(evidence, id) if evidence else id
+
+
+def _describe_session(ledger: Ledger, id: SessionId) -> str:
+    """The session and its state; of one that is long over its name only."""
+    status = ledger.sessions.get(id)
+    return f"{_link(ledger, id)} ({status.state})" if status is not None else id

@@ -1,0 +1,148 @@
+"""The disk side of a journal: the segment that is written, and what is known to be on the disk.
+
+Upstream: the journal, which holds the lane's lock where something is written. Downstream: the operating system. After a
+failed wait for the disk nothing is written any more: the system may drop the data and report success the next time.
+"""
+
+import contextlib
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from phyagentos.errors import ExecutionError
+from phyagentos.store.follower import Follower
+from phyagentos.store.partition_lock import PartitionLock
+from phyagentos.store.segments import (
+    FileIO,
+    Front,
+    SyncFailedError,
+    create_segment,
+    sync_folder,
+    write_all,
+)
+
+
+class SegmentWriter:
+    """Appends to the last segment of a lane and begins new ones; the cursor it is given stands at the lane's end.
+
+    Args:
+        folder: Of the lane.
+        lock: Of the lane.
+        file_io: The calls that change the disk.
+        durable: Whether to wait for the disk.
+
+    Attributes:
+        segment: Name of the segment that is open for writing.
+        failure: Why nothing can be written any more.
+    """
+
+    def __init__(self, folder: Path, lock: PartitionLock, file_io: FileIO, *, durable: bool) -> None:
+        self.segment: str | None = None
+        self.failure: ExecutionError | None = None
+        self._folder, self._lock, self._io, self._durable = folder, lock, file_io, durable
+        self._mutex = threading.Lock()  # one fdatasync at a time; taken after the journal's, never before
+        self._synced_seq = 0
+        self._fd = -1
+
+    def open(self, cursor: Follower) -> None:
+        """Write to the segment in which the cursor stands."""
+        if self.segment == cursor.segment:
+            return
+        with self._mutex:
+            if self._fd >= 0:
+                os.close(self._fd)
+            self._fd = os.open(cursor.path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
+            if self._durable:  # whoever created it may have died before its name reached the disk
+                self.be_durable(sync_folder, self._folder, self._io)
+            # whoever opened this segment made the one before it durable first
+            self._synced_seq = max(self._synced_seq, cursor.first_seq - 1)
+            self.segment = cursor.segment
+
+    def append(self, data: bytes, cursor: Follower) -> None:
+        """Write all of it behind the cursor, or nothing.
+
+        Raises:
+            ExecutionError: `JOURNAL_WRITE_FAILED`.
+        """
+        try:
+            write_all(self._io, self._fd, data)
+        except OSError as error:
+            with contextlib.suppress(OSError):  # else the next writer finds a torn tail and cuts it
+                self.cut(cursor.offset)
+            raise ExecutionError(
+                "JOURNAL_WRITE_FAILED", f"{cursor.path}: {error}. Nothing was recorded; free space, try again."
+            ) from error
+
+    def cut(self, offset: int) -> None:
+        """Drop what stands behind the last whole batch, for good: else a power cut may mix it with what comes next."""
+        self._io.truncate(self._fd, offset)
+        if self._durable:
+            self.be_durable(self._io.fsync, self._fd)
+
+    def seal(self) -> None:
+        """Make the whole segment durable before the next one begins."""
+        self.be_durable(self._io.fsync, self._fd)
+
+    def create(self, name: str, cursor: Follower) -> None:
+        """Let the segment behind the cursor appear; the first of the lane when the cursor is in none."""
+        front = Front(lane=self._folder.name, name=name, first_seq=cursor.seq + 1)
+        if cursor.segment is not None:
+            front = Front(front.lane, name, front.first_seq, prev=cursor.segment, prev_sha256=cursor.compute_sha256())
+        self.announce(name)
+        try:
+            create_segment(self._folder, front, self._io, durable=self._durable)
+        except SyncFailedError as error:
+            raise self._fail(error) from error
+        except OSError as error:
+            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, segment {name}: {error}") from error
+
+    def announce(self, name: str) -> None:
+        """Say in the lock file which segment is written from now on."""
+        try:
+            self._lock.announce(name)
+        except OSError as error:  # no segment may appear that nobody was told of
+            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, lock file: {error}") from error
+
+    def sync(self, seq: int, cursor: Follower) -> None:
+        """Wait until record `seq` is on the disk; one call serves every thread that waits meanwhile."""
+        with self._mutex:
+            if self._synced_seq >= seq:
+                return
+            self.refuse_if_failed()
+            # a cursor that reads without the lock may be in a later segment already
+            reached = cursor.seq if cursor.segment == self.segment else seq
+            self.be_durable(self._io.fdatasync, self._fd)
+            self._synced_seq = max(self._synced_seq, reached)
+
+    def be_durable(self, sync: Callable[..., None], *args: Any) -> None:
+        """Call something that waits for the disk; a failure is final.
+
+        Raises:
+            ExecutionError: `JOURNAL_NOT_DURABLE`.
+        """
+        try:
+            sync(*args)
+        except OSError as error:
+            raise self._fail(error) from error
+
+    def refuse_if_failed(self) -> None:
+        """Raise what ended this writer, if anything did."""
+        if self.failure is not None:
+            raise self.failure
+
+    def close(self) -> None:
+        """Let go of the file; a wait that is under way ends first."""
+        with self._mutex:
+            if self._fd >= 0:
+                os.close(self._fd)
+            self._fd = -1
+
+    def _fail(self, error: OSError) -> ExecutionError:
+        self.failure = ExecutionError(
+            "JOURNAL_NOT_DURABLE",
+            f"{self._folder}: {error}. What was written last may be lost; end this process, check the disk and "
+            "start again from what stands there.",
+        )
+        return self.failure

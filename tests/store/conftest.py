@@ -1,0 +1,60 @@
+"""A journal on a folder of its own, and contracts to put into it."""
+
+import msgspec
+import pytest
+
+from phyagentos.clock import ManualClock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.store.journal import Entry, Journal
+
+
+def make_session(id="tidy-7.red", **changes):
+    facts = {
+        "id": id,
+        "goal": "tidy-7",
+        "node": "red",
+        "objective": "Put the red cube into the red tray",
+        "skill": "pick_and_place",
+        "target": "panda",
+        "parameters": {"object": "red_cube", "destination": "red_tray"},
+        "accept": ("inside(red_cube, red_tray)",),
+        "scene": Scene(name="tabletop/cubes_and_trays", seed=7, episode="tidy-7"),
+        "seed": 7,
+    }
+    return Session(**(facts | changes))
+
+
+def make_submit(id="tidy-7.red", **changes):
+    return Entry(id, "submit", msgspec.to_builtins(make_session(id, **changes)))
+
+
+@pytest.fixture
+def contract():
+    return make_session
+
+
+@pytest.fixture
+def submit():
+    return make_submit
+
+
+@pytest.fixture
+def clock():
+    return ManualClock(1_000_000.0)
+
+
+@pytest.fixture
+def open_journal(tmp_path, clock):
+    opened = []
+
+    def open_one(side=Side.AGENT, by="", **options):
+        journal = Journal(
+            tmp_path, **({"side": side, "by": by or str(side), "clock": clock, "durable": False} | options)
+        )
+        opened.append(journal)
+        return journal
+
+    yield open_one
+    for journal in opened:
+        journal.close()

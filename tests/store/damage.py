@@ -1,0 +1,64 @@
+"""What rots in a journal, and what is done about it."""
+
+from phyagentos.clock import ManualClock
+from phyagentos.store.checkpoint import start_reading, write_checkpoint
+from phyagentos.store.journal import Entry
+from phyagentos.store.records import encode_record
+from phyagentos.store.repair import repair_lane
+from phyagentos.store.segments import SystemIO
+from phyagentos.store.statistics import HashingFollower
+
+from .conftest import make_submit
+
+
+def mend(folder, *, accept_loss=True, **options):
+    return repair_lane(
+        folder,
+        **({"accept_loss": accept_loss, "by": "repair", "clock": ManualClock(1e6), "file_io": SystemIO()} | options),
+    )
+
+
+def fill(journal, count=12):
+    """Two records a batch: a submission, and the cancellation of the one before."""
+    for number in range(count):
+        ending = [Entry(f"s{number - 1}", "cancel")] if number else []
+        journal.commit([make_submit(f"s{number}"), *ending])
+
+
+def segments_of(journal):
+    return sorted(journal.folder.glob("[0-9]*.md"))
+
+
+def segment_of(journal, seq):
+    (path,) = (path for path in segments_of(journal) if b"<!-- phy1 %010d" % seq in path.read_bytes())
+    return path
+
+
+def start_of(path, seq):
+    return path.read_bytes().index(b"<!-- phy1 %010d" % seq)
+
+
+def spoil(path, seq, *, at=60):
+    """Change one byte of a record; where it begins."""
+    data = bytearray(path.read_bytes())
+    start = data.index(b"<!-- phy1 %010d" % seq)
+    data[start + at] ^= 1
+    path.write_bytes(data)
+    return start
+
+
+def frames_of(folder):
+    """Number -> bytes of every record a reader accepts, with that reader's word on the end."""
+    follower = HashingFollower(folder)
+    records = follower.read_new()
+    follower.close()
+    return {record.seq: encode_record(record) for record in records}, records, str(follower.tail)
+
+
+def checkpoint(folder):
+    ledger, follower = start_reading(folder)
+    for record in follower.read_new():
+        ledger.apply(record)
+    write_checkpoint(folder, ledger, follower.position, SystemIO(), durable=False)
+    follower.close()
+    return ledger

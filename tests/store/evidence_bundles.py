@@ -1,0 +1,110 @@
+"""A workspace with evidence bundles, written as recorder, worker and both planes would."""
+
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.clock import ManualClock
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence_manifest import (
+    Sealer,
+    check_bundle,
+    check_objects,
+    iter_bundles,
+)
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.retention import apply_retention
+
+MODEL = b"model" * 40_000
+DAY_S = 86_400.0
+EVERYTHING = EvidenceRetention(keep_last=0, keep_days=0)
+SMALL = {
+    evidence.CONTRACT: b"session: {}\n",
+    evidence.BEFORE: b"{}",
+    evidence.AFTER: b"{}",
+    evidence.HOLDS: b"[]",
+    evidence.EXECUTION: b"{}",
+    evidence.INITIAL: b"initial",
+    evidence.TERMINAL: b"terminal",
+}
+HEAVY = {evidence.TRACE, evidence.TRAJECTORY, evidence.PICTURE_BEFORE, evidence.PICTURE_AFTER}
+VERDICTS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}
+
+
+class Store:
+    """A workspace with bundles, written as recorder, worker and both planes would."""
+
+    def __init__(self, root: Path, submit) -> None:
+        self.workspace = Workspace.create(root, Library(()))
+        self.clock = ManualClock(1_700_000_000.0)
+        self.submit = submit
+        self.sealer = Sealer(self.workspace.evidence)
+        self.pens = {
+            side: Journal(self.workspace.root, side=side, by=side.value, clock=self.clock, durable=False)
+            for side in Side
+        }
+
+    def close(self):
+        for pen in self.pens.values():
+            pen.close()
+
+    def write(self, side, id, ev, epoch=None, /, **body):
+        self.pens[side].commit([Entry(id, ev, body or None, epoch)])
+
+    def begin(self, id):
+        self.pens[Side.AGENT].commit([self.submit(id)])
+        self.write(Side.RUNTIME, id, "claim")
+        self.write(Side.RUNTIME, id, "start", 1)
+        folder = self.workspace.evidence_of(id)
+        folder.mkdir()
+        own = {
+            evidence.TRACE: f"trace of {id}\n".encode(),
+            evidence.TRAJECTORY: id.encode() * 10_000,
+            evidence.PICTURE_BEFORE: b"picture" * 20_000,
+            evidence.PICTURE_AFTER: id.encode() * 20_000,
+            evidence.SCENE_MODEL: MODEL,
+            evidence.SCENE_XML: b"<mujoco/>" * 10_000,
+        }
+        for name, data in (SMALL | own).items():
+            (folder / name).write_bytes(data)
+        return folder
+
+    def end(self, id, verdict=Verdict.SUCCESS, *, seal=True):
+        execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
+        self.write(Side.RUNTIME, id, "finish", 1, execution=msgspec.to_builtins(execution))
+        if seal:
+            self.sealer.seal(self.workspace.evidence_of(id))
+        self.write(Side.AGENT, id, "verify")
+        criterion = Criterion(text="inside(a, b)", kind="accept", truth=Truth.TRUE, measured={"margin_m": 0.05})
+        attempt = Attempt(verdict=verdict, criteria=(criterion,))
+        self.write(Side.AGENT, id, VERDICTS[verdict], attempt=msgspec.to_builtins(attempt))
+
+    def run(self, id, verdict=Verdict.SUCCESS, *, seal=True):
+        folder = self.begin(id)
+        self.end(id, verdict, seal=seal)
+        self.clock.advance(DAY_S)
+        return folder
+
+    def prune(self, policy=EVERYTHING, **options):
+        return apply_retention(self.workspace, policy, self.clock, **options)
+
+    def check(self):
+        folders = list(iter_bundles(self.workspace.evidence))
+        return [problem for folder in folders for problem in check_bundle(folder)] + check_objects(
+            self.workspace.evidence
+        )
+
+
+def names_in(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def read_all(folder):
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}

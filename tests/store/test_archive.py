@@ -1,0 +1,224 @@
+"""The archive: out of the way, never out of reach, whatever dies in between."""
+
+import shutil
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from phyagentos.clock import ManualClock
+from phyagentos.errors import ExecutionError
+from phyagentos.store.archive import archive_segments
+from phyagentos.store.checkpoint import NAME, start_reading
+from phyagentos.store.follower import Follower
+from phyagentos.store.history import Histories
+from phyagentos.store.journal import Entry
+from phyagentos.store.maintenance import Upkeep
+from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
+
+from .histories import STEPS, Story, fold
+
+HYPOTHESIS = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+class Death(BaseException):
+    """The process dies at this call."""
+
+
+class MortalIO(SystemIO):
+    """Dies before or after the n-th call that changes the disk."""
+
+    def __init__(self, calls, *, after):
+        self.calls, self.after = calls, after
+
+    def _live(self, call, *args):
+        self.calls -= 1
+        if self.calls == 0 and not self.after:
+            raise Death
+        result = call(*args)
+        if self.calls == 0:
+            raise Death
+        return result
+
+    def write(self, fd, data):
+        return self._live(super().write, fd, data)
+
+    def fsync(self, fd):
+        self._live(super().fsync, fd)
+
+    def replace(self, source, destination):
+        self._live(super().replace, source, destination)
+
+
+def read_seqs(folder):
+    follower = Follower(folder)
+    try:
+        return [record.seq for record in follower.read_new()]
+    finally:
+        follower.close()
+
+
+def tidy(folder, io=None, *, durable=False):
+    ledger, follower = start_reading(folder)
+    fold(follower.read_new(), ledger)
+    if follower.position is not None:
+        Upkeep(folder, ManualClock(), io or SystemIO(), durable=durable).tidy(ledger, follower.position)
+    follower.close()
+    return ledger
+
+
+@pytest.fixture
+def agent(open_journal):
+    return open_journal(segment_bytes=2500)
+
+
+def submit_many(journal, submit, numbers):
+    for number in numbers:
+        journal.commit([submit(f"s{number}", goal="")])
+
+
+def end_many(journal, numbers):
+    for number in numbers:
+        journal.commit([Entry(f"s{number}", "cancel", {"reason": "enough"})])
+
+
+def test_what_nothing_live_needs_moves_to_the_folder_of_its_month(agent, submit):
+    submit_many(agent, submit, range(20))
+    end_many(agent, range(20))
+    names = list_segments(agent.folder)
+
+    tidy(agent.folder)
+
+    archive = agent.folder.parent / "archive" / "1970-01" / agent.folder.name
+    assert sorted(path.stem for path in archive.iterdir()) == names[:-1]
+    assert list_segments(agent.folder) == names[-1:]
+    assert list_all_segments(agent.folder) == names
+    assert read_seqs(agent.folder) == list(range(1, 41))
+
+
+@pytest.mark.parametrize("needed", ["session", "goal"])
+def test_a_live_session_or_an_open_goal_keeps_its_segment_and_those_behind(agent, submit, needed):
+    submit_many(agent, submit, range(6))
+    before = list_segments(agent.folder)[-1]
+    if needed == "session":
+        agent.commit([submit("live", goal="")])
+    else:
+        agent.commit([Entry("goal:g", "goal_submitted"), submit("g.a", goal="g"), Entry("g.a", "cancel")])
+    first = list_segments(agent.folder)[-1]
+    submit_many(agent, submit, range(6, 20))
+    end_many(agent, range(20))
+
+    tidy(agent.folder)
+    assert list_segments(agent.folder)[0] in {before, first}
+    end = Entry("live", "cancel") if needed == "session" else Entry("goal:g", "goal_verdict", {"verdict": "failure"})
+    agent.commit([end])
+    tidy(agent.folder)
+
+    assert len(list_segments(agent.folder)) == 1
+    assert len(read_seqs(agent.folder)) == list(read_seqs(agent.folder))[-1]
+
+
+def test_a_follower_that_lags_behind_goes_on_through_the_archive(agent, submit):
+    lagging, middle = Follower(agent.folder), Follower(agent.folder)
+    submit_many(agent, submit, range(3))
+    first = [record.seq for record in lagging.read_new()]
+    submit_many(agent, submit, range(3, 12))
+    end_many(agent, range(12))
+    tidy(agent.folder)
+    submit_many(agent, submit, range(12, 30))
+    end_many(agent, range(12, 30))
+    tidy(agent.folder)
+
+    assert first + [record.seq for record in lagging.read_new()] == list(range(1, 61))
+    assert [record.seq for record in middle.read_new()] == list(range(1, 61))
+    for follower in (lagging, middle):
+        follower.close()
+
+
+def test_a_change_in_the_archive_is_noticed_by_whoever_reads_it(agent, submit):
+    submit_many(agent, submit, range(10))
+    end_many(agent, range(10))
+    tidy(agent.folder)
+    path = sorted((agent.folder.parent / "archive").rglob("*.md"))[1]
+    data = path.read_bytes()
+
+    path.write_bytes(data.replace(b"red cube", b"blu cube", 1))
+    with pytest.raises(ExecutionError, match=rf"JOURNAL_DAMAGED: .*archive/1970-01/.*{path.name}, offset \d+: record"):
+        read_seqs(agent.folder)
+    path.unlink()
+    with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
+        read_seqs(agent.folder)
+
+
+def test_writers_and_starts_need_no_archive(open_journal, agent, submit):
+    submit_many(agent, submit, range(20))
+    end_many(agent, range(20))
+    tidy(agent.folder)
+    shutil.rmtree(agent.folder.parent / "archive")
+
+    late = open_journal()
+
+    assert late.open_ledger().session_count == 20
+    assert late.commit([Entry("goal:g", "goal_submitted")]) if late.knows("s19") else True
+
+
+@pytest.mark.parametrize("after", [True, False])
+@pytest.mark.parametrize("durable", [True, False])
+def test_a_death_between_any_two_steps_loses_nothing(tmp_path, open_journal, submit, after, durable):
+    origin = open_journal(segment_bytes=2500)
+    submit_many(origin, submit, range(12))
+    end_many(origin, range(12))
+    origin.commit([submit("live", goal="")])
+    expected = read_seqs(origin.folder)
+    for calls in range(1, 100):
+        lane = tmp_path / f"copy{calls}" / "sessions" / origin.folder.name
+        shutil.copytree(origin.folder, lane)
+        try:
+            tidy(lane, MortalIO(calls, after=after), durable=durable)
+        except Death:
+            pass
+        else:
+            break
+        assert read_seqs(lane) == expected
+        assert "live" in tidy(lane).sessions
+        assert len(list_segments(lane)) < len(list_segments(origin.folder))
+        assert read_seqs(lane) == expected
+    assert calls > 5
+    assert list_segments(lane) != list_segments(origin.folder)
+
+
+@HYPOTHESIS
+@given(stories=st.lists(STEPS, min_size=1, max_size=4))
+def test_archiving_at_any_moment_changes_nothing_that_is_told(tmp_path_factory, submit, stories):
+    story = Story(tmp_path_factory.mktemp("lane"), submit, segment_bytes=1500)
+    lagging = Follower(story.folder)
+    seen = []
+    for number, steps in enumerate(stories):
+        story.tell(steps)
+        if number % 2:
+            seen += lagging.read_new()
+        tidy(story.folder)
+    seen += lagging.read_new()
+    lagging.close()
+
+    assert [record.seq for record in seen] == read_seqs(story.folder)
+    with Histories(story.folder) as histories:
+        for id in {record.id for record in seen}:
+            assert histories.find(id) == [record for record in seen if record.id == id]
+    assert [path.name for path in story.folder.iterdir() if path.name.endswith(".tmp")] == []
+    story.close()
+
+
+def test_the_archive_is_no_lane(agent, submit, open_journal):
+    submit_many(agent, submit, range(20))
+    end_many(agent, range(20))
+    tidy(agent.folder)
+
+    assert open_journal().folder == agent.folder
+    assert (agent.folder / NAME).exists()
+
+
+def test_nothing_behind_what_the_horizon_knows_is_moved(agent, submit):
+    submit_many(agent, submit, range(20))
+
+    assert archive_segments(agent.folder, 10_000, 3, SystemIO(), durable=False) == []

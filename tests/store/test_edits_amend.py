@@ -1,0 +1,69 @@
+"""The record `amend`: what an operator may change of a contract, and when; and what a session by hand may not be."""
+
+import pytest
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.protocol.sessions.session import Limits
+from phyagentos.store.admission import IllegalEvent
+from phyagentos.store.journal import Entry
+from phyagentos.store.ledger import Ledger
+
+
+def fold(journal):
+    ledger = Ledger()
+    for record in journal.read_new():
+        ledger.apply(record)
+    return ledger
+
+
+def test_limits_and_priority_change_and_all_else_stays(open_journal, submit, contract):
+    open_journal().commit([submit("s"), submit("t", priority=1)])
+    operator = open_journal(Side.OPERATOR)
+    operator.commit([Entry("s", "amend", {"limits": {"timeout_s": 5}, "priority": 2})])
+    operator.commit([Entry("s", "amend", {"limits": {"queue_s": 6.5}})])
+    ledger = fold(operator)
+
+    assert ledger.sessions["s"].contract == contract("s", limits=Limits(timeout_s=5.0, queue_s=6.5), priority=2)
+    assert (ledger.sessions["s"].state, ledger.sessions["s"].epoch) == ("pending", 0)
+    assert [status.contract.id for status in ledger.iter_pending()] == ["s", "t"]
+
+
+@pytest.mark.parametrize("side", [Side.AGENT, Side.RUNTIME])
+def test_only_an_operator_amends(open_journal, submit, side):
+    open_journal().commit([submit("s")])
+    with pytest.raises(IllegalTransition, match=f"{side} asked for 'amend' in state 'pending'"):
+        open_journal(side).commit([Entry("s", "amend", {"priority": 2})])
+
+
+def test_a_claimed_session_is_not_amended(open_journal, submit):
+    open_journal().commit([submit("s")])
+    open_journal(Side.RUNTIME).commit([Entry("s", "claim")])
+    with pytest.raises(IllegalTransition, match="operator asked for 'amend' in state 'claimed'"):
+        open_journal(Side.OPERATOR).commit([Entry("s", "amend", {"priority": 2})])
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ({"limits": {"timout_s": 5}}, r"found 'timout_s'; expected heartbeat_s.*Did you mean 'timeout_s'"),
+        ({"limits": {"timeout_s": 0}}, r"INVALID_CONTRACT.*> 0"),
+        ({"limits": {"timeout_s": "soon"}}, r"Expected `float`, got `str`"),
+        ({"priority": 1.5}, r"Expected `int"),
+        ({"skill": "wave"}, r"unknown field `skill`"),
+    ],
+)
+def test_an_amendment_that_is_none_is_refused(open_journal, submit, body, message):
+    open_journal().commit([submit("s")])
+    operator = open_journal(Side.OPERATOR)
+    with pytest.raises(DefinitionError, match=message):
+        operator.commit([Entry("s", "amend", body)])
+
+    assert fold(operator).sessions["s"].contract.priority == 0
+
+
+def test_an_operator_adds_no_session_to_a_goal(open_journal, submit):
+    open_journal().commit([Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7})])
+    with pytest.raises(IllegalEvent, match="the sessions of goal 'tidy-7' belong to the agent"):
+        open_journal(Side.OPERATOR).commit([submit("tidy-7.extra")])
+    open_journal().commit([submit("tidy-7.red")])

@@ -1,0 +1,229 @@
+"""A file that is rendered and edited at the same time: every version that somebody else left is found once."""
+
+import os
+import shutil
+
+import pytest
+
+from phyagentos.store.edits.exchange import ExchangeUnsupported, exchange, may_be_written, rename_new
+from phyagentos.store.edits.shared_file import GRACE_S, MISSING_S, TwoWayFile
+
+MARK = "<!-- end of view -->\n"
+
+
+class Shelf:
+    def __init__(self, folder, clock, **options):
+        self.path, self.aside, self.clock = folder / "S.md", folder / ".edits", clock
+        self.file = TwoWayFile(self.path, self.aside, clock, **options)
+        self.found = []
+
+    def put(self, text):
+        return self.file.put(text + MARK)
+
+    def take(self, after_s=0.0, **options):
+        self.clock.advance(after_s)
+        self.file.take(lambda data, is_whole: self.found.append((data.decode(), is_whole)), **options)
+        return self.found
+
+    def aside_files(self):
+        return [path for path in self.aside.iterdir() if path.suffix == ".md"]
+
+
+@pytest.fixture
+def shelf(tmp_path, clock):
+    shelf = Shelf(tmp_path, clock)
+    shelf.put("one\n")
+    return shelf
+
+
+def unsupported(one, other):
+    raise ExchangeUnsupported(22, "no exchange here")
+
+
+@pytest.fixture(params=["exchange", "compare then rename"])
+def any_shelf(tmp_path, clock, request):
+    shelf = Shelf(tmp_path, clock, **({} if request.param == "exchange" else {"swap": unsupported}))
+    shelf.put("one\n")
+    return shelf
+
+
+def test_what_nobody_touched_is_found_by_nobody(any_shelf):
+    for _ in range(5):
+        any_shelf.put("two\n")
+        assert any_shelf.take(0.5) == []
+        assert not any_shelf.file.is_touched()
+    any_shelf.take(2.0)
+
+    assert any_shelf.path.read_text() == "two\n" + MARK
+    assert any_shelf.aside_files() == []
+
+
+def test_a_file_that_was_renamed_over_is_found_once(any_shelf):
+    other = any_shelf.path.with_name("tmp")
+    other.write_text("theirs\n" + MARK)
+    other.replace(any_shelf.path)
+    assert any_shelf.file.is_touched()
+    any_shelf.put("two\n")
+
+    any_shelf.take()
+    any_shelf.take(2.0)
+    assert any_shelf.found == [("theirs\n" + MARK, True)]
+
+
+def test_a_file_that_is_written_in_place_is_found_when_its_writer_has_closed_it(any_shelf):
+    with any_shelf.path.open("w") as writer:
+        any_shelf.put("two\n")
+        writer.write("the")
+        writer.flush()
+        assert any_shelf.take(3.0) == []
+        writer.write("irs\n" + MARK)
+        writer.flush()
+        assert any_shelf.take(3.0) == []
+        writer.write("and more\n")
+    any_shelf.take(0.1)
+
+    assert any_shelf.found == [("theirs\n" + MARK + "and more\n", True)]
+    assert any_shelf.path.read_text() == "two\n" + MARK
+
+
+def test_a_file_that_was_moved_away_is_waited_for(any_shelf):
+    any_shelf.path.rename(any_shelf.path.with_name("S.md~"))
+    assert any_shelf.file.is_touched()
+    assert not any_shelf.put("two\n")
+    assert not any_shelf.path.exists()
+    any_shelf.path.write_text("theirs\n" + MARK)
+    assert any_shelf.put("two\n")
+
+    assert any_shelf.take() == [("theirs\n" + MARK, True)]
+
+
+def test_a_file_that_stays_away_is_put_back(any_shelf):
+    any_shelf.path.unlink()
+    assert not any_shelf.put("two\n")
+    any_shelf.clock.advance(MISSING_S)
+
+    assert any_shelf.put("two\n")
+    assert any_shelf.path.read_text() == "two\n" + MARK
+    assert any_shelf.take(2.0) == []
+
+
+def test_a_save_that_is_given_up_is_handed_over_as_unfinished(shelf):
+    shelf.path.write_text("half a fi")
+    shelf.put("two\n")
+    assert shelf.take() == []
+
+    assert shelf.take(2.0) == [("half a fi", False)]
+    assert shelf.aside_files() == []
+
+
+def test_a_writer_that_never_closes_is_given_up_after_the_grace(shelf):
+    with shelf.path.open("w") as writer:
+        writer.write("half")
+        writer.flush()
+        shelf.put("two\n")
+        assert shelf.take(GRACE_S - 1) == []
+        assert shelf.take(2.0) == [("half", False)]
+
+
+def test_a_change_that_leaves_size_and_time_as_they_were_is_found(shelf):
+    before = shelf.path.stat()
+    shelf.path.write_text("oNe\n" + MARK)
+    os.utime(shelf.path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert not shelf.file.is_touched()
+    shelf.clock.advance(2.0)
+    assert shelf.file.is_touched()
+    shelf.put("two\n")
+    shelf.clock.advance(2.0)
+
+    assert shelf.take() == [("oNe\n" + MARK, True)]
+
+
+def test_what_a_killed_process_had_in_its_hands_is_found_by_the_next(tmp_path, clock):
+    first = Shelf(tmp_path, clock)
+    first.put("one\n")
+    first.path.write_text("theirs\n" + MARK)
+    first.put("two\n")
+    (left,) = first.aside_files()
+    second = Shelf(tmp_path, clock)
+    second.file.adopt()
+    assert second.take(2.0) == [], "its owner is alive"
+    left.rename(left.with_name(f"{os.getpid()}.1-00000001.md"))  # of an earlier process with the same number
+
+    second.file.adopt()
+    assert second.take() == [("theirs\n" + MARK, True)]
+    assert second.aside_files() == []
+
+
+def test_a_process_knows_what_the_one_before_put_in(tmp_path, clock):
+    Shelf(tmp_path, clock).put("one\n")
+    second = Shelf(tmp_path, clock)
+    second.put("two\n")
+    assert second.take(2.0) == []
+
+    second.path.write_text("theirs\n" + MARK)
+    third = Shelf(tmp_path, clock)
+    third.put("three\n")
+    assert third.take(2.0) == [("theirs\n" + MARK, True)]
+
+
+def test_what_was_not_dealt_with_stays(shelf):
+    shelf.path.write_text("theirs\n" + MARK)
+    shelf.put("two\n")
+
+    def fail(data, is_whole):
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        shelf.file.take(fail)
+    assert shelf.take(2.0) == [("theirs\n" + MARK, True)]
+
+
+def test_nobody_swaps_while_somebody_holds_the_file(shelf):
+    other = TwoWayFile(shelf.path, shelf.aside, shelf.clock)
+    with other.hold(wait=True) as is_held:
+        assert is_held
+        assert not shelf.put("two\n")
+    assert shelf.put("two\n")
+
+
+def test_the_folder_aside_may_be_deleted(shelf):
+    shutil.rmtree(shelf.aside)
+    shelf.path.write_text("theirs\n" + MARK)
+    assert shelf.put("two\n")
+
+    assert shelf.take() == [("theirs\n" + MARK, True)]
+
+
+def test_a_folder_in_its_place_is_put_aside(shelf):
+    shelf.path.unlink()
+    shelf.path.mkdir()
+    (shelf.path / "precious").write_text("x")
+    assert shelf.put("two\n")
+    assert shelf.take(2.0) == []
+
+    assert shelf.path.read_text() == "two\n" + MARK
+    (folder,) = [path for path in shelf.aside.iterdir() if path.is_dir()]
+    assert (folder / "precious").read_text() == "x"
+
+
+def test_exchange_and_rename_new_say_what_stands_in_the_way(tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    one.write_text("1")
+    with pytest.raises(FileNotFoundError, match="two"):
+        exchange(one, two)
+    two.write_text("2")
+    exchange(one, two)
+    assert (one.read_text(), two.read_text()) == ("2", "1")
+    with pytest.raises(FileExistsError):
+        rename_new(one, two)
+
+
+def test_the_system_tells_who_may_write(tmp_path):
+    path = tmp_path / "one"
+    path.write_text("1")
+    with path.open("rb") as reader:
+        assert may_be_written(reader.fileno()) is False
+        with path.open("r+"):
+            assert may_be_written(reader.fileno()) is True
+        with path.open("rb"):
+            assert may_be_written(reader.fileno()) is False

@@ -1,0 +1,101 @@
+"""What was shown at an earlier record, from memory, from the journal or from its checkpoint."""
+
+import pytest
+
+from phyagentos.store.journal import Entry
+from phyagentos.store.views import history
+from phyagentos.store.views.history import History
+from phyagentos.store.views.sessions import render_page
+
+
+@pytest.fixture
+def open_history():
+    opened = []
+
+    def open_one(lane, **options):
+        opened.append(History(lane, **options))
+        return opened[-1]
+
+    yield open_one
+    for each in opened:
+        each.close()
+
+
+@pytest.fixture
+def story(open_journal, submit):
+    """Sixty sessions; after each record, what SESSIONS.md showed."""
+    agent = open_journal()
+    texts, watched = {}, History(agent.folder)
+    for number in range(60):
+        for entry in (submit(f"s{number}"), Entry(f"s{number}", "cancel")):
+            agent.commit([entry])
+            watched.read_new()
+            texts[watched.ledger.seq] = render_page(watched.build_page())
+    watched.close()
+    return agent.folder, texts
+
+
+@pytest.mark.parametrize("statuses_kept", [0, 100, 100_000])
+def test_every_earlier_rendering_is_told_again(story, open_history, statuses_kept):
+    lane, texts = story
+    late = open_history(lane, statuses_kept=statuses_kept)
+    late.read_new()
+
+    for seq in (1, 2, 59, 119, 120):
+        assert render_page(late.find_page(seq)) == texts[seq]
+
+
+def test_what_was_rendered_lately_is_remembered(open_journal, submit, open_history, monkeypatch):
+    agent = open_journal()
+    watched = open_history(agent.folder)
+    for number in range(10):
+        agent.commit([submit(f"s{number}")])
+        watched.read_new()
+        watched.build_page()
+    monkeypatch.setattr(history, "_begin", None)
+
+    assert [len(watched.find_page(seq).shown) for seq in range(1, 11)] == list(range(1, 11))
+
+
+def test_a_record_that_is_still_to_come_is_not_told(story, open_history):
+    lane, texts = story
+    late = open_history(lane)
+    late.read_new()
+
+    assert late.find_page(max(texts) + 1) is None
+    assert late.find_page(0).shown == []
+
+
+def test_a_large_journal_is_read_from_its_checkpoint(story, open_history, open_journal, monkeypatch):
+    lane, texts = story
+    monkeypatch.setattr(history, "SMALL_BYTES", 0)
+    journal = open_journal(by="upkeep")
+    ledger = journal.open_ledger()
+    assert ledger.seq == 120
+    late = open_history(lane)
+    late.read_new()
+
+    assert render_page(late.find_page(120)) == texts[120]
+    page = late.find_page(30)
+    assert page is None or render_page(page) == texts[30]
+
+
+def test_a_shared_fold_tells_every_record_once_and_renders_the_same(story, open_history, open_journal, submit):
+    lane, texts = story
+    agent, own, told = open_journal(), open_history(lane), []
+    shared = open_history(lane, on_record=lambda record, _: told.append(record.seq))
+    ledger = agent.open_ledger()
+
+    def follow() -> None:
+        for record in agent.read_new():
+            ledger.apply(record)
+            shared.take_in(record)
+
+    shared.share(ledger, follow)
+    agent.commit([submit("later")])
+
+    assert shared.read_new() == 1
+    assert told == list(range(1, max(texts) + 2))
+    own.read_new()
+    assert render_page(shared.build_page()) == render_page(own.build_page())
+    assert shared.read_new() == 0

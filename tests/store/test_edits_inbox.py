@@ -1,0 +1,193 @@
+"""The inbox: one YAML file, one request; what became of it is told by folders."""
+
+import re
+
+import pytest
+
+from phyagentos.store.edits import edit_intake as desk
+from phyagentos.store.journal import Entry
+
+from .edit_stand import EditStand
+
+CONTRACT = """kind: submit
+contract:
+  objective: wave
+  skill: wave
+  target: panda
+  accept: ["upright(bottle)"]
+  scene: {name: tabletop/cubes_and_trays, seed: 7}
+"""
+
+
+@pytest.fixture
+def stand(tmp_path, clock, submit):
+    stand = EditStand(tmp_path / "w", clock)
+    stand.commit("agent", submit("a"), submit("b"))
+    stand.settle(1)
+    yield stand
+    stand.close()
+
+
+def drop(stand, name, text):
+    """As any program does: write beside, rename in."""
+    temporary = stand.workspace.inbox / "tmp" / name
+    temporary.write_bytes(text if isinstance(text, bytes) else text.encode())
+    temporary.replace(stand.workspace.inbox / "new" / name)
+    stand.settle()
+
+
+def names(stand, folder):
+    path = stand.workspace.inbox / folder
+    return sorted(each.name for each in path.iterdir()) if path.exists() else []
+
+
+def test_a_contract_is_submitted_under_the_name_of_its_file(stand):
+    drop(stand, "wave-1.yaml", CONTRACT)
+
+    status = stand.sessions["wave-1"]
+    assert (status.state, status.asked_by, status.contract.scene.seed) == ("pending", "operator", 7)
+    assert "## wave-1\n" in stand.text
+    assert (names(stand, "new"), names(stand, "done")) == ([], ["wave-1.yaml"])
+
+
+def test_a_session_is_amended_and_cancelled(stand):
+    drop(stand, "1", "{kind: amend, session: a, limits: {timeout_s: 9}, priority: 2}")
+    drop(stand, "2", "kind: cancel\nsession: b\nreason: supper\n")
+
+    assert (stand.sessions["a"].contract.limits.timeout_s, stand.sessions["a"].contract.priority) == (9.0, 2)
+    assert (stand.sessions["b"].state, stand.sessions["b"].reason) == ("cancelled", "supper")
+    assert names(stand, "done") == ["1", "2"]
+
+
+def test_a_request_that_stands_already_is_done(stand):
+    for name in ("wave-1.yaml", "again.yaml"):
+        drop(stand, name, CONTRACT.replace("contract:", "contract:\n  id: w") if name == "again.yaml" else CONTRACT)
+    drop(stand, "third.yaml", CONTRACT.replace("contract:", "contract:\n  id: w"))
+    drop(stand, "cancel", "{kind: cancel, session: a}")
+    drop(stand, "cancel", "{kind: cancel, session: a}")
+
+    assert names(stand, "refused") == []
+    assert len(names(stand, "done")) == 5
+    assert [record.ev for record in stand.runtime.read_new() if record.side == "operator"] == ["submit"] * 2 + [
+        "cancel"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            "kind: submitt\n",
+            r"r.yaml:1:1: UNKNOWN_REQUEST: found 'submitt'; expected amend, cancel, submit. Did you mean",
+        ),
+        ("- kind\n", r"r.yaml.*UNKNOWN_REQUEST: found no 'kind'"),
+        ("kind: [\n", r"r.yaml.*YAML_SYNTAX"),
+        ("", r"UNKNOWN_REQUEST"),
+        (b"\xff\xfe\x00", r"UNREADABLE_FILE"),
+        ("kind: cancel\nsesion: a\n", r"r.yaml:2:1: UNKNOWN_KEY: found 'sesion'.*Did you mean 'session'"),
+        ("kind: cancel\nsession: nobody\n", r"there is no session nobody"),
+        ("kind: amend\nsession: a\nlimits: {timeout_s: -1}\n", r"r.yaml:3:10: INVALID_VALUE.*greater than 0"),
+        ("kind: amend\nsession: a\nlimits: {timout_s: 1}\n", r"r.yaml:3:10: UNKNOWN_KEY.*Did you mean 'timeout_s'"),
+        (
+            CONTRACT.replace("skill: wave", "skil: wave"),
+            r"MISSING_KEY: .*'skill'.*r.yaml:4:3: UNKNOWN_KEY: found 'skil'",
+        ),
+        (CONTRACT.replace("  objective", "  goal: g\n  objective"), r"r.yaml:3:3: NOT_BY_HAND: found 'goal'"),
+        (CONTRACT.replace("upright(bottle)", "upright("), r"r.yaml:6:\d+: PREDICATE_SYNTAX"),
+        (CONTRACT.replace("  objective", "  id: a\n  objective"), r"another session is called a"),
+        ("kind: cancel\nsession: !!binary x\n", r"YAML_SYNTAX|INVALID_VALUE"),
+        ("kind: cancel\nsession: a\nreason: 2026-99-99\n", r"r.yaml:3:9: YAML_SYNTAX"),
+        ("? [a]\n: b\n", r"r.yaml:1:3: YAML_SYNTAX"),
+    ],
+)
+def test_a_request_that_cannot_be_done_is_put_aside_with_the_reason(stand, text, reason):
+    drop(stand, "r.yaml", text)
+    stand.settle(5)
+
+    assert names(stand, "refused") == ["r.yaml", "r.yaml.reason.md"]
+    told = (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text()
+    assert re.search(reason, told, re.DOTALL), told
+    assert "Nothing was done." in told
+    kept = (stand.workspace.inbox / "refused" / "r.yaml").read_bytes()
+    assert kept == (text if isinstance(text, bytes) else text.encode())
+
+
+ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{n + 1}: &a{n + 1} [{', '.join([f'*a{n}'] * 9)}]\n" for n in range(8)
+)
+MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{n + 1}: &a{n + 1} {{<<: [{', '.join([f'*a{n}'] * 9)}]}}\n" for n in range(8))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("kind: submit\na: !!bool x\n", r"r.yaml:2:4: YAML_SYNTAX"),
+        ("kind: submit\na: !!timestamp x\n", r"r.yaml:2:4: YAML_SYNTAX"),
+        (f"kind: submit\n{ALIASES}", r"r.yaml:.*aliases"),
+        (f"kind: submit\n{MERGES}", r"r.yaml:.*aliases"),
+        (CONTRACT + f"  parameters:\n{ALIASES}".replace("\n", "\n    ").rstrip(), r"r.yaml:.*aliases"),
+        ("kind: submit\na: &a [*a]\n", r"r.yaml:.*alias"),
+        ("[" * 100_000 + "]" * 100_000, r"r.yaml:.*levels"),
+    ],
+)
+def test_no_file_holds_up_who_reads_it(stand, text, reason):
+    drop(stand, "r.yaml", text)
+    drop(stand, "s.yaml", "{kind: cancel, session: a}")
+
+    assert re.search(reason, (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text())
+    assert stand.sessions["a"].state == "cancelled"
+
+
+def test_a_few_aliases_are_read(stand):
+    drop(stand, "wave-1.yaml", CONTRACT.replace("wave", "&w wave", 1).replace("skill: wave", "skill: *w"))
+
+    assert stand.sessions["wave-1"].contract.skill == "wave"
+
+
+@pytest.mark.parametrize("name", ["n" * 255, "n" * 250 + ".yaml", "n" * 246])
+def test_a_long_name_is_refused_as_any_other(stand, name):
+    for _ in range(2):
+        drop(stand, name, "kind: submitt\n")
+
+    assert names(stand, "new") == []
+    assert len(names(stand, "refused")) == 4
+    assert sum(each.endswith(".reason.md") for each in names(stand, "refused")) == 2
+
+
+def test_what_this_program_fails_on_is_refused_with_the_error(stand, monkeypatch):
+    def fail(*_):
+        raise KeyError("odd")
+
+    monkeypatch.setattr(desk, "plan_request", fail)
+    drop(stand, "r.yaml", "{kind: cancel, session: a}")
+
+    told = (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text()
+    assert "this program failed on it (KeyError: 'odd')" in told
+
+
+def test_a_claimed_session_keeps_its_limits(stand):
+    stand.commit("runtime", Entry("a", "claim"))
+    drop(stand, "late", "{kind: amend, session: a, priority: 2}")
+
+    assert "change only while it is pending" in (stand.workspace.inbox / "refused" / "late.reason.md").read_text()
+
+
+def test_a_file_that_is_written_straight_into_the_folder_is_waited_for(stand):
+    with (stand.workspace.inbox / "new" / "slow.yaml").open("w") as file:
+        stand.settle(5)
+        file.write("kind: cancel\n")
+        file.flush()
+        stand.settle(5)
+        assert names(stand, "new") == ["slow.yaml"]
+        file.write("session: a\n")
+    stand.settle()
+
+    assert stand.sessions["a"].state == "cancelled"
+
+
+def test_what_is_hidden_or_a_folder_is_left_alone(stand):
+    (stand.workspace.inbox / "new" / ".hidden").write_text("kind: cancel")
+    (stand.workspace.inbox / "new" / "folder").mkdir()
+    stand.settle(5)
+
+    assert names(stand, "new") == [".hidden", "folder"]

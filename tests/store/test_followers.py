@@ -1,0 +1,307 @@
+"""Two readers in two languages, written from one page: they agree on every journal, whole or not."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from phyagentos.clock import ManualClock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.compaction import compact_lane
+from phyagentos.store.inspection import inspect_lane
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.records import frame_payload, read_record
+from phyagentos.store.repair import repair_lane
+from phyagentos.store.segments import Front, SystemIO, create_segment, locate
+from phyagentos.store.statistics import HashingFollower
+
+from .conftest import make_submit
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "journal.md"
+SECOND_READER = ROOT / "protocol" / "followers" / "follow.mjs"
+
+
+def read_with_python(folder):
+    follower = HashingFollower(folder)
+    found = {}
+    try:
+        follower.read_new()
+        found["tail"] = str(follower.tail)
+    except ExecutionError as error:
+        place = re.search(r"([\d.-]+)\.md, offset (\d+):", str(error))
+        found |= {"tail": "damaged", "segment": place[1], "offset": int(place[2])}
+    finally:
+        follower.close()
+    return found | {"records": follower.records, "seq": follower.seq, "sha256": follower.records_sha256}
+
+
+def flatten(answer):
+    damage = answer.get("damage", {})
+    return {name: value for name, value in (answer | damage).items() if name not in {"damage", "reason", "workspace"}}
+
+
+@pytest.fixture
+def agree(tmp_path, read_with_node):
+    """What both readers say about the journal below `tmp_path`, after asserting that it is the same."""
+
+    def compare():
+        (lane,) = (path for path in (tmp_path / "sessions").iterdir() if path.name != "archive")
+        (told,) = read_with_node(tmp_path)
+        expected = read_with_python(lane)
+
+        assert flatten(told) == expected
+        return expected
+
+    return compare
+
+
+def fill(journal, count):
+    for number in range(count):
+        journal.commit([make_submit(f"s{number}"), make_submit(f"t{number}", objective="“ünïcode” \u2028 <!-- phy1")])
+        journal.commit([Entry(f"s{number}", "cancel", {"reason": "no | `more`"})])
+
+
+def test_an_empty_journal(open_journal, agree):
+    open_journal()
+
+    assert (agree()["records"], agree()["tail"]) == (0, "clean")
+
+
+def test_a_journal_of_one_segment(open_journal, agree):
+    fill(open_journal(), 5)
+
+    assert agree()["seq"] == 15
+
+
+def test_a_journal_of_many_segments(open_journal, agree, clock):
+    journal = open_journal(segment_bytes=1500)
+    fill(journal, 5)
+    clock.advance(86_400)
+    journal.commit([make_submit("tomorrow")])
+
+    assert len(list(journal.folder.glob("*.md"))) > 4
+    assert agree()["records"] == 16
+
+
+def test_the_thousandth_segment_of_a_day_comes_after_the_one_before(open_journal, agree, tmp_path):
+    folder = tmp_path / "sessions" / "lane"
+    folder.mkdir(parents=True)
+    create_segment(folder, Front("lane", "1970-01-12.998", first_seq=1), SystemIO(), durable=False)
+    journal = open_journal(segment_bytes=1)
+    for number in range(4):
+        journal.commit([make_submit(f"s{number}")])
+
+    assert (folder / "1970-01-12.1001.md").exists()
+    assert agree()["seq"] == 4
+
+
+def test_an_archived_journal_reads_as_before(open_journal, agree, clock):
+    journal = open_journal(segment_bytes=1500)
+    fill(journal, 5)
+    journal.commit([Entry("t0", "cancel"), Entry("t1", "cancel")])
+    before = agree()
+
+    first = compact_lane(journal.folder, by="operator", clock=clock, file_io=SystemIO())
+
+    assert first.archived  # those before the submission of t2, which is live
+    assert first.sealed is None
+    assert agree() == before
+    journal.commit([Entry(f"t{number}", "cancel") for number in (2, 3, 4)])
+    second = compact_lane(journal.folder, by="operator", clock=clock, file_io=SystemIO())
+    assert second.archived[-1] == second.sealed
+    assert len(list(journal.folder.glob("[0-9]*.md"))) == 1
+    assert agree()["seq"] == before["seq"] + 3
+    open_journal(segment_bytes=1500).commit([make_submit("late")])
+    assert agree()["seq"] == before["seq"] + 4
+
+
+def test_damage_in_the_archive_is_found_by_both(open_journal, agree, clock):
+    journal = open_journal(segment_bytes=1500)
+    for number in range(5):
+        journal.commit([make_submit(f"s{number}")])
+        journal.commit([Entry(f"s{number}", "cancel")])
+    name = compact_lane(journal.folder, by="operator", clock=clock, file_io=SystemIO()).archived[1]
+    path = locate(journal.folder, name)
+    path.write_bytes(path.read_bytes().replace(b"red cube", b"red cubE", 1))
+
+    found = agree()
+
+    assert (found["tail"], found["segment"]) == ("damaged", name)
+    assert not inspect_lane(journal.folder).is_whole
+    repair_lane(journal.folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
+    assert (agree()["tail"], agree()["seq"]) == ("clean", 11)
+    assert path.exists()
+    assert path.with_name(f"{path.name}.damaged").exists()
+    assert inspect_lane(journal.folder).findings == []
+
+
+def test_a_torn_end_is_waited_for(open_journal, agree):
+    journal = open_journal()
+    fill(journal, 2)
+    (path,) = journal.folder.glob("*.md")
+    whole = path.read_bytes()
+    start = whole.rindex(b"<!-- phy1 0000000005")  # the second of a batch of two; one more batch follows
+    for size in (start, start + 1, start + 40, start + 41, start + 200):
+        path.write_bytes(whole[:size])
+        found = agree()
+        assert (found["tail"], found["seq"]) == ("torn", 3)
+
+
+def test_a_repaired_end_is_read_on(open_journal, agree):
+    journal = open_journal()
+    fill(journal, 1)
+    (path,) = journal.folder.glob("*.md")
+    path.write_bytes(path.read_bytes() + b"<!-- phy1 0000000004 000900 00000000 -->\n- half of")
+    open_journal(Side.RUNTIME).commit([Entry("t0", "claim")])
+
+    assert (agree()["seq"], agree()["tail"]) == (5, "clean")
+
+
+def test_damage_is_told_with_its_place(open_journal, agree):
+    journal = open_journal(segment_bytes=2000)
+    fill(journal, 5)
+    _, before, path, *_ = sorted(journal.folder.glob("*.md"))
+    whole = path.read_bytes()
+    in_hash = whole.index(b"prev_sha256: ") + 20  # either file may be the changed one
+    for place, segment in ((10, path), (in_hash, before), (300, path), (len(whole) - 3, path)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        found = agree()
+        assert (found["tail"], found["segment"]) == ("damaged", segment.stem)
+
+
+def test_a_frame_that_holds_no_record_is_damage_for_both(open_journal, agree):
+    journal = open_journal()
+    fill(journal, 1)
+    (path,) = journal.folder.glob("*.md")
+    whole = path.read_bytes()
+    line = b'"id":"x","ev":"cancel","by":"b","side":"agent","at":"now"'
+    payloads = (
+        b"",
+        b"\n",
+        b"- \n",
+        b"- []\n",
+        b'- {"id":1}\n',
+        b"{%b}\n" % line,
+        b"- {%b}" % line,
+        b"- {%b}\n\xff\n" % line,
+    )
+    for payload in payloads:
+        path.write_bytes(whole + frame_payload(4, payload))
+        assert (agree()["tail"], agree()["seq"]) == ("damaged", 3)
+    path.write_bytes(whole + frame_payload(4, b'- {%b,"unknown":[1]}\n' % line))
+    assert (agree()["tail"], agree()["seq"]) == ("clean", 4)
+
+
+def test_a_journal_copied_to_another_lane_is_not_believed(open_journal, agree, tmp_path):
+    journal = open_journal()
+    fill(journal, 1)
+    journal.folder.rename(tmp_path / "sessions" / "elsewhere")
+
+    assert (agree()["tail"], agree()["offset"]) == ("damaged", 0)
+
+
+def test_a_missing_segment_is_damage_at_the_end_of_the_one_before(open_journal, agree):
+    journal = open_journal(segment_bytes=1500)
+    fill(journal, 4)
+    first, second, *_ = sorted(journal.folder.glob("*.md"))
+    second.unlink()
+
+    assert (agree()["segment"], agree()["offset"]) == (first.stem, first.stat().st_size)
+    first.unlink()
+    assert agree()["records"] == 0
+
+
+def test_the_second_reader_reads_many_workspaces_in_one_process(tmp_path, clock, read_with_node):
+    for name in ("a", "b"):
+        journal = Journal(tmp_path / name, side=Side.AGENT, by=name, clock=clock, durable=False)
+        journal.commit([make_submit("s")])
+        journal.close()
+
+    one, two = read_with_node(tmp_path / "a", tmp_path / "b")
+
+    assert (one["workspace"], one["seq"], two["seq"]) == (str(tmp_path / "a"), 1, 1)
+    assert one["sha256"] != two["sha256"]
+
+
+def test_the_second_reader_follows_records_as_they_come(open_journal, node, tmp_path):
+    journal = open_journal(segment_bytes=1500)
+    journal.commit([make_submit("s0")])
+    command = [node, str(SECOND_READER), str(tmp_path), "--follow", "--until", "9"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as reader:
+        told = [json.loads(reader.stdout.readline())]
+        for number in range(1, 9):
+            journal.commit([make_submit(f"s{number}")])
+        told += [json.loads(line) for line in reader.stdout]
+
+    assert [(record["seq"], record["id"], record["to"]) for record in told] == [
+        (number + 1, f"s{number}", "pending") for number in range(9)
+    ]
+    assert reader.returncode == 0
+
+
+def test_the_second_reader_stops_when_the_journal_is_repaired_under_it(open_journal, node, tmp_path, clock):
+    journal = open_journal()
+    fill(journal, 3)
+    (path,) = journal.folder.glob("*.md")
+    command = [node, str(SECOND_READER), str(tmp_path), "--follow"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as reader:
+        told = [json.loads(reader.stdout.readline())["seq"] for _ in range(9)]
+        path.write_bytes(path.read_bytes().replace(b"red cube", b"red cubE", 1))
+        repair_lane(journal.folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
+        told += [json.loads(line)["seq"] for line in reader.stdout]
+        said = reader.stderr.read()
+
+    assert told == list(range(1, 10))
+    assert reader.returncode == 1
+    assert f"segment {path.stem}, offset " in said
+
+
+def test_the_record_on_the_page_passes():
+    text = PAGE.read_text(encoding="utf-8")
+    record = text.split("<!-- example: record -->\n```text\n")[1].split("```")[0].encode()
+
+    found, end = read_record(record, 0)
+
+    assert (found.seq, found.id, found.epoch, end) == (7, "tidy-7.red", 1, len(record))
+
+
+TEXTS = st.text(max_size=20)
+BATCHES = st.lists(st.lists(TEXTS, min_size=1, max_size=3), min_size=1, max_size=8)
+CHANGES = st.sampled_from(["none", "cut", "flip", "insert", "delete", "append"])
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(batches=BATCHES, change=CHANGES, data=st.data())
+def test_both_readers_agree_on_any_history_and_any_change(tmp_path, agree, batches, change, data):
+    shutil.rmtree(tmp_path / "sessions", ignore_errors=True)
+    journal = Journal(
+        tmp_path, side=Side.AGENT, by="a", clock=ManualClock(1e6), durable=False, segment_bytes=2500, lane="lane"
+    )
+    for number, batch in enumerate(batches):
+        journal.commit([make_submit(f"{number}.{index}", objective=text) for index, text in enumerate(batch)])
+    journal.close()
+    path = data.draw(st.sampled_from(sorted(journal.folder.glob("*.md"))))
+    whole = path.read_bytes()
+    place = data.draw(st.integers(0, len(whole) - 1))
+    length = data.draw(st.integers(1, 400))
+    changed = {
+        "none": whole,
+        "cut": whole[:place],
+        "flip": whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :],
+        "insert": whole[:place] + data.draw(st.binary(min_size=1, max_size=60)) + whole[place:],
+        "delete": whole[:place] + whole[place + length :],
+        "append": whole + whole[place : place + length],
+    }[change]
+    path.write_bytes(changed)
+
+    found = agree()
+
+    total = sum(map(len, batches))
+    assert found["records"] == total if changed == whole else found["records"] <= total

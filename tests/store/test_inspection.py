@@ -1,0 +1,131 @@
+"""A check tells every problem of a journal with its place, and changes nothing."""
+
+import shutil
+
+import pytest
+
+from phyagentos.store.checkpoint import write_checkpoint
+from phyagentos.store.compaction import compact_lane
+from phyagentos.store.inspection import inspect_lane
+from phyagentos.store.records import Record, encode_record
+from phyagentos.store.segments import SystemIO, locate_archived
+from phyagentos.store.statistics import HashingFollower
+
+from .conftest import make_submit
+from .damage import checkpoint, fill, frames_of, mend, segments_of, spoil, start_of
+
+
+def test_every_damage_is_told_not_only_the_first(open_journal):
+    journal = open_journal(segment_bytes=1800)
+    fill(journal)
+    first, second, third, *_ = segments_of(journal)
+    places = [(path.stem, spoil(path, seq)) for path, seq in ((first, 2), (first, 5), (third, 16))]
+    second.write_bytes(second.read_bytes().replace(b"first_seq: ", b"first_seq  "))
+
+    findings = inspect_lane(journal.folder).findings
+
+    assert [(each.segment, each.offset) for each in findings if each.code == "RECORD_DAMAGED"] == places
+    assert (second.stem, 0) in [(each.segment, each.offset) for each in findings if each.code == "SEGMENT_MISLINKED"]
+    size = start_of(first, 3) - places[0][1]
+    message = f"{size} bytes are not as they were written; record 2 is lost"
+    assert str(findings[0]) == f"{first.stem}:{places[0][1]}: RECORD_DAMAGED: {message}"
+
+
+def test_a_missing_segment_is_told_by_the_numbers_that_are_gone(open_journal):
+    journal = open_journal(segment_bytes=2000)
+    fill(journal)
+    first, second, *_ = segments_of(journal)
+    gone = [record.seq for record in frames_of(journal.folder)[1] if b"%010d" % record.seq in second.read_bytes()]
+    second.unlink()
+
+    findings = inspect_lane(journal.folder).findings
+
+    assert [(each.code, each.segment) for each in findings][:1] == [("RECORDS_MISSING", first.stem)]
+    assert f"records {gone[0]} to {gone[-1]} are lost" in findings[0].message
+
+
+def test_a_segment_in_two_places_is_told(open_journal, clock):
+    journal = open_journal(segment_bytes=2000)
+    fill(journal)
+    name = compact_lane(journal.folder, by="o", clock=clock, file_io=SystemIO()).archived[0]
+    shutil.copy(locate_archived(journal.folder, name), journal.folder / f"{name}.md")
+
+    found = inspect_lane(journal.folder)
+
+    assert [(each.code, each.segment) for each in found.findings] == [("SEGMENT_TWICE", name)]
+    assert found.is_whole
+
+
+def test_a_torn_end_is_told_and_is_no_damage(open_journal):
+    journal = open_journal()
+    fill(journal, 3)
+    (path,) = segments_of(journal)
+    end = path.stat().st_size
+    path.write_bytes(path.read_bytes() + b"<!-- phy1 0000000006")
+
+    found = inspect_lane(journal.folder)
+
+    assert [(each.code, each.offset) for each in found.findings] == [("END_TORN", end)]
+    assert found.is_whole
+    assert mend(journal.folder).is_only_torn
+
+
+def append(journal, **facts):
+    (path,) = segments_of(journal)
+    record = Record(**({"by": "x", "side": "runtime", "at": "now"} | facts))
+    path.write_bytes(path.read_bytes() + encode_record(record))
+    return path.stat().st_size - len(encode_record(record))
+
+
+@pytest.mark.parametrize(
+    ("facts", "what"),
+    [
+        (
+            {"id": "s0", "ev": "finish", "source": "pending", "to": "awaiting_verification", "epoch": 0},
+            "in state 'pend",
+        ),
+        ({"id": "s0", "ev": "claim", "source": "pending", "to": "running", "epoch": 1}, "the lifecycle gives"),
+        ({"id": "s0", "ev": "claim", "source": "pending", "to": "claimed", "epoch": 7}, "the lifecycle gives"),
+        ({"id": "t", "ev": "cancel", "source": "pending", "to": "cancelled", "epoch": 0}, "state 'unknown'"),
+        ({"id": "goal:g", "ev": "goal_verdict", "side": "agent"}, "nobody has submitted this goal"),
+        (
+            {"id": "s0", "ev": "claim", "source": "pending", "to": "claimed", "epoch": 1, "side": "me"},
+            "not a valid Side",
+        ),
+    ],
+)
+def test_a_record_that_could_not_have_been_admitted_is_told(open_journal, facts, what):
+    journal = open_journal()
+    journal.commit([make_submit("s0")])
+    offset = append(journal, seq=2, **facts)
+
+    (finding,) = inspect_lane(journal.folder).findings
+
+    assert (finding.code, finding.offset) == ("RECORD_ILLEGAL", offset)
+    assert what in finding.message
+
+
+@pytest.mark.parametrize("markdown", ["\n```yaml\na: [1\n```\n", "\n```yaml\nexecution: {ended: never}\n```\n"])
+def test_a_body_that_cannot_be_read_is_told(open_journal, markdown):
+    journal = open_journal()
+    journal.commit([make_submit("s0")])
+    offset = append(journal, seq=2, id="s0", ev="cancel", source="pending", to="cancelled", epoch=0, markdown=markdown)
+
+    (finding,) = inspect_lane(journal.folder).findings
+
+    assert (finding.code, finding.offset) == ("BODY_UNREADABLE", offset)
+
+
+def test_a_checkpoint_that_says_something_else_is_told(open_journal):
+    journal = open_journal()
+    fill(journal, 5)
+    ledger = checkpoint(journal.folder)
+    assert inspect_lane(journal.folder).findings == []
+
+    follower = HashingFollower(journal.folder)
+    follower.read_new()
+    ledger.apply(Record(seq=9, id="s4", ev="cancel", source="pending", to="cancelled", by="x", side="agent", at="now"))
+    write_checkpoint(journal.folder, ledger, follower.position, SystemIO(), durable=False)
+
+    (finding,) = inspect_lane(journal.folder).findings
+    assert (finding.code, finding.segment, finding.is_damage) == ("CHECKPOINT_WRONG", "checkpoint.md", True)

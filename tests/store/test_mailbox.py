@@ -1,0 +1,251 @@
+"""Stop requests as files: each arrives once, and what cannot be read is kept with the reason."""
+
+import errno
+import os
+import re
+import threading
+from pathlib import Path
+
+import pytest
+
+from phyagentos.clock import ManualClock
+from phyagentos.protocol.sessions import stop_signals as mailbox
+from phyagentos.protocol.sessions.stop_signals import DONE_KEPT, Signal, SignalReader, drop_signal, take_signals
+
+
+def make_old(path):
+    os.utime(path, (1, 1))
+
+
+def test_a_signal_arrives_once_and_is_kept(tmp_path, clock):
+    path = drop_signal(tmp_path, Signal(kind="cancel", session="g.red", by="ann", reason="supper"), clock)
+
+    assert take_signals(tmp_path) == [
+        Signal(kind="cancel", session="g.red", by="ann", reason="supper", at=clock.wall_iso())
+    ]
+    assert take_signals(tmp_path) == []
+    assert not path.exists()
+    assert (tmp_path / "done" / path.name).exists()
+
+
+def test_signals_come_in_the_order_they_were_dropped(tmp_path, clock):
+    for reason in "abc":
+        drop_signal(tmp_path / "new", Signal(kind="cancel", reason=reason), clock)  # the same instant
+    clock.advance(1)
+    drop_signal(tmp_path, Signal(kind="estop", reason="d"), clock)
+
+    assert [signal.reason for signal in take_signals(tmp_path / "new")] == ["a", "b", "c", "d"]
+    assert len(list((tmp_path / "done").iterdir())) == 4
+
+
+@pytest.mark.parametrize("text", ["kind: cancel\nsession: g.red\n", '{"kind": "cancel", "session": "g.red"}'])
+def test_any_tool_can_drop_one(tmp_path, text):
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "by-hand").write_text(text)
+
+    assert take_signals(tmp_path) == [Signal(kind="cancel", session="g.red")]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("kind: cancle\n", r"Invalid enum value 'cancle'.*Did you mean 'cancel'"),
+        ("kind: [", "while parsing a flow"),
+        ("", "Expected `object`"),
+        ("kind: cancel\nsesion: x\n", "unknown field `sesion`"),
+        ("\x00\x01", "Expected `object`"),
+    ],
+)
+def test_what_cannot_be_read_is_put_aside_with_the_reason(tmp_path, text, reason):
+    (tmp_path / "new").mkdir()
+    path = tmp_path / "new" / "by-hand.yaml"
+    path.write_text(text)
+    assert take_signals(tmp_path) == []
+    assert path.exists(), "somebody may still be writing it"
+
+    make_old(path)
+    assert take_signals(tmp_path) == []
+
+    assert (tmp_path / "rejected" / "by-hand.yaml").read_text() == text
+    told = (tmp_path / "rejected" / "by-hand.yaml.reason.txt").read_text()
+    assert re.search(f"by-hand.yaml: .*{reason}", told, re.DOTALL)
+    assert "cancel, pause, resume, estop" in told
+    assert list((tmp_path / "new").iterdir()) == []
+
+
+def test_a_file_that_is_finished_late_is_taken(tmp_path):
+    (tmp_path / "new").mkdir()
+    path = tmp_path / "new" / "slow"
+    path.touch()
+    assert take_signals(tmp_path) == []
+    path.write_text("kind: estop\n")
+
+    assert take_signals(tmp_path) == [Signal(kind="estop")]
+
+
+def test_the_same_name_twice_loses_neither(tmp_path):
+    (tmp_path / "new").mkdir()
+    for text in ("kind: pause", "kind: resume"):
+        (tmp_path / "new" / "stop").write_text(text)
+        take_signals(tmp_path)
+
+    assert (tmp_path / "done" / "stop").read_text() == "kind: pause"
+    assert (tmp_path / "done" / "stop.1").read_text() == "kind: resume"
+
+
+def test_a_folder_in_the_wrong_place_stops_nobody(tmp_path, clock):
+    (tmp_path / "new" / "oops").mkdir(parents=True)
+    os.mkfifo(tmp_path / "new" / "pipe")
+    (tmp_path / "new" / "loop").symlink_to("loop")
+    drop_signal(tmp_path, Signal(kind="cancel"), clock)
+
+    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["cancel"]
+
+    assert [signal.kind for signal in take_signals(tmp_path)] == ["cancel"]
+
+
+def test_no_folder_means_no_signals(tmp_path):
+    assert take_signals(tmp_path / "missing") == []
+
+
+def test_two_takers_never_get_the_same_one(tmp_path):
+    clock = ManualClock()
+    for number in range(100):
+        drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
+        clock.advance(0.001)
+    taken = [[], []]
+    threads = [threading.Thread(target=lambda i=i: taken[i].extend(take_signals(tmp_path))) for i in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert sorted(int(signal.reason) for each in taken for signal in each) == list(range(100))
+
+
+def test_every_reader_gets_every_signal_once_whoever_is_faster(tmp_path, clock):
+    early, late = SignalReader(tmp_path), SignalReader(tmp_path / "new")
+    taken, heard = [], []
+    for number in range(20):
+        drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
+        if number % 3 == 0:
+            taken += take_signals(tmp_path)
+        if number % 2 == 0:
+            heard += early.read_new()
+        clock.advance(1)
+    taken += take_signals(tmp_path)
+    expected = [str(number) for number in range(20)]
+
+    assert [signal.reason for signal in taken] == expected
+    assert [signal.reason for signal in late.read_new()] == expected
+    assert [signal.reason for signal in [*heard, *early.read_new()]] == expected
+    assert late.read_new() == early.read_new() == []
+
+
+def test_a_reader_moves_nothing(tmp_path, clock):
+    path = drop_signal(tmp_path, Signal(kind="estop"), clock)
+    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["estop"]
+
+    assert path.exists()
+    assert [signal.kind for signal in take_signals(tmp_path)] == ["estop"]
+
+
+def test_what_was_taken_before_a_reader_began_is_old_and_what_waits_is_not(tmp_path, clock):
+    drop_signal(tmp_path, Signal(kind="cancel"), clock)
+    take_signals(tmp_path)
+    clock.advance(1)
+    drop_signal(tmp_path, Signal(kind="estop"), clock)
+
+    assert [signal.kind for signal in SignalReader(tmp_path).read_new()] == ["estop"]
+
+
+def test_a_reader_waits_for_a_file_that_is_finished_late_and_survives_one_of_the_same_name(tmp_path):
+    reader = SignalReader(tmp_path)
+    (tmp_path / "new").mkdir()
+    path = tmp_path / "new" / "stop"
+    path.touch()
+    assert reader.read_new() == []
+    for kind in ("pause", "resume"):
+        path.write_text(f"kind: {kind}\n")
+        assert [signal.kind for signal in reader.read_new()] == [kind]
+        take_signals(tmp_path)
+        assert reader.read_new() == []
+
+    assert {each.name for each in (tmp_path / "done").iterdir()} == {"stop", "stop.1"}
+
+
+def test_readers_and_the_taker_at_the_same_time_lose_nothing(tmp_path):
+    clock, readers, heard = ManualClock(), [SignalReader(tmp_path) for _ in range(2)], [[], [], []]
+    is_over = threading.Event()
+
+    def listen(read, heard):
+        while not is_over.wait(0.002):
+            heard.extend(read())
+        heard.extend(read())
+
+    reads = [reader.read_new for reader in readers] + [lambda: take_signals(tmp_path)]
+    threads = [threading.Thread(target=listen, args=each) for each in zip(reads, heard, strict=True)]
+    for thread in threads:
+        thread.start()
+    for number in range(50):
+        drop_signal(tmp_path, Signal(kind="cancel", reason=str(number)), clock)
+    is_over.set()
+    for thread in threads:
+        thread.join()
+
+    for each in heard:
+        assert sorted(int(signal.reason) for signal in each) == list(range(50))
+
+
+def lay(folder, count, mtime_s):
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(count):
+        path = folder / f"{mtime_s}-{number}.json"
+        path.write_bytes(b'{"kind":"cancel"}')
+        os.utime(path, (mtime_s, mtime_s))
+
+
+def test_a_reader_looks_through_a_bounded_folder_however_many_requests_there_were(tmp_path, clock, monkeypatch):
+    lay(tmp_path / "done", 10_000, 1_000)
+    reader = SignalReader(tmp_path)
+    drop_signal(tmp_path, Signal(kind="cancel", session="last"), clock)
+    take_signals(tmp_path)
+    looked_at, scan = [], os.scandir
+    monkeypatch.setattr(os, "scandir", lambda folder: looked_at.extend(entries := list(scan(folder))) or iter(entries))
+
+    assert [signal.session for signal in reader.read_new()] == ["last"]
+    assert len(looked_at) <= DONE_KEPT
+    monkeypatch.undo()
+    assert sum(1 for _ in (tmp_path / "archive").iterdir()) == 10_001 - DONE_KEPT
+
+
+def test_what_a_slow_reader_may_not_have_seen_is_not_archived(tmp_path, clock, monkeypatch):
+    monkeypatch.setattr(mailbox, "DONE_KEPT", 3)
+    reader = SignalReader(tmp_path)
+    for number in range(9):
+        drop_signal(tmp_path, Signal(kind="cancel", session=str(number)), clock)
+    take_signals(tmp_path)
+
+    assert len(reader.read_new()) == 9
+
+
+def fill_disk(monkeypatch):
+    def refuse(path, *_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "touch", refuse)
+    monkeypatch.setattr(Path, "write_text", refuse)
+
+
+def test_on_a_full_disk_a_stop_is_told_at_once_and_everything_else_waits(tmp_path, clock, monkeypatch):
+    drop_signal(tmp_path, Signal(kind="estop"), clock)
+    drop_signal(tmp_path, Signal(kind="cancel"), clock)
+    (tmp_path / "new" / "garbage").write_text("garbage")
+    make_old(tmp_path / "new" / "garbage")
+    with monkeypatch.context() as full:
+        fill_disk(full)
+        assert [signal.kind for signal in take_signals(tmp_path)] == ["estop"]
+        assert len(list((tmp_path / "new").iterdir())) == 3
+
+    assert [signal.kind for signal in take_signals(tmp_path)] == ["estop", "cancel"]
+    assert not list((tmp_path / "new").iterdir())

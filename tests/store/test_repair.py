@@ -1,0 +1,339 @@
+"""Repair keeps what can be proved intact, says what is lost, and both readers go on behind it."""
+
+import hashlib
+import shutil
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from phyagentos.clock import ManualClock
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.store.compaction import compact_lane
+from phyagentos.store.history import Histories
+from phyagentos.store.inspection import inspect_lane
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import frame_payload, read_record
+from phyagentos.store.salvage import list_segment_files
+from phyagentos.store.segments import SystemIO
+from phyagentos.store.statistics import HashingFollower
+from phyagentos.store.views.log import describe_record
+
+from .conftest import make_submit
+from .damage import checkpoint, fill, frames_of, mend, segment_of, segments_of, spoil, start_of
+
+
+@pytest.fixture
+def agree(tmp_path, read_with_node):
+    def compare(folder):
+        follower = HashingFollower(folder)
+        follower.read_new()
+        follower.close()
+        (told,) = read_with_node(tmp_path)
+        assert (told["seq"], told["sha256"], told["tail"]) == (
+            follower.seq,
+            follower.records_sha256,
+            str(follower.tail),
+        )
+        return follower.seq
+
+    return compare
+
+
+def test_a_whole_journal_has_no_finding_and_needs_no_repair(open_journal):
+    journal = open_journal(segment_bytes=2000)
+    fill(journal)
+    before = {path: path.read_bytes() for path in segments_of(journal)}
+
+    found = inspect_lane(journal.folder)
+    repair = mend(journal.folder)
+
+    assert (found.findings, found.records, found.last_seq) == ([], 23, 23)
+    assert (found.segments, repair.is_needed) == (len(before), False)
+    assert {path: path.read_bytes() for path in segments_of(journal)} == before
+
+
+def test_without_accepted_loss_nothing_changes(open_journal):
+    journal = open_journal(segment_bytes=3000)
+    fill(journal)
+    spoil(segments_of(journal)[0], 2)
+    before = {path.name: path.read_bytes() for path in journal.folder.glob("[!.]*")}
+
+    repair = mend(journal.folder, accept_loss=False)
+
+    assert (repair.lost, repair.is_done, repair.sessions) == (1, False, ["s1"])
+    assert {path.name: path.read_bytes() for path in journal.folder.glob("[!.]*")} == before
+
+
+def test_several_damages_are_mended_and_everything_else_stands_unchanged(open_journal, agree):
+    journal = open_journal(segment_bytes=1800)
+    fill(journal)
+    original, _, _ = frames_of(journal.folder)
+    journal.close()
+    damaged = {}
+    for seq in (2, 5, 6, 16):
+        path = segment_of(journal, seq)
+        spoil(path, seq)
+        damaged[path] = path.read_bytes()
+
+    repair = mend(journal.folder)
+
+    frames, told, tail = frames_of(journal.folder)
+    lost = {record.seq for record in told if record.ev == "lost"}
+    assert (lost, tail) == ({2, 5, 6, 16}, "clean")
+    assert {seq: frame for seq, frame in frames.items() if seq in original and seq not in lost} == {
+        seq: frame for seq, frame in original.items() if seq not in lost
+    }
+    assert agree(journal.folder) == len(original) + 1
+    assert inspect_lane(journal.folder).findings == []
+    assert {path.name for path in repair.aside} >= {f"{path.name}.damaged" for path in damaged}
+    for path, data in damaged.items():
+        assert path.with_name(f"{path.name}.damaged").read_bytes() == data
+    body = told[-1].body
+    assert (told[-1].ev, body["lost"]) == ("repair", 4)
+    assert [(cut["first_lost"], cut["last_lost"], cut["cut_sha256"]) for cut in body["cuts"]] == [
+        (cut.gap.first_seq, cut.gap.first_seq + cut.gap.lost - 1, cut.gap.sha256) for cut in repair.cuts
+    ]
+    assert {each["segment"] for each in body["files"]} == {each.segment for each in repair.changed}
+    for each in body["files"]:
+        assert each["after"] == hashlib.sha256((journal.folder / f"{each['segment']}.md").read_bytes()).hexdigest()
+
+
+def test_the_log_tells_of_a_repair(open_journal):
+    journal = open_journal()
+    fill(journal)
+    spoil(segment_of(journal, 2), 2)
+    mend(journal.folder)
+    _, told, _ = frames_of(journal.folder)
+
+    lines = [describe_record(record, Ledger()) for record in told if record.id == "journal"]
+
+    assert [line.text for line in lines] == [
+        "a record is lost; its number stays empty",
+        "the journal was repaired: 1 records are lost",
+    ]
+
+
+def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_journal, agree):
+    journal, asleep = open_journal(segment_bytes=3000), open_journal(segment_bytes=3000)
+    fill(journal)
+    spoil(segments_of(journal)[0], 2)
+
+    mend(journal.folder)
+
+    for running in (journal, asleep):
+        with pytest.raises(ExecutionError, match=r"JOURNAL_(DAMAGED|MOVED)"):
+            running.commit([make_submit("late")])
+    assert open_journal(segment_bytes=3000).commit([make_submit("next")])[0].seq == 25
+    assert agree(journal.folder) == 25
+
+
+def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_claim_goes_on(open_journal):
+    agent, runtime = open_journal(), open_journal(Side.RUNTIME)
+    agent.commit([make_submit("a")])
+    agent.commit([make_submit("b")])
+    for id in ("a", "b"):
+        runtime.commit([Entry(id, "claim")])
+        runtime.commit([Entry(id, "start", epoch=1)])
+    (path,) = segments_of(agent)
+    spoil(path, 1)
+    spoil(path, 5)
+
+    repair = mend(agent.folder)
+
+    ledger = Ledger()
+    for record in open_journal().read_new():
+        ledger.apply(record)
+    assert set(repair.sessions) == {"a", "b"}
+    assert {id: status.state for id, status in ledger.sessions.items()} == {"b": "running"}
+    assert inspect_lane(agent.folder).is_whole
+    assert open_journal(Side.RUNTIME).commit([Entry("b", "halt", epoch=1)])[0].to == "halting"
+
+
+def test_a_destroyed_end_never_gives_a_number_again(open_journal, agree):
+    journal = open_journal()
+    fill(journal, 4)
+    (path,) = segments_of(journal)
+    data = bytearray(path.read_bytes())
+    for seq in (5, 6, 7):
+        data[start_of(path, seq) + 60] ^= 1
+    path.write_bytes(data)
+
+    repair = mend(journal.folder)
+
+    assert (repair.lost, repair.cuts[0].gap.first_seq, repair.cuts[0].gap.is_exact) == (3, 5, False)
+    assert agree(journal.folder) == 8
+
+
+def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, agree):
+    journal = open_journal()
+    fill(journal, 5)
+    checkpoint(journal.folder)
+    (path,) = segments_of(journal)
+    path.write_bytes(path.read_bytes()[: start_of(path, 6)])
+
+    finding, unused = inspect_lane(journal.folder).findings
+    mend(journal.folder)
+
+    assert (finding.code, finding.message) == ("RECORDS_MISSING", "records 6 to 9 are lost, at least")
+    assert (unused.code, unused.is_damage) == ("CHECKPOINT_UNUSED", False)
+    assert agree(journal.folder) == 10
+    assert inspect_lane(journal.folder).findings == []
+
+
+def test_a_repair_forgets_the_checkpoint_and_the_index(open_journal, tmp_path):
+    journal = open_journal(segment_bytes=1800)
+    fill(journal)
+    checkpoint(journal.folder)
+    with Histories(journal.folder) as histories:
+        assert len(histories.find("s3")) == 2
+    spoil(segments_of(journal)[0], 2)
+
+    mend(journal.folder)
+
+    assert not (journal.folder / "checkpoint.md").exists()
+    assert list((tmp_path / ".cache").glob("*.sqlite*")) == []
+    with Histories(journal.folder) as histories:
+        assert [record.ev for record in histories.find("s3")] == ["submit", "cancel"]
+
+
+def test_text_that_was_pasted_in_costs_no_record(open_journal, agree):
+    journal = open_journal(segment_bytes=3000)
+    fill(journal)
+    original, _, _ = frames_of(journal.folder)
+    (path, *_, last) = segments_of(journal)
+    alien = frame_payload(7777, b'- {"id":"x","ev":"cancel","by":"b","side":"agent","at":"now"}\n')
+    for each, text, seq in ((path, b"a note of mine\n", 3), (last, alien, max(original))):
+        place = start_of(each, seq)
+        data = each.read_bytes()
+        each.write_bytes(data[:place] + text + data[place:])
+
+    repair = mend(journal.folder)
+
+    frames, _, _ = frames_of(journal.folder)
+    assert repair.lost == 0
+    assert {seq: frames[seq] for seq in original} == original
+    assert agree(journal.folder) == len(original) + 1
+
+
+def test_a_record_that_stands_twice_counts_once(open_journal, agree):
+    journal = open_journal(segment_bytes=3000)
+    fill(journal)
+    original, _, _ = frames_of(journal.folder)
+    path, *_, last = segments_of(journal)
+    for each, seq in ((path, 2), (last, max(original) - 1)):
+        data = each.read_bytes()
+        start = start_of(each, seq)
+        each.write_bytes(data[:start] + original[seq] + data[start:] + original[seq])
+
+    repair = mend(journal.folder)
+
+    frames, _, _ = frames_of(journal.folder)
+    assert repair.lost == 0
+    assert {seq: frames[seq] for seq in original} == original
+    assert agree(journal.folder) == len(original) + 1
+
+
+def test_missing_segments_are_filled_up(open_journal, agree):
+    journal = open_journal(segment_bytes=2000)
+    fill(journal)
+    total = max(frames_of(journal.folder)[0])
+    first, second, third, *_ = segments_of(journal)
+    for path in (first, third):
+        path.unlink()
+
+    mend(journal.folder)
+
+    assert agree(journal.folder) == total + 1
+    assert second.read_bytes().split(b"first_seq: ")[1].startswith(b"1\n")
+    assert inspect_lane(journal.folder).findings == []
+
+
+def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
+    class DyingIO(SystemIO):
+        def __init__(self, renames):
+            self.renames = renames
+
+        def replace(self, source, destination):
+            if self.renames == 0:
+                raise OSError("the power went out")
+            self.renames -= 1
+            super().replace(source, destination)
+
+    journal = open_journal(segment_bytes=2000)
+    fill(journal)
+    total = max(frames_of(journal.folder)[0])
+    journal.close()
+    path = segments_of(journal)[1]
+    seq = int(path.read_bytes().split(b"<!-- phy1 ")[2][:10])
+    spoil(path, seq)
+    needed = len(mend(journal.folder, accept_loss=False).changed)
+    backup = journal.folder.with_name("backup")
+    shutil.copytree(journal.folder, backup)
+
+    for renames in range(needed + 1):
+        shutil.rmtree(journal.folder)
+        shutil.copytree(backup, journal.folder)
+        with pytest.raises(OSError, match="the power went out"):
+            mend(journal.folder, file_io=DyingIO(renames))
+        assert inspect_lane(journal.folder).is_whole == (renames == needed)
+        mend(journal.folder)
+        frames, records, _ = frames_of(journal.folder)
+        assert [record.seq for record in records if record.ev == "lost"] == [seq]
+        assert max(frames) == total + (renames < needed)
+    shutil.rmtree(backup)
+    agree(journal.folder)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path, agree, data):
+    shutil.rmtree(tmp_path / "sessions", ignore_errors=True)
+    journal = Journal(tmp_path, side=Side.AGENT, by="a", clock=ManualClock(1e6), durable=False, segment_bytes=2500)
+    fill(journal, data.draw(st.integers(1, 10)))
+    journal.close()
+    original, _, _ = frames_of(journal.folder)
+    if data.draw(st.booleans()):
+        compact_lane(journal.folder, by="o", clock=ManualClock(1e6), file_io=SystemIO())
+        original, _, _ = frames_of(journal.folder)
+    paths = [path for _, path in list_segment_files(journal.folder)]
+    for _ in range(data.draw(st.integers(1, 3))):
+        path = data.draw(st.sampled_from(paths))
+        whole = path.read_bytes()
+        place = data.draw(st.integers(0, max(len(whole) - 1, 0)))
+        length = data.draw(st.integers(1, 900))
+        path.write_bytes(
+            data.draw(
+                st.sampled_from(
+                    [
+                        whole[:place],
+                        whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :] if whole else whole,
+                        whole[:place] + b"\0" * 17 + whole[place:],
+                        whole[:place] + whole[place + length :],
+                        whole + whole[place : place + length].replace(b"phy1", b"phy!"),
+                    ]
+                )
+            )
+        )
+    standing = {
+        seq
+        for seq, frame in original.items()
+        if any(frame in path.read_bytes() and read_record(frame, 0) for path in paths)
+    }
+    found = inspect_lane(journal.folder)
+
+    repair = mend(journal.folder)
+    if repair.is_only_torn:
+        Journal(tmp_path, side=Side.OPERATOR, by="o", clock=ManualClock(1e6), durable=False).close()
+
+    frames, records, tail = frames_of(journal.folder)
+    assert tail == "clean"
+    assert agree(journal.folder) == max(frames, default=0)
+    assert inspect_lane(journal.folder).is_whole
+    assert repair.is_needed == bool(found.findings)
+    kept = {seq for seq in original if frames.get(seq) == original[seq]}
+    torn = {record.seq for record in records if record.ev == "repair"}
+    assert kept >= {seq for seq in standing if seq < min(torn, default=10**9)}
+    assert {record.seq for record in records if record.ev == "lost"}.isdisjoint(standing)

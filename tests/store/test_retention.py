@@ -1,0 +1,308 @@
+"""Evidence is thinned by policy, never silently: manifests tell what is gone, and nothing that is needed goes."""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence_manifest import (
+    MANIFEST,
+    OBJECTS,
+    check_bundle,
+    iter_objects,
+    read_manifest,
+)
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
+from phyagentos.store import retention
+from phyagentos.store.compaction import compact_lane
+from phyagentos.store.journal import choose_lane
+from phyagentos.store.segments import SystemIO
+
+from .evidence_bundles import DAY_S, EVERYTHING, HEAVY, MODEL, SMALL, Store, names_in, read_all
+
+
+@pytest.fixture
+def store(tmp_path, submit):
+    made = Store(tmp_path / "w", submit)
+    yield made
+    made.close()
+
+
+def test_a_succeeded_session_is_thinned_and_its_manifest_says_so(store):
+    folder = store.run("g.a")
+    before = read_manifest(folder)
+    report = store.prune()
+    after = read_manifest(folder)
+
+    assert names_in(folder) == {*SMALL, evidence.SCENE_MODEL, evidence.SCENE_XML, MANIFEST}
+    [thinning] = after.thinned
+    assert thinning.files == {name: before.files[name] for name in HEAVY}
+    assert (thinning.at, thinning.rule) == (store.clock.wall_iso(), "keep_last 0, keep_days 0")
+    assert thinning.policy == EVERYTHING.model_dump(mode="json")
+    assert after.outcome.attempts[0].criteria[0].measured == {"margin_m": 0.05}
+    assert [(each.session, set(each.files)) for each in report.thinned] == [("g.a", HEAVY)]
+    assert store.check() == []
+
+
+def test_failed_and_replanned_sessions_stay_whole(store):
+    folders = [store.run("g.a", Verdict.FAILURE), store.run("g.b", Verdict.REPLAN)]
+    before = [names_in(folder) for folder in folders]
+    report = store.prune(EvidenceRetention(keep_last=0, keep_days=0, max_bytes=1))
+
+    assert [names_in(folder) for folder in folders] == before
+    assert (report.thinned, report.whole) == ((), 2)
+    assert report.bytes_over == report.bytes_after - 1
+
+
+def test_a_running_session_is_never_touched(store):
+    folder = store.begin("g.a")
+    before = read_all(folder)
+    store.clock.advance(1000 * DAY_S)
+    store.prune(EvidenceRetention(keep_last=0, keep_days=0, max_bytes=1))
+
+    assert read_all(folder) == before
+
+
+def test_a_session_that_was_judged_this_very_moment_is_not_touched(store):
+    folder = store.begin("g.a")
+    store.end("g.a", seal=False)
+    before = read_all(folder)
+    store.clock.advance(retention.GRACE_S / 2)
+
+    assert store.prune().thinned == ()
+    assert read_all(folder) == before
+
+
+def test_sessions_of_a_goal_that_goes_on_are_not_touched(store):
+    store.write(Side.AGENT, "goal:tidy-7", "goal_submitted", graph="tidy", seed=7, objective="Tidy up.")
+    store.run("tidy-7.red")
+    assert store.prune().thinned == ()
+
+    store.write(Side.AGENT, "goal:tidy-7", "goal_verdict", verdict="success", criteria=[], reason="because")
+    assert len(store.prune().thinned) == 1
+
+
+def test_the_newest_and_the_youngest_stay_whole(store):
+    for name in "abcdef":  # one a day
+        store.run(f"g.{name}")
+
+    assert [
+        each.session for each in store.prune(EvidenceRetention(keep_last=4, keep_days=0), dry_run=True).thinned
+    ] == [
+        "g.a",
+        "g.b",
+    ]
+    by_age = store.prune(EvidenceRetention(keep_last=0, keep_days=4.5), dry_run=True)
+    assert [each.session for each in by_age.thinned] == ["g.a", "g.b"]
+    assert store.prune(EvidenceRetention(keep_last=6, keep_days=0)).thinned == ()
+
+
+def test_a_cap_takes_from_the_oldest_on_until_the_rest_fits_and_models_last(store):
+    for name in "abc":
+        store.run(f"g.{name}")
+    kept = EvidenceRetention(keep_last=100)
+    total = store.prune(kept).bytes_after
+    capped = EvidenceRetention(keep_last=100, max_bytes=total - 1)
+    report = store.prune(capped)
+
+    assert [each.session for each in report.thinned] == ["g.a"]
+    assert report.thinned[0].rule == f"max_bytes {total - 1}"
+    assert report.bytes_after < total
+    last = store.prune(EvidenceRetention(keep_last=100, max_bytes=1000))
+    assert {evidence.SCENE_MODEL} <= {name for each in last.thinned for name in each.files}
+    assert list(iter_objects(store.workspace.evidence)) == []
+    assert store.check() == []
+
+
+def test_a_large_file_that_another_bundle_needs_is_kept(store):
+    store.run("g.a")
+    failed = store.run("g.b", Verdict.FAILURE)
+    shared = (failed / evidence.PICTURE_BEFORE).read_bytes()
+    store.prune(EvidenceRetention(keep_last=0, keep_days=0, drop=("pictures", "model")))
+
+    digest = hashlib.sha256(shared).hexdigest()
+    assert (store.workspace.evidence / OBJECTS / digest[:2] / f"{digest}.png").exists()
+    assert (failed / evidence.SCENE_MODEL).read_bytes() == MODEL
+    assert store.check() == []
+
+
+def test_what_is_reported_is_what_is_freed(store):
+    for name in "abc":
+        store.run(f"g.{name}")
+    foreseen = store.prune(dry_run=True)
+    untouched = read_all(store.workspace.evidence)
+    report = store.prune()
+
+    def count():
+        status = [path.stat() for path in store.workspace.evidence.rglob("*") if path.is_file()]
+        manifests = sum(path.stat().st_size for path in store.workspace.evidence.rglob(MANIFEST))
+        return sum({each.st_ino: each.st_size for each in status}.values()) - manifests
+
+    assert len(untouched) > len(read_all(store.workspace.evidence))
+    assert (foreseen.thinned, foreseen.bytes_after) == (report.thinned, report.bytes_after)
+    grown = {path: len(data) for path, data in untouched.items() if path.name == MANIFEST}
+    assert count() == report.bytes_after - sum(grown.values())
+
+
+def test_a_dry_run_writes_nothing(store):
+    store.run("g.a", seal=False)
+    before = read_all(store.workspace.evidence)
+    report = store.prune(dry_run=True)
+
+    assert report.sealed_late == ("g.a",)
+    assert read_all(store.workspace.evidence) == before
+
+
+def test_a_bundle_whose_worker_died_before_sealing_it_is_sealed_late_and_says_so(store):
+    folder = store.run("g.a", Verdict.FAILURE, seal=False)
+    report = store.prune()
+
+    assert report.sealed_late == ("g.a",)
+    assert read_manifest(folder).sealed_late
+    assert check_bundle(folder) == []
+
+
+def test_nothing_is_taken_out_of_a_damaged_bundle(store):
+    folder = store.run("g.a")
+    (folder / evidence.HOLDS).write_bytes(b"[1]")
+    before = read_all(folder)
+    torn = store.run("g.b")
+    (torn / MANIFEST).write_bytes(b"{")
+    report = store.prune()
+
+    assert set(report.damaged) == {"g.a", "g.b"}
+    assert read_all(folder) == before
+
+
+def test_a_bundle_that_no_session_belongs_to_is_left_alone(store):
+    stranger = store.workspace.evidence / "g.stranger"
+    stranger.mkdir()
+    (stranger / evidence.TRACE).write_bytes(b"x")
+    store.prune()
+
+    assert names_in(stranger) == {evidence.TRACE}
+
+
+def test_a_second_clean_up_does_nothing(store):
+    store.run("g.a")
+    store.prune()
+    before = read_all(store.workspace.evidence)
+
+    assert store.prune().thinned == ()
+    assert read_all(store.workspace.evidence) == before
+
+
+def test_two_clean_ups_at_once_are_refused(store):
+    with FileLock(store.workspace.evidence / ".retention.lock"), pytest.raises(ExecutionError, match="EVIDENCE_BUSY"):
+        store.prune()
+
+
+class Fault:
+    """Lets the n-th call of several functions of `os` fail; everything after it too, as in a process that died."""
+
+    def __init__(self, monkeypatch, at: int) -> None:
+        self.calls, self.at = 0, at
+        for name in ("unlink", "replace", "fsync", "link"):
+            monkeypatch.setattr(os, name, self.guard(getattr(os, name)))
+
+    def guard(self, real):
+        def call(*arguments, **options):
+            self.calls += 1
+            if self.calls >= self.at:
+                raise OSError(28, "No space left on device")
+            return real(*arguments, **options)
+
+        return call
+
+
+def find_code(call):
+    try:
+        call()
+    except ExecutionError as error:
+        return error.code
+    return ""
+
+
+def test_a_clean_up_that_dies_at_any_call_leaves_no_bundle_that_lacks_a_file_without_saying_so(tmp_path, submit):
+    at = 1
+    while True:
+        store = Store(tmp_path / f"w{at}", submit)
+        folders = [store.run("g.a"), store.run("g.b", seal=False), store.run("g.c", Verdict.FAILURE)]
+        contents = {path: hashlib.sha256(data).hexdigest() for path, data in read_all(store.workspace.evidence).items()}
+        with pytest.MonkeyPatch.context() as patch:
+            fault = Fault(patch, at)
+            died = find_code(store.prune)
+        for folder in folders:
+            manifest = read_manifest(folder)
+            known = {} if manifest is None else manifest.gone | manifest.files
+            for path in (path for path in contents if path.parent == folder and path.name != MANIFEST):
+                if not path.exists():
+                    assert known[path.name].sha256 == contents[path], f"{path} is gone and unnamed at call {at}"
+                    assert path.name in manifest.gone
+            assert [problem for problem in check_bundle(folder) if problem.code != "UNSEALED"] == []
+        store.prune()
+        assert store.check() == []
+        assert not list(store.workspace.evidence.rglob("*.tmp"))
+        assert not names_in(folders[0]) & HEAVY
+        store.close()
+        assert died in {"", "EVIDENCE_UNWRITABLE"}
+        if not died:
+            assert fault.calls < at
+            break
+        at += 1
+    assert at > 10
+
+
+def test_the_disk_has_the_new_manifest_before_anything_is_deleted(store, monkeypatch):
+    folder = store.run("g.a")
+    calls = []
+
+    def watch(name):
+        real = getattr(os, name)
+
+        def call(*arguments, **options):
+            where = arguments[0]
+            target = str(Path(f"/proc/self/fd/{where}").readlink() if isinstance(where, int) else where)
+            calls.append((name, target))
+            return real(*arguments, **options)
+
+        monkeypatch.setattr(os, name, call)
+
+    for name in ("fsync", "replace", "unlink"):
+        watch(name)
+    store.prune()
+    monkeypatch.undo()
+
+    in_bundle = [(name, Path(target)) for name, target in calls if str(folder) in target]
+    assert [name for name, _ in in_bundle] == ["fsync", "replace", "fsync", *["unlink"] * len(HEAVY)]
+    assert in_bundle[0][1] == in_bundle[1][1]  # the temporary manifest
+    assert in_bundle[2][1] == folder
+    assert {path.name for name, path in in_bundle if name == "unlink"} == HEAVY
+
+
+def test_a_manifest_can_be_read_by_any_json_reader(store):
+    folder = store.run("g.a")
+    store.prune()
+    plain = json.loads((folder / MANIFEST).read_text())
+
+    assert plain["phy"] == "evidence/1"
+    assert set(plain["thinned"][0]["files"]) == HEAVY
+    assert plain["outcome"]["attempts"][0]["verdict"] == "success"
+
+
+def test_sessions_whose_journal_is_archived_are_thinned_all_the_same(store):
+    folder = store.run("g.a")
+    store.close()
+    lane = store.workspace.sessions / choose_lane(store.workspace.sessions)
+    compact_lane(lane, by="test", clock=store.clock, file_io=SystemIO())
+    assert list((store.workspace.sessions / "archive").rglob("*.md"))
+
+    assert [each.session for each in store.prune().thinned] == ["g.a"]
+    assert not names_in(folder) & HEAVY
