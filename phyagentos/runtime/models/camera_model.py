@@ -1,6 +1,7 @@
 """The geometry of a camera in a compiled model: its lens, its window, and where it stands.
 
-Upstream: `protocol.settings.cameras`. Downstream: `ray_cast`, `rendering` and `simulated_camera`. Everything is in OpenCV's convention: z forward, x right, y down; pixel (u, v) has its centre at (u + 1/2, v + 1/2).
+Upstream: `protocol.settings.cameras`. Downstream: `ray_cast`, `rendering` and `simulated_camera`. Everything is in
+OpenCV's convention: z forward, x right, y down; pixel (u, v) has its centre at (u + 1/2, v + 1/2).
 """
 
 from dataclasses import dataclass, replace

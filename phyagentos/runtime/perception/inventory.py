@@ -1,7 +1,7 @@
 """What perception knows before it looks: the things of a scene file, their forms and colours, and the map.
 
-Upstream: `protocol.world.scenes`. Downstream: segmentation, fits, association. Fixed bodies without jitter are part of the
-map; of everything else the scene file gives the nominal form and colour, and the pose is measured.
+Upstream: `protocol.world.scenes`. Downstream: segmentation, fits, association. Fixed bodies without jitter are part
+of the map; of everything else the scene file gives the nominal form and colour, and the pose is measured.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Makes the simulated world misbehave, by physical means only: forces, friction, a seized joint. Never a state write.
 
 Upstream: `protocol.world.faults`. Downstream: `world` asks before every physics step; `cameras` ask how to corrupt a
-frame. What strikes, and when, follows from the seed and the simulated state alone. A strike carries everything needed to strike again at the same moment, so
-the evidence of a session is enough to repeat it.
+frame. What strikes, and when, follows from the seed and the simulated state alone. A strike carries everything needed
+to strike again at the same moment, so the evidence of a session is enough to repeat it.
 """
 
 import fnmatch
