@@ -1,0 +1,58 @@
+"""A workspace that an earlier version recorded still opens: its journal, documents, bundles and verdicts."""
+
+import json
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.clock import ManualClock
+from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
+
+ARCHIVE = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"
+GOAL = "tidy_table-7"
+CONTENT_SHA256 = "94c6778454830a45393df91ae799d46a116781548ceaf9b5859fb9a39d3320fa"
+
+
+@pytest.fixture
+def stored(tmp_path):
+    with tarfile.open(ARCHIVE) as archive:
+        archive.extractall(tmp_path, filter="data")
+    return tmp_path / "tidy_table"
+
+
+def test_its_journal_is_whole_and_hashes_as_it_did(stored, paos):
+    assert paos("store", "check", stored).code == ExitCode.GOAL_MET
+    assert json.loads(paos("store", "stats", stored, "--json").out)["sha256"] == CONTENT_SHA256
+
+
+def test_its_sessions_stand_as_they_ended(stored):
+    ledger = Journal(Workspace.open(stored).root, side=Side.OPERATOR, by="test", clock=ManualClock()).open_ledger()
+    states = {id: status.state for id, status in ledger.sessions.items()}
+    assert states == {
+        f"{GOAL}.red": SessionState.REPLANNED,
+        f"{GOAL}.red.r1": SessionState.SUCCEEDED,
+        f"{GOAL}.green": SessionState.SUCCEEDED,
+        f"{GOAL}.blue": SessionState.SUCCEEDED,
+    }
+    assert ledger.goals[GOAL].verdict == "success"
+
+
+def test_why_tells_cause_and_child(stored, paos):
+    told = paos("why", "red", "-w", stored).out
+    assert "GRASP_LOST" in told
+    assert f"{GOAL}.red.r1" in told
+    assert "avoid_grasps [yaw+000], speed 0.5" in told
+
+
+def test_its_evidence_is_judged_again_as_it_was(stored, paos):
+    judged = paos("verify", f"{GOAL}.red.r1", "-w", stored, "--json")
+    assert judged.code == ExitCode.GOAL_MET
+    assert json.loads(judged.out)["verdict"] == "success"
+
+
+def test_its_documents_lint(stored, paos):
+    assert paos("lint", stored).code == ExitCode.GOAL_MET
