@@ -106,9 +106,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.supervision.workers import end_with_parent
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.server import Loopback
-    from phyagentos.runtime.worker.blanks import Blanks
     from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
-    from phyagentos.runtime.worker.recorder import WRITTEN
     from phyagentos.runtime.worker.refusal import serve_refusals
     from phyagentos.runtime.worker.runner import SessionRunner
     from phyagentos.runtime.worker.worker import WorkerLoop
@@ -135,7 +133,6 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
     handle = open_handle(connection, settings.limits, workspace, profile_path)
     perception = open_perception(workspace, target, profile, handle, settings)
-    blanks = Blanks(workspace.cache / f"blanks-{target}", WRITTEN)
     runner = SessionRunner(
         handle=handle,
         planner=planner,
@@ -148,7 +145,6 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         clock=clock,
         settings=(workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract),
         pictures=pictures,
-        blanks=blanks,
         sampling_hz=settings.contract.sampling_hz,
         policies=Policies(
             skills=skills,
@@ -181,12 +177,10 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         heartbeat=HeartbeatWriter(workspace.heartbeats, target, clock),
         workspace=workspace,
         clock=clock,
-        blanks=blanks,
         gate=gate,
     ).run()
     gate.close()
     planner.close()
-    blanks.close()
 
 
 def open_perception(

@@ -25,7 +25,7 @@ from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.session import Ended, GoalId, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions.session import Ended, GoalId, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
@@ -134,19 +134,6 @@ class GoalController:
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""
         return (self.ledger.sessions[id] for id in self.agenda.iter_live())
-
-    def expect(self, id: SessionId) -> Session | None:
-        """What will probably be submitted once this session has succeeded; None when that cannot be told yet.
-
-        Memory is asked only when it is submitted: what it then changes was not expected.
-        """
-        contract = self.ledger.sessions[id].contract
-        for name in self._find_freed_by(contract.node, {contract.node: {}}) if not contract.purpose else ():
-            needs = {edge.node for edge in self.graph.nodes[name].data}
-            if contract.node not in needs and not self.facts.get_ids(name):
-                session = self._compile_plain(name, {}, None)
-                return session if isinstance(session, Session) else None
-        return None
 
     # -- sessions ------------------------------------------------------------------------------------------------------
 
@@ -336,13 +323,6 @@ class GoalController:
 
     def _compile(self, name: str, fresh: Mapping[str, Mapping[str, Any]], revision: Revision | None) -> Session | str:
         """The next session of a node, or why it cannot be compiled."""
-        session = self._compile_plain(name, fresh, revision)
-        if isinstance(session, Session):
-            session = apply_advice(session, self.advisor.advise(session, self.evidence.all.now))
-        return session
-
-    def _compile_plain(self, name: str, fresh: Mapping[str, Any], revision: Revision | None) -> Session | str:
-        """As `_compile`, without what memory advises."""
         sources = {edge.node for edge in self.graph.nodes[name].data}
         outputs = {
             source: fresh[source] if source in fresh else self.facts.find_outputs(source)
@@ -351,9 +331,10 @@ class GoalController:
         }
         attempt = len(self.facts.get_ids(name))
         try:
-            return self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
+            session = self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
         except DefinitionError as error:
             return str(error)
+        return apply_advice(session, self.advisor.advise(session, self.evidence.all.now))
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""

@@ -30,8 +30,7 @@ from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_n
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, find_cancel
-from phyagentos.protocol.sessions.outlook import Outlook
-from phyagentos.protocol.sessions.session import GoalId, SessionId, check_goal_id
+from phyagentos.protocol.sessions.session import GoalId, check_goal_id
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import Entry, Fenced, GoalEvent, IllegalEvent
@@ -102,7 +101,6 @@ class Mission:
         self._publishes_task, self._tell = publishes_task, tell
         self._is_runtime_alive = is_runtime_alive
         self._cancelled = threading.Event()
-        self._outlook, self._foreseen = Outlook(workspace.cache), SessionId("")
         self._next_publish_s = 0.0
         self._published_seq = -1
         self._is_durable = True  # what was recorded last, as far as this process knows
@@ -227,7 +225,6 @@ class Mission:
                     watch.drain()  # before the look: what comes after it wakes the wait
                     continue
                 self._publish()
-                self._expect(run)
                 if not self._wait(watch) and not self._is_runtime_alive(run.status):
                     self._give_up(run)
                 if run.agenda.count_waiting() >= GATHER_FROM:
@@ -240,14 +237,6 @@ class Mission:
         """Take in what is new; whether the goal is still to be pursued."""
         self._read(run)
         return not self._is_over(run)
-
-    def _expect(self, run: GoalController) -> None:
-        """While only one session lives, let the runtime know what will probably come after it."""
-        live = tuple(run.agenda.iter_live())
-        if len(live) == 1 and live[0] != self._foreseen:
-            self._foreseen = live[0]
-            if (session := run.expect(live[0])) is not None:
-                self._outlook.expect(session)
 
     def _wait(self, watch: Watch) -> bool:
         """Until something changes; whether anything did. Who has time for that waits for the disk, too."""

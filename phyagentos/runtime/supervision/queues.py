@@ -128,11 +128,6 @@ class Queues:
             self._remove(turn.session)
         return turns
 
-    def guess_next(self, target: str) -> Session | None:
-        """Whose turn it will be on a target that is busy, as far as can be told now; it stays in the queue."""
-        session = self._find_head(target)
-        return None if session is None or session.resources else session
-
     def hold(self, target: str, resources: Collection[str]) -> None:
         """A target may be using these, whoever granted them."""
         self._holders.update(dict.fromkeys(resources, target))

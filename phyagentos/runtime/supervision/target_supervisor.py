@@ -8,7 +8,6 @@ from enum import StrEnum
 
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import INTERRUPTED, Ended, Execution, Session, SessionId
-from phyagentos.runtime.supervision.ahead import Ahead
 from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.runtime.worker.orders import Reconcile
@@ -78,8 +77,6 @@ class TargetSupervisor:
         renew_at_s: When the lease of its session is due to be renewed, by the watchdog's clock [s].
         lost_targets: Orders in a row during which the target was lost.
         stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
-        ahead: The check that was asked for beside the running session, as long as its answer was not acted on.
-        unwanted: Answers to such checks that are still to come, and that nobody wants any more.
         unsure: The session whose verdict the target waits for (its last look left something undecided, or it was
             interrupted), and when it ended, by the watchdog's clock.
     """
@@ -97,8 +94,6 @@ class TargetSupervisor:
     renew_at_s: float = 0.0
     lost_targets: int = 0
     lost: Lost | None = None
-    ahead: Ahead | None = None
-    unwanted: int = 0
     unsure: tuple[SessionId, float] | None = None
 
     def note_end(self, session: Session, execution: Execution, now_s: float) -> None:

@@ -18,20 +18,19 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, IllegalTransition, SessionState
-from phyagentos.protocol.sessions.outlook import Outlook
 from phyagentos.protocol.sessions.session import Ended, Session, SessionId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.event_poller import EventPoller
-from phyagentos.runtime.supervision.following import check_ahead, find_following, order_check
 from phyagentos.runtime.supervision.leases import LEASE_S, Leases
 from phyagentos.runtime.supervision.limits import Due, Measure, find_due
 from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
 from phyagentos.runtime.supervision.operator_signals import OperatorSignals
 from phyagentos.runtime.supervision.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
+from phyagentos.runtime.supervision.resets import compute_may_reset
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry
 from phyagentos.runtime.supervision.target_supervisor import FAILURES, REST_S, Lost, Phase, TargetSupervisor
 from phyagentos.runtime.supervision.workers import Worker, explain_failure
-from phyagentos.runtime.worker.orders import Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
 from phyagentos.store.journal import Entry, Fenced, Journal, Record
 from phyagentos.store.watch import Watch
 
@@ -81,7 +80,6 @@ class Watchdog:
         self.ledger, self.follow = ledger, self._register.follow
         self._requests = OperatorSignals(workspace, self._register, clock)
         self._hire, self._clock, self._publish = hire, clock, publish
-        self._outlook = Outlook(workspace.cache)
         self._leases, self._rest_s = Leases(clock, lease_s), rest_s
         self._posts: dict[str, TargetSupervisor] = {}
         self._is_stopping, self._is_stale = False, True
@@ -168,14 +166,8 @@ class Watchdog:
         """Have a session checked under the epoch that its claim will have."""
         post.session, post.epoch = session, self._register.ledger.sessions[session.id].epoch + 1
         self._begin(post, Phase.CHECKING)
-        ahead, post.ahead = post.ahead, None
-        if ahead is None or not ahead.fits(session, post.epoch, self._clock.now_s()):
-            post.unwanted += ahead is not None and ahead.answer is None
-            order_check(post, session, post.epoch, self._register.ledger)
-        elif ahead.answer is not None:
-            self._hear(post, ahead.answer)
-        else:
-            post.ahead = ahead
+        may_reset = compute_may_reset(session, self._register.ledger)
+        post.worker.send(Check(session=session, epoch=post.epoch, may_reset=may_reset))
 
     def _get_post(self, target: str) -> TargetSupervisor | None:
         if target not in self._posts:
@@ -227,16 +219,10 @@ class Watchdog:
 
     def _on_checked(self, post: TargetSupervisor, answer: Checked) -> None:
         session = post.session
-        if post.unwanted:
-            post.unwanted -= 1
-            return
         if session is None or post.phase is not Phase.CHECKING or answer.session != session.id:
-            if post.ahead is not None:
-                post.ahead.take_in(answer, self._clock.now_s())
             return
         status, id, epoch = self._register.ledger.sessions.get(session.id), session.id, post.epoch
         state = self._register.get_state(id)
-        was_ahead, post.ahead = post.ahead is not None, None
         if status is None:
             self._free(post)
         elif state is SessionState.PENDING and status.epoch != epoch - 1:
@@ -248,8 +234,6 @@ class Watchdog:
             self._free(post)  # it was cancelled, or somebody else has it
         elif any(problem.code == TARGET_LOST for problem in answer.problems) and post.lost_targets < STARTS:
             self._put_back(post, session)
-        elif answer.plan is None and was_ahead:
-            order_check(post, session, epoch, self._register.ledger)  # it was asked too early to be refused for that
         elif answer.plan is None:
             reason = "; ".join(str(problem) for problem in answer.problems)
             refused = make_entry(id, "reject", epoch, reason=reason, problems=msgspec.to_builtins(answer.problems))
@@ -258,26 +242,23 @@ class Watchdog:
         else:
             self._launch(post, answer, epoch)
 
-    def _launch(self, post: TargetSupervisor, checked: Checked, epoch: int, *ended: Entry) -> None:
-        """Start a session that passed its check; the end of the one before it is recorded with it."""
+    def _launch(self, post: TargetSupervisor, checked: Checked, epoch: int) -> None:
+        """Start a session that passed its check."""
         id = SessionId(checked.session)
         start = (*self._register.open_claim(id, epoch), Entry(id, "start", checked.tell_grant(), epoch))
-        self._register.record(*ended, *start, durable=False)
+        self._register.record(*start, durable=False)
         post.session = self._register.ledger.sessions[id].contract  # limits may have been amended until the claim
-        post.epoch, post.lost_targets, post.ahead = epoch, 0, None
+        post.epoch, post.lost_targets = epoch, 0
         self._begin(post, Phase.RUNNING)
         post.worker.send(Prepare(session=post.session, epoch=epoch, evidence=f"evidence/{id}"))
         self._register.sync()  # nothing moves on what a power cut could take back
         until_s = self._leases.grant(post)
         post.worker.send(Run(session=post.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
-        check_ahead(post, self._queues, self._register.ledger, self._outlook)
 
     def _on_finished(self, post: TargetSupervisor, answer: Finished) -> None:
         session = post.session
         if session is None:
             return
-        if post.ahead is not None and answer.ahead is not None:
-            post.ahead.take_in(answer.ahead, self._clock.now_s())
         if answer.is_target_lost:
             post.worker.kill(with_world=True)  # before it is recorded: what it was asked last must not happen later
             post.lost_targets += 1
@@ -285,8 +266,7 @@ class Watchdog:
                 self._lose(post, answer.execution.message, Ended.TARGET_LOST)
                 return
         post.lost_targets = 0
-        now_s = self._clock.now_s()
-        post.note_end(session, answer.execution, now_s)
+        post.note_end(session, answer.execution, self._clock.now_s())
         execution = msgspec.to_builtins(answer.execution)
         state = self._register.get_state(session.id)
         if state is SessionState.CANCELLING:
@@ -294,14 +274,7 @@ class Watchdog:
         elif state is SessionState.OUTCOME_UNKNOWN:
             self._register.commit(session.id, "reconcile", post.epoch, execution=execution)
         elif state not in FINAL_STATES:
-            finish = Entry(session.id, "finish", {"execution": execution}, post.epoch)
-            may_go_on = not (answer.is_target_lost or self._is_stopping or self._requests.is_stopped())
-            following = find_following(post, self._queues, self._register, now_s) if may_go_on else None
-            if following is not None:
-                self._launch(post, *following, finish)
-                self._queues.release(post.target)
-                return
-            self._register.record(finish, durable=False)
+            self._register.record(Entry(session.id, "finish", {"execution": execution}, post.epoch), durable=False)
         self._free(post)
         if answer.is_target_lost:
             self._replace(post)
@@ -318,7 +291,6 @@ class Watchdog:
         self._replace(post)
 
     def _replace(self, post: TargetSupervisor) -> None:
-        post.ahead, post.unwanted = None, 0
         post.worker.restart()
         self._begin(post, Phase.STARTING)
 

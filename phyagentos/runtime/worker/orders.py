@@ -17,7 +17,6 @@ class Check(msgspec.Struct, frozen=True, tag=True):
         restore: File with the state vector to start from (a rerun), empty for an ordinary session.
         thorough: Try out the motions of every session, paths too (`paos preflight`).
         may_reset: Whether the episode that stands there may end for it (`ResetPolicy`).
-        is_expected: It is not submitted yet: the end of the session that runs is told first.
     """
 
     session: Session
@@ -25,7 +24,6 @@ class Check(msgspec.Struct, frozen=True, tag=True):
     restore: str = ""
     thorough: bool = False
     may_reset: bool = True
-    is_expected: bool = False
 
 
 class Run(msgspec.Struct, frozen=True, tag=True):
@@ -133,13 +131,11 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         is_target_lost: Nobody could look at the world; it must be replaced before anybody can.
-        ahead: Result of the check that was asked for meanwhile, made in the world that this session left.
     """
 
     session: str
     execution: Execution
     is_target_lost: bool = False
-    ahead: Checked | None = None
 
 
 ToWorker = Check | Prepare | Run | Renew | Stop | Pause | Resume | Reconcile

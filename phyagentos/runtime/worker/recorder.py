@@ -4,7 +4,6 @@ Upstream: the runner, which tells it what happens. Downstream: the verifier, whi
 samples only go to memory; files are written before the first command and after the last one.
 """
 
-import contextlib
 import os
 import platform
 import sys
@@ -27,21 +26,10 @@ from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.targets.wire import FaultStruck, Observation, Step
-from phyagentos.runtime.worker.blanks import Blanks
 
 RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
 )  # fmt: skip
-
-WRITTEN = (
-    evidence.CONTRACT, evidence.INITIAL, evidence.BEFORE, evidence.TERMINAL, evidence.AFTER, evidence.TRAJECTORY,
-    evidence.TRACE, evidence.EVENTS, evidence.EXECUTION,
-)  # fmt: skip
-"""Files that every session writes for itself."""
-
-_NONE = encode_json([])
-_FILL = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
-_REPLACE = _FILL | os.O_TRUNC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,44 +47,17 @@ class Contract:
     settings_sha256: Mapping[str, str]
 
 
-class Stationery:
-    """Files that are the same in many bundles: written once, then linked, since a new file costs fifty times a link."""
-
-    def __init__(self) -> None:
-        self._known: dict[tuple[str, bytes], str] = {}
-
-    def write(self, folder: str, name: str, data: bytes) -> None:
-        """Let the file of this name hold `data`."""
-        path = f"{folder}/{name}"
-        known = self._known.get((name, data))
-        if known is not None:
-            with contextlib.suppress(OSError):  # it was cleaned away, or has too many links
-                os.link(known, path)
-                return
-        Path(path).write_bytes(data)
-        os.chmod(path, 0o444)  # noqa: PTH101 - a change in place would change every bundle
-        self._known[name, data] = path
-
-
 class Recorder:
     """One bundle.
 
     Args:
         folder: `evidence/<session id>/`; made if it is missing.
-        stationery: Shared by the bundles of one process.
-        blanks: Folders that were made ahead.
     """
 
-    def __init__(self, folder: Path, stationery: Stationery | None = None, blanks: Blanks | None = None) -> None:
-        self.folder, self._path = folder, str(folder)
-        self._stationery = stationery or Stationery()
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self._rows: list[tuple[float, ...]] = []
         self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
-        self._blank: set[str] = set()  # files that were made ahead and hold nothing yet
-        made = blanks.take(folder) if blanks is not None else None
-        if made is not None:
-            self._blank.update(made)
-            return
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
@@ -111,7 +72,7 @@ class Recorder:
             "settings_sha256": contract.settings_sha256,
         }
         self._write(evidence.CONTRACT, render_yaml(document).encode())
-        self._stationery.write(self._path, evidence.FINGERPRINT, _encode_fingerprint())
+        self._write(evidence.FINGERPRINT, _encode_fingerprint())
 
     def link_model(self, source: Path) -> bool:
         """Share the scene model of an earlier session of the same episode; False when it cannot be shared."""
@@ -187,29 +148,15 @@ class Recorder:
         self._write(evidence.TRACE, encode_lines(list(trace)))
         self._write(evidence.EVENTS, encode_lines(list(events)))
         for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):
-            if values:
-                self._write(name, encode_json(list(values)))
-            else:
-                self._stationery.write(self._path, name, _NONE)
+            self._write(name, encode_json(list(values)))
 
     def write_execution(self, execution: Execution) -> None:
         """How it ended; the last file of a bundle."""
         self._write(evidence.EXECUTION, encode_json(execution))
-        for name in self._blank:  # the session was given up before there was anything to tell
-            (self.folder / name).unlink(missing_ok=True)
 
     def _write(self, name: str, data: bytes) -> None:
-        """Let a file of the bundle hold `data`; in plain calls, since every session writes ten."""
-        # what is truncated goes to the disk as soon as it is closed (ext4), which costs five times the writing
-        flags = _FILL if name in self._blank else _REPLACE
-        fd = os.open(f"{self._path}/{name}", flags, 0o644)
-        try:
-            written = os.write(fd, data)
-            while written < len(data):
-                written += os.write(fd, data[written:])
-        finally:
-            os.close(fd)
-        self._blank.discard(name)
+        """Let a file of the bundle hold `data`."""
+        (self.folder / name).write_bytes(data)
 
     def _write_state(self, name: str, observation: Observation) -> None:
         arrays = {

@@ -34,8 +34,7 @@ from phyagentos.runtime.perception.port import Perception
 from phyagentos.runtime.perception.world_model import WorldModel
 from phyagentos.runtime.policies.policy_skills import Policies
 from phyagentos.runtime.targets.wire import FaultStruck, Step
-from phyagentos.runtime.worker.blanks import Blanks
-from phyagentos.runtime.worker.recorder import Contract, Recorder, Stationery
+from phyagentos.runtime.worker.recorder import Contract, Recorder
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.process import Planner
@@ -106,7 +105,6 @@ class SessionRunner:
         clock: Bounds thinking.
         settings: Settings files in force; their hashes, as they are now, go into each bundle.
         pictures: Whether to take pictures before and after.
-        blanks: Evidence folders that were made ahead.
         policies: Opens skills that a policy server carries out.
         sampling_hz: How often conditions that must hold all through are sampled, in simulated time [Hz].
     """
@@ -125,7 +123,6 @@ class SessionRunner:
         clock: Clock,
         settings: Sequence[Path] = (),
         pictures: bool = False,
-        blanks: Blanks | None = None,
         policies: Policies | None = None,
         sampling_hz: float = 10.0,
     ) -> None:
@@ -141,7 +138,7 @@ class SessionRunner:
         self._clock = clock
         self._settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
         self._pictures = pictures
-        self._stationery, self._blanks, self._policies = Stationery(), blanks, policies
+        self._policies = policies
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
         self._opened: _Opened | None = None
 
@@ -150,7 +147,7 @@ class SessionRunner:
     ) -> None:
         """All of `run` that comes before the first command, which goes on from there; arguments as there."""
         began_s = self._clock.now_s()
-        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
+        recorder = Recorder(self._workspace / evidence)
         recorder.write_contract(
             Contract(session=session, epoch=epoch, plan=plan, settings_sha256=self._settings_sha256)
         )
@@ -214,7 +211,7 @@ class SessionRunner:
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
         """
-        recorder = Recorder(self._workspace / evidence, self._stationery, self._blanks)
+        recorder = Recorder(self._workspace / evidence)
         self._handle.begin(session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)

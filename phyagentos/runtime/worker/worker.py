@@ -28,7 +28,6 @@ from phyagentos.runtime.execution.loop import LEASE_LOST
 from phyagentos.runtime.lookahead.gate import LookaheadGate
 from phyagentos.runtime.perception.port import Perception
 from phyagentos.runtime.preflight.examination import Examiner
-from phyagentos.runtime.worker.blanks import Blanks
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
 from phyagentos.runtime.worker.orders import (
     Check,
@@ -79,7 +78,6 @@ class WorkerLoop:
         heartbeat: Says what is going on.
         workspace: Where ENVIRONMENT.md is published.
         clock: For the rate of publishing.
-        blanks: Made while nobody asks for anything.
         gate: Looks ahead where a session asks for it; None where nobody can.
     """
 
@@ -94,7 +92,6 @@ class WorkerLoop:
         heartbeat: HeartbeatWriter,
         workspace: Workspace,
         clock: Clock,
-        blanks: Blanks | None = None,
         gate: LookaheadGate | None = None,
     ) -> None:
         self._control, self._gate = control, gate
@@ -106,7 +103,6 @@ class WorkerLoop:
         self._workspace = workspace
         self._sealer = Sealer(workspace.evidence)
         self._clock = clock
-        self._blanks = blanks
         self._unsealed: deque[str] = deque()
         self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
         self._published_at_s = -PUBLISH_PERIOD_S
@@ -144,11 +140,8 @@ class WorkerLoop:
         """The next order; raises EOFError when the watchdog is gone."""
         if self._waiting:
             return self._waiting.popleft()
-        if not self._control.poll():
-            if self._blanks is not None:
-                self._blanks.fill(self._is_asked)
-            if not self._control.poll(REST_S):
-                self._tidy_up(self._is_asked)
+        if not self._control.poll(REST_S):
+            self._tidy_up(self._is_asked)
         return receive_order(self._control)
 
     def _tidy_up(self, is_asked: Callable[[], bool]) -> None:
@@ -217,25 +210,12 @@ class WorkerLoop:
             )
 
     def _finish(self, order: Run) -> Finished:
-        """Carry out a session; where the next one waits in the same world, check that too before anybody is woken."""
+        """Carry out a session."""
         self._lease_until_s = order.until_s
         done = self._execute(order)
         if self._gate is not None:
             self._gate.file_result(self._workspace.root / order.evidence)
-        finished = Finished(session=order.session.id, execution=done, is_target_lost=done.ended is Ended.TARGET_LOST)
-        if not self._waiting and self._is_asked():
-            self._waiting.append(receive_order(self._control))
-        following = self._waiting[0] if self._waiting else None
-        if finished.is_target_lost or not isinstance(following, Check) or following.restore or following.thorough:
-            return finished
-        if following.is_expected:  # whose turn is it depends on the verdict, which nobody shall wait for
-            return finished
-        if following.session.scene != order.session.scene:  # it has to be loaded and tried out, which may take long
-            return finished
-        if following.session.lookahead is not None:  # that takes seconds
-            return finished
-        self._waiting.popleft()
-        return msgspec.structs.replace(finished, ahead=self._check(following))
+        return Finished(session=order.session.id, execution=done, is_target_lost=done.ended is Ended.TARGET_LOST)
 
     def _execute(self, order: Run) -> Execution:
         checked, self._checked = self._checked, None

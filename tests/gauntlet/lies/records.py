@@ -28,7 +28,7 @@ SABOTAGES = (
                 "pass  # nothing moves",
             ),
         ),
-        tests=("tests/runtime/test_ahead.py::test_a_run_is_ordered_only_when_its_start_is_on_the_disk",),
+        tests=("tests/runtime/test_starts.py::test_a_run_is_ordered_only_when_its_start_is_on_the_disk",),
     ),
     Sabotage(
         name="crc_not_checked",

@@ -1,22 +1,17 @@
-"""The next session is checked while one runs, and nothing is commanded before its start is on the disk."""
+"""One session follows another, and nothing is commanded before its start is on the disk."""
 
-import threading
-
-import msgspec
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
-from phyagentos.runtime.supervision.ahead import FRESH_S, Ahead
 from phyagentos.runtime.supervision.watchdog import Watchdog
-from phyagentos.runtime.worker.orders import Check, Checked, Prepare, Run, send
+from phyagentos.runtime.worker.orders import Check, Prepare, Run
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.segments import SystemIO
 
-from .test_watchdog import PLAN, TOOLS, ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
+from .test_watchdog import ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
 
 
 def tell(worker) -> list[tuple[str, str]]:
@@ -41,7 +36,7 @@ def record_as_operator(stand, *entries: Entry) -> None:  # noqa: F811
     journal.close()
 
 
-def test_every_session_is_checked_once_though_it_is_asked_for_ahead(stand):  # noqa: F811
+def test_every_session_is_checked_once(stand):  # noqa: F811
     stand.submit(*(make_session(f"g.{name}") for name in "abc"))
     stand.watch(worker := ScriptedWorker())
 
@@ -62,61 +57,6 @@ def test_a_session_is_recorded_as_finished_before_the_next_one_starts(stand):  #
     assert told == [(f"g.{name}", ev) for name in "ab" for ev in ("claim", "start", "finish")]
 
 
-class WarmWorker(ScriptedWorker):
-    """Answers the check that comes beside a run together with the run, as a real worker does."""
-
-    def __init__(self, **answers) -> None:
-        super().__init__(**answers)
-        self._running: Run | None = None
-
-    def send(self, order) -> None:
-        if isinstance(order, Run) and order.session.id != "g.c":  # nothing comes after that one
-            self.orders.append(order)
-            self._running = order
-        elif isinstance(order, Check) and self._running is not None:
-            self.orders.append(order)
-            running, self._running = self._running, None
-            send(self._theirs, msgspec.structs.replace(self._on_run(running), ahead=self._on_check(order)))
-        else:
-            super().send(order)
-
-
-def test_the_end_of_a_session_and_the_start_of_the_one_checked_ahead_are_one_write(stand):  # noqa: F811
-    class Counting(SystemIO):
-        writes = 0
-
-        def write(self, fd, data):
-            Counting.writes += b'"ev":' in bytes(data)
-            return super().write(fd, data)
-
-    stand.submit(*(make_session(f"g.{name}") for name in "abc"))
-    stand.watchdog = watch_disk(stand, WarmWorker(), Counting())
-    stand.thread = threading.Thread(target=stand.watchdog.run, daemon=True)
-    stand.thread.start()
-
-    stand.wait_for("g.c", "awaiting_verification")
-
-    for name in "abc":
-        assert stand.events(f"g.{name}") == ["submit", "claim", "start", "finish"]
-    assert Counting.writes == 4  # each start but the first one stands behind the end of the one before
-
-
-def test_a_cancellation_just_before_the_end_is_recorded_leaves_that_end_standing(stand):  # noqa: F811
-    def cancel_then_finish(order: Run):
-        if order.session.id == "g.a":
-            record_as_operator(stand, Entry("g.b", "cancel", {"reason": "no more"}))
-        return finish(Ended.COMPLETED)(order)
-
-    stand.submit(*(make_session(f"g.{name}") for name in "abc"))
-    stand.watch(worker := WarmWorker(on_run=cancel_then_finish))
-
-    stand.wait_for("g.c", "awaiting_verification")
-
-    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
-    assert stand.events("g.b") == ["submit", "cancel"]
-    assert ("Run", "g.b") not in tell(worker)
-
-
 def test_a_more_urgent_session_that_comes_meanwhile_has_its_turn(stand):  # noqa: F811
     urgent = during("g.a", lambda: stand.submit(make_session("g.c", priority=5)))
     stand.submit(make_session("g.a"), make_session("g.b"))
@@ -127,7 +67,7 @@ def test_a_more_urgent_session_that_comes_meanwhile_has_its_turn(stand):  # noqa
     assert [id for kind, id in tell(worker) if kind == "Run"] == ["g.a", "g.c", "g.b"]
 
 
-def test_a_contract_that_was_amended_meanwhile_is_checked_again(stand):  # noqa: F811
+def test_a_contract_that_was_amended_while_it_waited_runs_as_amended(stand):  # noqa: F811
     def amend() -> None:
         record_as_operator(stand, Entry("g.b", "amend", {"limits": {"timeout_s": 7.0}}))
 
@@ -167,40 +107,6 @@ def test_a_stop_that_is_latched_meanwhile_leaves_the_next_session_waiting(stand)
 
     assert stand.poll("g.b") == "pending"
     assert ("Run", "g.b") not in tell(worker)
-
-
-def test_a_session_that_fails_the_check_ahead_is_rejected_when_its_turn_comes(stand):  # noqa: F811
-    problem = Problem(code="SKILL_UNKNOWN", address="g.b: skill", found="'s'")
-
-    def check(order: Check) -> Checked:
-        if order.session.id == "g.b":
-            return Checked(session="g.b", plan=None, tools=None, problems=(problem,))
-        return Checked(session=order.session.id, plan=PLAN, tools=TOOLS)
-
-    stand.submit(make_session("g.a"), make_session("g.b"))
-    stand.watch(ScriptedWorker(on_check=check))
-
-    stand.wait_for("g.b", "rejected")
-
-    order = [(record.id, record.ev) for record in stand.records]
-    assert order.index(("g.a", "finish")) < order.index(("g.b", "reject"))
-
-
-def test_what_a_lost_worker_was_asked_ahead_is_asked_again(stand):  # noqa: F811
-    left = [1]
-
-    def die_once(order: Run):
-        left[0] -= 1
-        return "die" if left[0] == 0 else finish(Ended.COMPLETED)(order)
-
-    stand.submit(make_session("g.a"), make_session("g.b"))
-    stand.watch(worker := ScriptedWorker(on_run=die_once))
-
-    stand.wait_for("g.b", "awaiting_verification")
-
-    assert worker.restarts == 1
-    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
-    assert tell(worker)[-2:] == [("Check", "g.b"), ("Run", "g.b")]
 
 
 class Course:
@@ -289,25 +195,3 @@ def stop_after(runs: int, stop):
         return finish(Ended.COMPLETED)(order)
 
     return run
-
-
-def test_a_guess_fits_only_the_very_contract_under_the_very_epoch():
-    session = make_session("g.a")
-    ahead = Ahead(session, 3)
-
-    assert ahead.fits(make_session("g.a"), 3, 0.0)
-    assert not ahead.fits(session, 4, 0.0)
-    assert not ahead.fits(msgspec.structs.replace(session, priority=1), 3, 0.0)
-    ahead.take_in(Checked(session="g.b", plan=PLAN, tools=TOOLS), 0.0)
-    assert ahead.answer is None
-
-
-def test_a_check_made_ahead_holds_for_a_moment_and_only_when_it_found_nothing():
-    session = make_session("g.a")
-    ahead, problem = Ahead(session, 1), Problem(code="X", address="a", found="b")
-
-    ahead.take_in(Checked(session="g.a", plan=PLAN, tools=TOOLS), 5.0)
-    assert ahead.fits(session, 1, 5.0 + FRESH_S)
-    assert not ahead.fits(session, 1, 5.1 + FRESH_S)
-    ahead.take_in(Checked(session="g.a", plan=None, tools=None, problems=(problem,)), 6.0)
-    assert not ahead.fits(session, 1, 6.0)
