@@ -36,7 +36,7 @@ def open_memory(
     Args:
         workspace: Where the records and the two documents lie.
         clock: For the time of records.
-        report: Told what could not be kept.
+        report: Called with what could not be kept.
         shared: Folder of a memory that outlives the workspace, instead of its own; made with the first record.
 
     Raises:

@@ -38,7 +38,7 @@ WORLD_START_S = 60.0  # a cold machine imports and compiles once
 
 
 def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
-    """The world process of one target: simulate until nobody supervises it.
+    """The world process of one target: simulate until its supervisor is gone.
 
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
@@ -240,7 +240,7 @@ def connect_to_world(socket: str, clock: Clock) -> Link:
     """The connection to a world process that may still be starting.
 
     Raises:
-        ExecutionError: `TARGET_LOST` when nobody listens within the start-up time.
+        ExecutionError: `TARGET_LOST` when the socket is not served within the start-up time.
     """
     deadline_s = clock.now_s() + WORLD_START_S
     while True:

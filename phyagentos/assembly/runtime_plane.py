@@ -75,7 +75,7 @@ def declare_world(workspace: Workspace, faults: Path | None, mode: WorldMode | N
     """Write down how worlds are started from now on, and end those that an earlier watchdog started otherwise.
 
     Args:
-        workspace: Supervised by nobody else.
+        workspace: Supervised by this process only.
         faults: Fault file; None leaves what stands there.
         mode: World mode; None leaves what stands there.
     """

@@ -89,7 +89,7 @@ def build_judge_registry() -> JudgeRegistry:
 def _open_vision(settings: JudgeSettings) -> VisionJudge:
     model = settings.verification.vision
     if model is None:
-        hint = "Write 'vision: {url: ..., model: ...}' below 'verification'; until then nobody is asked."
+        hint = "Write 'vision: {url: ..., model: ...}' below 'verification'; until then no model is asked."
         raise DefinitionError(
             Problem(
                 code="VISION_NOT_CONFIGURED",

@@ -1,4 +1,4 @@
-"""`paos edit`: SESSIONS.md in an editor, while nobody renders over it. `paos judge`: verdicts of sessions by hand."""
+"""`paos edit`: SESSIONS.md in an editor, without concurrent rendering. `paos judge`: verdicts of sessions by hand."""
 
 import os
 import shlex
@@ -77,7 +77,7 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
 
 
 def _edit_copy(desk: "EditIntake", history: "History", name: str, command: list[str]) -> "Merge":
-    """Let a person change a fresh rendering; nobody swaps the file meanwhile."""
+    """Let a person change a fresh rendering; the file is not replaced meanwhile."""
     with desk.file.hold(wait=False) as is_free:
         if not is_free:
             print_note(f"{name} is being edited or rendered elsewhere; waiting")

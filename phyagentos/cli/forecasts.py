@@ -1,4 +1,4 @@
-"""A look-ahead for people: what was foreseen of a session, when somebody asked for it.
+"""A look-ahead for people: the forecast of a session, where one was requested.
 
 Upstream: `lookahead.json` of the session's evidence. Downstream: `paos preflight`, which shows it and makes nothing of
 it: what was foreseen then says nothing against what would be granted now.

@@ -56,29 +56,29 @@ def show(
                 f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against"
             )
         hidden = len(entries) - len(shown)
-        told = f"; {hidden} more with --all" if hidden else ""
-        print_note(f"{len(shown)} entr{'y' if len(shown) == 1 else 'ies'} of {memory.version}{told}")
+        more = f"; {hidden} more with --all" if hidden else ""
+        print_note(f"{len(shown)} entr{'y' if len(shown) == 1 else 'ies'} of {memory.version}{more}")
 
 
 def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:
     """Where an entry comes from: failures, corrections and their verdicts, and what people said of it."""
     with _opened(workspace) as memory:
-        told = _find(memory, entry, workspace)
+        found = _find(memory, entry, workspace)
         episodes, edits = _trace(memory, entry)
         if as_json:
-            _print_json({"entry": told, "episodes": episodes, "edits": edits})
+            _print_json({"entry": found, "episodes": episodes, "edits": edits})
             return
-        lines = [f"{told.id}: {told.state}", f"  says        {told.statement}"]
-        lines += [f"  because     {told.reason}"] if told.reason else []
+        lines = [f"{found.id}: {found.state}", f"  says        {found.statement}"]
+        lines += [f"  because     {found.reason}"] if found.reason else []
         lines += [
-            f"  counts      {told.supported} for, {told.contradicted} against, at least {told.confidence:.0%} sure"
+            f"  counts      {found.supported} for, {found.contradicted} against, at least {found.confidence:.0%} sure"
         ]
-        lines += [f"  baseline    {baseline} without it"] if (baseline := getattr(told, "baseline", "")) else []
+        lines += [f"  baseline    {baseline} without it"] if (baseline := getattr(found, "baseline", "")) else []
         for each in episodes:
             lines += _tell(each)
         for edit in edits:
             said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))
-            lines.append(f"  said        {edit.by or 'somebody'}: {said or 'where it holds was changed'}")
+            lines.append(f"  said        {edit.by or 'unknown'}: {said or 'where it holds was changed'}")
         print_result("\n".join(lines))
 
 

@@ -95,7 +95,7 @@ class Interrupts:
 def mute_if_gone(descriptor: int) -> None:
     """Let what is written to a terminal that has hung up go nowhere, instead of failing."""
     poll = select.poll()
-    poll.register(descriptor, 0)  # a hang-up is told unasked
+    poll.register(descriptor, 0)  # POLLHUP is always reported
     if poll.poll(0):
         with Path(os.devnull).open("wb") as nowhere:
             os.dup2(nowhere.fileno(), descriptor)
@@ -254,7 +254,7 @@ def tell_stop(workspace: Workspace, console: RunConsole) -> None:
     """Say why nothing moves under a latched emergency stop."""
     latch = read_latch(workspace.signals.parent)
     if latch is not None:
-        why = f"emergency stop latched by {latch.by or '?'} ({latch.reason or 'no reason told'})"
+        why = f"emergency stop latched by {latch.by or '?'} ({latch.reason or 'no reason given'})"
         console.tell_once(f"{why}; paos estop -w {workspace.root} --reset --reason ... lets it go on.", "red")
 
 

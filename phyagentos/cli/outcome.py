@@ -21,7 +21,7 @@ class ExitCode(IntEnum):
     GOAL_NOT_MET = 1
     """The run came to its end, the goal was not met."""
     INVALID_INPUT = 2
-    """Somebody must edit a file or an argument; nothing was started."""
+    """A file or an argument must be edited; nothing was started."""
     REJECTED = 3
     """Preflight refused a session; nothing moved for it."""
     INTERNAL_ERROR = 4

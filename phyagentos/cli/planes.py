@@ -1,6 +1,6 @@
 """The two planes as child processes of `paos run`: each in its own process group, with its own log.
 
-With `--with-parent` they are told by the kernel when this process dies, and end. Rejected: threads or forks of this
+With `--with-parent` the kernel signals them when this process dies, and they end. Rejected: threads or forks of this
 process (the planes must not share memory, and Ctrl-C in the terminal must reach only us).
 """
 

@@ -136,7 +136,7 @@ def watch(
         once_idle=once_idle,
         world_mode=world_mode,
         sense=sense,
-        outlived=with_parent is None,  # with a parent there is nobody who would start another one
+        outlived=with_parent is None,  # with a parent no other process would start another one
     )
 
 

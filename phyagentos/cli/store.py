@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _BY = "paos store"
 _LOOK_AGAIN_S = 0.2  # longer than a writer needs to cut a torn end
-_TORN = "a torn end, which nobody was told of"
+_TORN = "a torn end, which was never acknowledged"
 
 Space = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of the run.")]
 Lane = Annotated[str | None, typer.Option(help="Which lane, where a workspace has several.")]

@@ -57,7 +57,7 @@ def test_a_torn_end_is_cut_without_asking(paos, replanned):
 
     assert done.code == 0
     assert "50 bytes" in done.out
-    assert "a torn end, which nobody was told of" in done.out
+    assert "a torn end, which was never acknowledged" in done.out
     assert json.loads(paos("store", "stats", replanned.workspace.root, "--json").out)["seq"] == 17
 
 

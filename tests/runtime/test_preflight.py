@@ -145,7 +145,7 @@ def test_a_live_target_that_is_not_what_it_was_said_to_be_is_refused(changes):
     ("untold", "code", "text"),
     [
         ({"gripper_force_n": math.nan}, "GRIPPER_FORCE", "whose force the target does not tell"),
-        ({"kinematics": None}, "LIMIT_UNENFORCEABLE", "found nothing told; expected where each of 7 joints brings"),
+        ({"kinematics": None}, "LIMIT_UNENFORCEABLE", "found none described; expected where each of 7 joints brings"),
         ({"joints": ()}, "TARGET_MISMATCH", "target.joints: TARGET_MISMATCH: found (none)"),
         ({"version": 0}, "VERSION_MISMATCH", "found version 0"),
         ({"q_max_rad": (math.nan,) * 7}, "LIMIT_WIDER", "joint_position_max[0]"),

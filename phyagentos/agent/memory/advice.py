@@ -17,7 +17,7 @@ from phyagentos.protocol.world.environment import Environment
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """What somebody who knows more wants done differently.
+    """Changes of a contract that experience or look-ahead proposes.
 
     Attributes:
         strategy: Keys of the session's strategy and their values (`speed`, `avoid_grasps`, `avoid_sites`).
@@ -53,7 +53,7 @@ class Foresight(Protocol):
 
         Args:
             refused: The rejected session; `reason` is what preflight said.
-            folder: Its evidence, where the look-ahead's result lies.
+            folder: Its evidence folder, which holds the look-ahead's result.
         """
         ...
 

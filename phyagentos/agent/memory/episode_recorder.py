@@ -54,7 +54,7 @@ class EpisodeRecorder:
         surroundings: In which words.
         workspace: Where the documents lie.
         clock: For the exchange with editors.
-        report: Told what could not be kept; the mission goes on.
+        report: Called with what could not be kept; the mission goes on.
         is_shared: Whether the memory lies outside the workspace.
     """
 

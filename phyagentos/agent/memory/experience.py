@@ -102,9 +102,9 @@ class Experience(msgspec.Struct, kw_only=True):
         if before is not None and (episode.purpose or episode.is_interrupted):
             # it prepared the next attempt, or was none: that follows the same failure
             if (before.goal, before.node) == (episode.goal, episode.node):
-                told = "" if episode.is_interrupted else episode.cause  # a second look may tell more than the first
+                cause = "" if episode.is_interrupted else episode.cause  # a later judgement may know more
                 self.failures[episode.session] = msgspec.structs.replace(
-                    before, session=episode.session, cause=told or before.cause
+                    before, session=episode.session, cause=cause or before.cause
                 )
             return
         if episode.is_interrupted:

@@ -1,8 +1,8 @@
 """The lane of memory: the truth of what was experienced and what people said about it, append-only and never rewritten.
 
-Upstream: whoever remembers or corrects. Downstream: `experience`, which computes everything else from it. The same
-segments, frame, lock and chain of hashes as the journal's (docs/journal.md), in `memory/<lane>/`; what its records mean
-is not judged by the lifecycle, hence not the journal itself.
+Upstream: the episode recorder, and corrections by hand. Downstream: `experience`, which computes everything else from
+it. The same segments, frame, lock and chain of hashes as the journal's (docs/journal.md), in `memory/<lane>/`; what
+its records mean is not judged by the lifecycle, hence not the journal itself.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ _OPENING, _CLOSING = "\n```yaml\n", "\n```\n"
 
 
 class Edit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """What somebody says about an entry; the latest word on each matter stands.
+    """A statement about an entry; the latest on each matter holds.
 
     Attributes:
         entry: Id of the lesson or fact.
@@ -144,7 +144,7 @@ class ExperienceLog:
         elif follower.tail is Tail.DAMAGED:
             raise follower.describe_damage()
         writer.open(follower)
-        if follower.tail is Tail.TORN:  # nobody was ever told that it stands
+        if follower.tail is Tail.TORN:  # its append was never acknowledged
             writer.cut(follower.offset)
             follower.tail = Tail.CLEAN
         if follower.offset >= SEGMENT_BYTES:

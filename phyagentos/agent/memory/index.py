@@ -72,7 +72,7 @@ class LessonIndex:
             self.discard()
 
     def find(self, skill: str, words: Iterable[str], limit: int) -> list[str] | None:
-        """Ids of lessons about a skill and any of the words, the best match first; None where that cannot be told.
+        """Ids of lessons about a skill and any of the words, the best match first; None where the index cannot answer.
 
         Args:
             skill: Empty for any.

@@ -21,7 +21,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 
 CANDIDATES = 64  # lessons that are compared with a case
-FOUND_MAX = 5  # lessons that are told
+FOUND_MAX = 5  # lessons that are returned
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -182,12 +182,12 @@ def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
     """
     state, reason = judge(correction, seq)
     where, advice = correction.where, correction.advice
-    told = ", ".join(f"{name} {value}" for name, value in (advice or _all_labels(correction)).items())
+    what_helped = ", ".join(f"{name} {value}" for name, value in (advice or _all_labels(correction)).items())
     what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
     verb = "helps" if state is Standing.ACTIVE else "was tried"
     return Lesson(
         id=correction.id,
-        statement=f"When {where.skill} of {what} ends with {correction.cause}, {told} {verb}.",
+        statement=f"When {where.skill} of {what} ends with {correction.cause}, {what_helped} {verb}.",
         scope=where,
         evidence=correction.evidence,
         supported=correction.outcomes.successes,

@@ -1,6 +1,6 @@
 """SKILLRUNTIME.md: the ways that have proved themselves become part of the entry of their skill.
 
-Upstream: promotion. Downstream: people, and whoever reads the registry. Nothing else of an entry is touched.
+Upstream: promotion. Downstream: people and readers of the registry. Nothing else of an entry is touched.
 """
 
 from collections.abc import Iterable

@@ -9,7 +9,7 @@ from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.memory_entries import Standing
 
-ENTRIES_MAX = 500  # of either document: more nobody reads
+ENTRIES_MAX = 500  # of either document; a longer one is not read
 _ORDER = {Standing.ACTIVE: 0, Standing.RETRACTED: 1, Standing.HYPOTHESIS: 2, Standing.EXPIRED: 3}
 
 
@@ -26,5 +26,5 @@ def list_lessons(experience: Experience) -> list[Lesson]:
 def list_facts(experience: Experience) -> list[Fact]:
     """At most 500: what people added, then what was counted most often."""
     counted = sorted(experience.patterns.values(), key=lambda each: (-each.count.trials, each.id))
-    told = sorted(experience.facts.values(), key=lambda fact: fact.id)
-    return [*told, *map(semantic.describe, counted)][:ENTRIES_MAX]
+    facts = sorted(experience.facts.values(), key=lambda fact: fact.id)
+    return [*facts, *map(semantic.describe, counted)][:ENTRIES_MAX]

@@ -119,7 +119,7 @@ def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
 
     Returns:
         Whether it was written. It is left as it is when nothing but the time would change, and when it cannot be read
-        or lacks one of them: somebody is editing it.
+        or lacks one of them, as while it is edited.
     """
     try:
         targets = read_targets(path.read_text(encoding="utf-8"), str(path)).blocks

@@ -29,7 +29,7 @@ class Arm(Authored):
         torque_nm: Largest torque of the servo [N m].
         stiffness_nm_rad: Position gain of the servo [N m/rad].
         damping_nms_rad: Velocity gain of the servo [N m s/rad].
-        payload_kg: Heaviest load [kg]; an arm of which it is not told carries nothing.
+        payload_kg: Heaviest load [kg]; an arm without this value carries nothing.
     """
 
     joints: tuple[str, ...]
@@ -71,7 +71,7 @@ class TargetProfile(Authored):
     Attributes:
         target: Its name; also the folder's.
         description: One sentence for people.
-        kind: `debug` has no physics: the target stands where it is told (see `runtime.drivers.debug`).
+        kind: `debug` has no physics: the target takes each commanded posture at once (see `runtime.drivers.debug`).
         model: MJCF file, relative to the profile; none for `debug`.
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.

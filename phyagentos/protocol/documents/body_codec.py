@@ -1,9 +1,9 @@
 """The body of a journal record: one fenced block of YAML that a person reads and any YAML reader parses.
 
-Upstream: whoever commits. Downstream: the fold, and readers in other languages. The writer keeps to a small subset of
-YAML (block mappings and lists, flow style only as JSON, words plain, other texts quoted as JSON), so that its own
-blocks are written and read some thirty times faster than with libyaml; any other YAML is left to libyaml. Words and
-lines come back again and again in a journal, so each is judged once and remembered.
+Upstream: writers of the journal. Downstream: the fold, and readers in other languages. The writer keeps to a small
+subset of YAML (block mappings and lists, flow style only as JSON, words plain, other texts quoted as JSON), so that
+its own blocks are written and read some thirty times faster than with libyaml; any other YAML is left to libyaml.
+Words and lines come back again and again in a journal, so each is judged once and remembered.
 """
 
 import re
@@ -116,7 +116,7 @@ def _to_lists(value: Any) -> Any:
 
 
 def _load_yaml(text: str) -> Any:
-    import yaml  # only for what somebody else wrote: a start without it is 9 ms shorter
+    import yaml  # only for bodies of other writers; without this import a start is 9 ms shorter
 
     return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
@@ -284,8 +284,8 @@ class _Line(NamedTuple):
         indent: Spaces before it.
         is_item: Whether it begins with a dash.
         key: In front of the colon; None for a bare item of a list.
-        text: JSON that is read anew each time, because the result may be changed by whoever gets it.
-        value: What stands there, where nobody can change it.
+        text: JSON that is read anew each time, because a caller may change the result.
+        value: The parsed value, where it is immutable.
         is_parent: The value stands in the lines below.
     """
 

@@ -106,7 +106,7 @@ def read_document(
         text: All of it.
         format: Its kind.
         source: File name for messages; the usual one by default.
-        passed_over: Headings whose blocks somebody else reads.
+        passed_over: Headings whose blocks another reader takes.
 
     Raises:
         DefinitionError: With every problem, each at file:line:column.
@@ -142,7 +142,7 @@ def extract_data(text: str, source: str = "") -> dict[str, Any]:
     Raises:
         DefinitionError: Where there is no front matter, or something is not YAML.
     """
-    from phyagentos.protocol.documents.schema import parse_yaml  # late: whoever only stores records needs no schema
+    from phyagentos.protocol.documents.schema import parse_yaml  # late: storing records needs no schema
 
     yaml, line = split_front_matter(text, source)
     front = parse_yaml(yaml, source, line).data

@@ -1,6 +1,6 @@
 """The log: what happened, one line an event, in words. Its document is LOG.md.
 
-Upstream: the journal's records, told by `views.log`. Downstream: people; programs read the journal.
+Upstream: the journal's records, rendered by `views.log`. Downstream: people; programs read the journal.
 """
 
 import re
@@ -19,7 +19,7 @@ class LogFront(FrontMatter, frozen=True, kw_only=True, omit_defaults=True):
     """The front matter of LOG.md.
 
     Attributes:
-        older: Number of journal records before the first line; they are not told here.
+        older: Number of journal records before the first line; they are not shown here.
     """
 
     older: int = 0

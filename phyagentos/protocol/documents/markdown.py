@@ -46,7 +46,7 @@ def render_row(cells: Iterable[str]) -> str:
 
 
 def flatten(text: str) -> str:
-    """Text on one line: what somebody wrote can then neither begin a heading nor a fence."""
+    """Text on one line, which can begin neither a heading nor a fence."""
     return " ".join(text.split())
 
 

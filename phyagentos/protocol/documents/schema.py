@@ -113,7 +113,7 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
 
 
 def _tell_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable[[Any, Any], Any]:
-    """As `construct`; a scalar that it trips over is told like any other error of the text, with its place."""
+    """As `construct`; a scalar that fails to parse is reported like any other error, with its place."""
 
     def construct_or_tell(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
         try:

@@ -1,4 +1,4 @@
-"""The latch of the emergency stop: one file of a workspace. While it is there nothing moves, whoever starts again.
+"""The latch of the emergency stop: one file of a workspace. While it exists, no target moves, restarts included.
 
 Upstream: the world process, which latches what it is asked for; the operator, who alone resets, with a reason.
 Downstream: every target. Software requests a stop and logs it; it claims no performance level (ISO 13849-1).
@@ -114,7 +114,7 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
         clock: For the time of the reset.
 
     Returns:
-        Where the former latch lies.
+        Path of the former latch.
 
     Raises:
         DefinitionError: `REASON_MISSING`; `NOT_LATCHED`.
@@ -131,15 +131,15 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
     temporary = signals / f".{LATCH}.{os.getpid()}.tmp"
     _write(temporary, msgspec.structs.replace(held, reset_reason=reason.strip(), reset_at=at))
     temporary.replace(signals / LATCH)
-    (signals / LATCH).rename(kept)  # a rename wakes whoever waits; a removal would not
+    (signals / LATCH).rename(kept)  # a rename wakes the watchers; a removal would not
     _sync_folder(signals)
     provide_reserve(signals)
     return kept
 
 
 def _encode(content: Latch) -> bytes:
-    told = {name: clean(text) for name, text in msgspec.structs.asdict(content).items()}  # JSON takes not every text
-    return msgspec.json.format(msgspec.json.encode(Latch(**told))) + b"\n"
+    fields = {name: clean(text) for name, text in msgspec.structs.asdict(content).items()}  # JSON takes not every text
+    return msgspec.json.format(msgspec.json.encode(Latch(**fields))) + b"\n"
 
 
 def _write(path: Path, content: Latch) -> None:

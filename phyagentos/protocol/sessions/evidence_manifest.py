@@ -137,7 +137,7 @@ class Sealer:
 
 
 def get_object_name(name: str, sha256: str) -> str:
-    """Where the one copy of a large file lies, relative to `objects/`."""
+    """Path of the one copy of a large file, relative to `objects/`."""
     return f"{sha256[:2]}/{sha256}{Path(name).suffix}"
 
 

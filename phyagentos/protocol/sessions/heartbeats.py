@@ -1,6 +1,6 @@
 """Signs of life: one small file per target, replaced as a whole, never part of the journal.
 
-A heartbeat carries progress, so that a runner which beats without advancing is told apart from one that works.
+A heartbeat carries progress, which distinguishes a runner that advances from one that only beats.
 """
 
 from pathlib import Path

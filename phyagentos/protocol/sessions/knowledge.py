@@ -1,6 +1,6 @@
 """Knowledge: what repeated episodes show, and facts that people add. Its document is KNOWLEDGE.md.
 
-Upstream: the agent's memory, and people. Downstream: whoever plans next. Paper section 4.3.
+Upstream: the agent's memory, and people. Downstream: later plans. Paper section 4.3.
 """
 
 from collections.abc import Iterable

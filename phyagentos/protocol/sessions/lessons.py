@@ -1,6 +1,6 @@
 """Lessons: under which conditions a strategy failed, and what helped. Their document is LESSONS.md.
 
-Upstream: verdicts and their evidence. Downstream: whoever plans next. A lesson is advice: it cannot widen a limit. It
+Upstream: verdicts and their evidence. Downstream: later plans. A lesson is advice: it cannot widen a limit. It
 is born as a hypothesis, and counts only once a verdict has shown that its correction helps. Paper section 4.3.
 """
 

@@ -12,7 +12,7 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 
-LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when nobody asked
+LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when none was requested
 
 
 class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -93,7 +93,7 @@ class LookaheadResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_lookahead(folder: Path) -> LookaheadResult | None:
-    """The result that lies in a bundle; None when nobody asked for one.
+    """The look-ahead result of a bundle; None when none was requested.
 
     Raises:
         ExecutionError: `EVIDENCE_UNREADABLE` when it is damaged.

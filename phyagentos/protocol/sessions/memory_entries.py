@@ -20,7 +20,7 @@ class Standing(StrEnum):
     """Whether an entry counts."""
 
     HYPOTHESIS = "hypothesis"
-    """It was tried or proposed and no verdict supports it: nobody may rest on it."""
+    """Tried or proposed, without a verdict that supports it; it must not be relied on."""
     ACTIVE = "active"
     """Verified; it may be used."""
     EXPIRED = "expired"
@@ -77,7 +77,7 @@ class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         evidence: Bundles that it rests on, as paths relative to the workspace (`evidence/tidy_table-7.red`).
         supported: Number of verified outcomes that speak for it.
         contradicted: Number of verified outcomes that speak against it.
-        confidence: 0..1; how it follows from the two counts is up to whoever writes it.
+        confidence: 0..1; the writer chooses how it follows from the two counts.
         state: Whether it counts.
         reason: Why it was retracted or has expired; empty while it is active.
         note: What a person adds.

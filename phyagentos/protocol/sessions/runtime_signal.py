@@ -28,11 +28,11 @@ class RequestState(StrEnum):
     """What became of a request."""
 
     WAITING = "waiting"
-    """Nobody has taken it yet."""
+    """Not processed yet."""
     TAKEN = "taken"
     """It was read and acted upon; what it did is in the log."""
     REJECTED = "rejected"
-    """Nobody can read it; the reason lies beside it in `signals/rejected/`."""
+    """Unreadable; the reason stands beside it in `signals/rejected/`."""
 
 
 class WorkerSign(Heartbeat, frozen=True, kw_only=True):

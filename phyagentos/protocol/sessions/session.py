@@ -2,7 +2,7 @@
 
 Upstream: the agent's compiler, or a person (see `edits`). Downstream: the watchdog. The contract is written once, with
 the `submit` record; a person may amend limits and priority while it is pending, then it never changes. What happens to
-it is told by later records (see `lifecycle`). Paper sections 3.1 and 3.5.
+later records carry it (see `lifecycle`). Paper sections 3.1 and 3.5.
 """
 
 import re
@@ -57,7 +57,7 @@ class Ended(StrEnum):
     SAFETY_STOP = "safety_stop"
     """A safety layer or a violated constraint stopped the execution."""
     CANCELLED = "cancelled"
-    """Somebody asked for an end."""
+    """An end was requested."""
 
 
 INTERRUPTED = frozenset({Ended.TIMED_OUT, Ended.STALLED, Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.SAFETY_STOP})
@@ -168,7 +168,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Amendment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """What a person changes of a contract that nobody has claimed yet; the body of the `amend` record.
+    """What a person changes of a contract that is not claimed yet; the body of the `amend` record.
 
     Attributes:
         limits: Limits that change, in seconds, by name.
@@ -180,7 +180,7 @@ class Amendment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, f
 
 
 def apply_amendment(contract: Session, amendment: Amendment) -> Session:
-    """The contract as amended; limits that nobody knows are left out."""
+    """The contract as amended; unknown limits are left out."""
     known = {name: value for name, value in amendment.limits.items() if name in Limits.__struct_fields__}
     priority = contract.priority if amendment.priority is None else amendment.priority
     return msgspec.structs.replace(

@@ -2,7 +2,7 @@
 
 Upstream: the operator, the command line, another tool. Downstream: the watchdog, which takes each away
 (`take_signals`), and any number of others, a world process among them, which read along (`SignalReader`). It takes no
-lock, so a request never waits for the journal; nothing that arrives is lost, not even what nobody can read.
+lock, so a request never waits for the journal; nothing that arrives is lost, unreadable files included.
 """
 
 import codecs
@@ -90,7 +90,7 @@ def take_signals(folder: Path) -> list[Signal]:
 
     Each is moved to `signals/done/`; one that cannot be read to `signals/rejected/`, with a file that says why, once it
     is half a second old. Two takers never get the same one, an emergency stop excepted that a full disk keeps where it
-    is. What has lain in `done` for long goes on to `signals/archive/`, which nobody reads along with.
+    is. Old files in `done` move to `signals/archive/`, which readers skip.
 
     Args:
         folder: `signals/` or `signals/new/` of a workspace.
@@ -182,13 +182,13 @@ def parse_signal(data: bytes) -> Signal:
             raise ValueError(f"{error}; only as JSON may it be longer than {_YAML_LETTERS} letters") from error
     try:
         return _clean(msgspec.convert(yaml.load(_SURROGATE.sub(r"\\ufffd", text), Loader=_LOADER), Signal))
-    except Exception as error:  # whatever somebody dropped, it must not end the process that supervises
+    except Exception as error:  # no dropped file may end the supervising process
         raise ValueError(str(error)) from error
 
 
 def _clean(signal: Signal) -> Signal:
-    told = {name: clean(text) for name, text in msgspec.structs.asdict(signal).items()}
-    return msgspec.structs.replace(signal, **told)
+    fields = {name: clean(text) for name, text in msgspec.structs.asdict(signal).items()}
+    return msgspec.structs.replace(signal, **fields)
 
 
 def _get_root(folder: Path) -> Path:
@@ -199,7 +199,7 @@ def _take(path: Path, root: Path) -> Signal | None:
     try:
         signal = parse_signal(path.read_bytes())
     except FileNotFoundError:
-        return None  # somebody else took it
+        return None  # another process took it
     except (OSError, ValueError) as error:
         _reject(path, root / "rejected", error)
         return None
@@ -217,7 +217,7 @@ def _archive(done: Path, archive: Path) -> None:
 
 
 def _reject(path: Path, folder: Path, error: Exception) -> None:
-    """Put what cannot be read aside with the reason, unless somebody may still be writing it."""
+    """Put what cannot be read aside with the reason, unless it may still be in the middle of being written."""
     reason = folder / extend_name(path.name, ".reason.txt")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -247,7 +247,7 @@ def move_aside(path: Path, folder: Path) -> Path | None:
             return None
         try:
             return path.replace(destination)
-        except OSError:  # gone, or a folder that somebody put here
+        except OSError:  # gone, or a folder
             destination.unlink(missing_ok=True)
             return None
 

@@ -86,7 +86,7 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
         verdict: `success` or `failure`, `unverified` when verification is off; empty before the end.
         criteria: What the verdict rests on; the evidence is a path relative to the workspace.
         reason: Why the verdict fell, or the goal was cancelled.
-        is_cancelled: Whether somebody asked for an end.
+        is_cancelled: Whether an end was requested.
         submitted_at: UTC wall time.
         updated_at: Wall time of the latest record, UTC.
     """

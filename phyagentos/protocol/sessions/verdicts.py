@@ -16,9 +16,9 @@ class Verdict(StrEnum):
     FAILURE = "failure"
     """The objective was not met and no revision is worth its budget."""
     REPLAN = "replan"
-    """The objective was not met, or cannot be told yet; a child session follows."""
+    """The objective is unmet or undecided; a child session follows."""
     UNVERIFIED = "unverified"
-    """Nobody judged, because verification is off; never a success."""
+    """Not judged, because verification is off; never a success."""
 
 
 class Criterion(msgspec.Struct, frozen=True, kw_only=True):

@@ -102,12 +102,12 @@ class NoiseLevel(Authored):
         depth_quadratic_per_m: See above [1/m].
         depth_offset_m: See above [m].
         depth_grazing: See above [m^1.5].
-        depth_unit_m: Step in which depth is told [m]; 0 for none.
+        depth_unit_m: Quantization step of depth [m]; 0 for none.
         lateral_std_rad: How far, as an angle, the edges of things waver in the picture [rad].
         pixel_dropout: Chance of a pixel to have no depth.
         frame_dropout: Chance of a frame to be lost; the one before it is then the latest.
-        calibration_position_m: Standard deviation per axis of the error in the told place of a camera [m].
-        calibration_rotation_rad: Standard deviation per axis of the error in its told direction [rad].
+        calibration_position_m: Standard deviation per axis of a camera's calibrated position [m].
+        calibration_rotation_rad: Standard deviation per axis of its calibrated orientation [rad].
     """
 
     color_std: float = pydantic.Field(default=0.0, ge=0.0, le=128.0)

@@ -1,6 +1,6 @@
 """One process of a kind: a lock file, held for as long as the process lives, that tells who it is.
 
-Upstream: `paos watch` (one watchdog a workspace) and world processes (one a target). Downstream: whoever must know
+Upstream: `paos watch` (one watchdog a workspace) and world processes (one a target). Downstream: callers that must know
 whether such a process lives. The lock is the only truth: the kernel lets go of it when its holder dies, however.
 """
 
@@ -13,7 +13,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 
 WATCHDOG_LOCK = Path(".world") / "watchdog.lock"  # below a workspace
-PATIENCE_S = 2.0  # whoever only asks holds the lock for an instant
+PATIENCE_S = 2.0  # a query holds the lock for an instant
 
 
 def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
@@ -40,7 +40,7 @@ def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
             os.close(fd)
             raise ExecutionError(code, f"{message} (process {holder}, which holds {path})")
         clock.sleep(0.02)
-    with contextlib.suppress(OSError):  # a full disk: then nobody can tell who it is, and it is still the only one
+    with contextlib.suppress(OSError):  # full disk: the holder stays the only one, its identity unknown
         os.pwrite(fd, f"{os.getpid():>10}\n".encode(), 0)
     return fd
 

@@ -106,8 +106,8 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         interior: Where things can be put into it; absent when nothing can.
         color: Colour word, empty when unknown.
         visible: Whether it was seen where it is said to be, at `observed_at_s`; false for what is gone, and for what
-            was moved while nobody could see it.
-        held_by: Name of the target whose gripper touches it with both fingers, absent when nobody's.
+            was moved while out of sight.
+        held_by: Name of the target whose gripper touches it with both fingers; absent when none does.
         speed_m_s: Magnitude of its linear velocity [m/s].
         joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
         mechanism: How it opens, for these things.
@@ -119,7 +119,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         extent_m: (3,) size of what was seen of it, along its own axes [m]; absent when it was not measured.
         in_hand: `tcp_T_entity` while it is held.
         looks: So many measurements its pose is the mean of.
-        position_std_m: Standard deviation of its position, as whoever measured it states [m]; 0 where nobody does.
+        position_std_m: Standard deviation of its position as the measurement states [m]; 0 when not stated.
         turn_std_rad: The same of its orientation [rad].
         evidence: Where it was seen: `camera@time_s:left,top,width,height`, in pixels.
     """
@@ -207,7 +207,7 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
         digest: Hash of its latest whole frame.
         since_s: When it came to this status [s].
         detail: In words, or the target's own code.
-        pose: `world_T_camera` as it was told with that frame, in OpenCV's convention.
+        pose: `world_T_camera` that came with that frame, in OpenCV's convention.
         focal_px: (fx, fy, cx, cy) of the whole picture.
         size_px: (width, height) of the whole picture.
         pulse: Hash of a small window of its latest frame, and the stamp of that: `hash@time_s`.

@@ -1,4 +1,4 @@
-"""Lies that sensors tell, as data: read by the world process alone. Part of the fault file (`protocol.world.faults`).
+"""Corruption of sensor data, as data: part of the fault file (`protocol.world.faults`).
 
 Upstream: a fault file. Downstream: the world's fault injector and its cameras.
 """
@@ -55,7 +55,7 @@ class Freeze(CameraFault):
     """A camera repeats its last frame, noise and all.
 
     Attributes:
-        stamp: `fresh` lies about the time, so that the picture seems new; `stale` tells when it was taken.
+        stamp: `fresh` stamps an old frame with the present time; `stale` keeps its exposure time.
     """
 
     kind: Literal["freeze"]
@@ -85,10 +85,10 @@ class Misdate(CameraFault):
 
 
 class Miscalibrate(CameraFault):
-    """Somebody bumped into a camera: it tells the place where it was.
+    """A camera was bumped: it reports its former pose.
 
     Attributes:
-        by_m: (3,) how far the told place lies from the true one, in the camera's frame [m].
+        by_m: (3,) offset of the reported position from the true one, in the camera's frame [m].
         by_rad: (3,) and how it is turned: an axis by its angle [rad].
     """
 

@@ -86,10 +86,10 @@ class Observer:
 
 
 def _read(name: str, state: TargetState, stream: Stream) -> np.ndarray:
-    told = np.asarray(_OF_STATE[name](state), dtype=stream.dtype)
-    if not np.isfinite(told).all():
+    value = np.asarray(_OF_STATE[name](state), dtype=stream.dtype)
+    if not np.isfinite(value).all():
         raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{name!r} is no number")
-    return told
+    return value
 
 
 def _hold_to_form(name: str, picture: np.ndarray, stream: Stream) -> np.ndarray:

@@ -93,8 +93,8 @@ class PolicySkillRuntime:
             self._commands += 1
             return TickResult(SkillStatus.RUNNING, points, LEAF)
         if self._is_last:
-            told = f"the policy said that it is done, after {self._commands} control periods"
-            self._note(Status.SUCCESS.value, message=told)
+            message = f"the policy said that it is done, after {self._commands} control periods"
+            self._note(Status.SUCCESS.value, message=message)
             return TickResult(SkillStatus.SUCCEEDED, None, LEAF)
         return TickResult(SkillStatus.RUNNING, None, LEAF, thinking=True)
 
@@ -171,7 +171,7 @@ class PolicySkillRuntime:
             self._fail("POLICY_LOST", f"{self._empty} chunks in a row had nothing that could still be carried out")
 
     def _is_past(self, n_rows: int) -> bool:
-        """Whether the world has waited for a chunk for longer than it was told to, and than the chunk lasts."""
+        """Whether the world has waited for a chunk for longer than its limit, and than the chunk lasts."""
         if self._periods:
             return False  # there was something to do meanwhile
         lasts_s = n_rows * self._context.profile.control_period_s

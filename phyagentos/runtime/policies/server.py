@@ -37,7 +37,7 @@ def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callabl
         policy: Answers.
         descriptor: What it says of itself; `endpoint` is where it listens (`tcp://127.0.0.1:5555`; port 0 takes a free
             one).
-        on_ready: Told the endpoint once somebody can connect.
+        on_ready: Called with the endpoint once clients can connect.
     """
     parts = urlsplit(descriptor.endpoint)
     with Listener((parts.hostname or "127.0.0.1", parts.port or 0)) as listener:

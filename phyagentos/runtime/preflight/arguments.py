@@ -67,19 +67,19 @@ def iter_name_problems(
 ) -> Iterator[Problem]:
     """Arguments that name what is not in the world; in a fresh world conditions too, since nothing is gone from it."""
     known = {"entity": now.entities.keys(), "place": now.entities.keys() | now.regions.keys()}
-    told: set[str] = set()
+    reported: set[str] = set()
     for name, parameter in skill.parameters.items() if skill is not None else ():
         value = session.parameters.get(name)
         if parameter.type in known and isinstance(value, str) and value not in known[parameter.type]:
-            told.add(value)
+            reported.add(value)
             names = sorted(known[parameter.type])
             by = f"skill {session.skill}: parameters.{name}"
             yield make_unknown("ENTITY_UNKNOWN", f"parameters.{name}", value, names, triggered_by=by)
     for kind in ("hold", "accept") if is_fresh else ():
         for index, text in enumerate(getattr(session, kind)):
             for name in _find_names(text):
-                if name not in known["place"] and name not in told:
-                    told.add(name)
+                if name not in known["place"] and name not in reported:
+                    reported.add(name)
                     address = f"{kind}[{index}]"
                     yield make_unknown(
                         "ENTITY_UNKNOWN", address, name, sorted(known["place"]), triggered_by=f"{kind}: {text}"
@@ -92,7 +92,7 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
         try:
             evaluation = parse_predicate(text).evaluate(View(now=now, initial=now, target=session.target))
         except DefinitionError:
-            continue  # told by `iter_predicate_problems`
+            continue  # reported by `iter_predicate_problems`
         if evaluation.truth is not Truth.TRUE:
             yield make_problem(
                 "PRECONDITION_UNMET",

@@ -59,7 +59,7 @@ class Preflight:
         profile: Of the one target this worker commands.
         settings: What people have set.
         kinds: Kinds of skills that this runtime can run.
-        ask_policy: Asks a policy server what it is; None where nobody can.
+        ask_policy: Asks a policy server what it is; None where no client is installed.
     """
 
     skills: dict[str, SkillRuntime]
@@ -206,7 +206,7 @@ def _is_of_target(problem: Problem) -> bool:
 
 
 def _tell_of_space(skill: SkillRuntime, problem: Problem) -> Problem:
-    """A problem of an action space, told as one of the skill or of the target."""
+    """A problem of an action space, with the address of the skill or target."""
     side, _, field = problem.address.rpartition(".")
     whose = "target" if side == "target" else "skill"
     by = f"skill {skill.skill}: action_space"
@@ -214,5 +214,5 @@ def _tell_of_space(skill: SkillRuntime, problem: Problem) -> Problem:
 
 
 def locate(session: Session, problems: Iterable[Problem]) -> list[Problem]:
-    """The same problems, each told as one of this session."""
+    """The same problems, each with this session's address."""
     return [replace(problem, address=f"{session.id}: {problem.address}") for problem in problems]

@@ -1,4 +1,4 @@
-"""How a finding of preflight is made, and how it is told as data. The six fields of the paper's rejection.
+"""Findings of preflight, and their form as data. The six fields of the paper's rejection.
 
 Upstream: every check of this package. Downstream: the reject record, `paos preflight --json`.
 """

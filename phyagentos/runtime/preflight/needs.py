@@ -34,7 +34,7 @@ def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterat
 
 
 def iter_resource_problems(session: Session, contract: RuntimeContract) -> Iterator[Problem]:
-    """Resources that nobody declares: two sessions that call one thing by two names would have it at once."""
+    """Undeclared resources: two sessions with two names for one thing could hold it at once."""
     for index, name in enumerate(session.resources):
         if name not in contract.resources:
             yield make_unknown(

@@ -1,7 +1,7 @@
 """A policy against the sensors, the target and the clock; and, where its server can be asked, against its own words.
 
 Upstream: the policy descriptor of a skill. Downstream: `compatibility`. How the policy speaks (its action space) is
-checked by compiling the bridges. Asking a server is a port: whoever brings a policy loop brings the asking.
+checked by compiling the bridges. Asking a server is a port, provided with the policy loop.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ from phyagentos.runtime.preflight.findings import make_problem, make_unknown
 from phyagentos.runtime.preflight.sensing import RATE_TOLERANCE
 
 TIME_TOLERANCE_S = 1e-9
-AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> what listens there; raises ExecutionError when nobody does
+AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> descriptor of its server; raises ExecutionError without one
 
 
 def iter_policy_problems(

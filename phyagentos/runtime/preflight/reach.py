@@ -31,7 +31,7 @@ class Reach:
 
 
 def compute_reach(kinematics: Kinematics | None) -> Reach | None:
-    """The smallest such ball about an anchor that no joint moves; None when a joint slides, or nothing is told."""
+    """The smallest such ball about an anchor that no joint moves; None when a joint slides, or without kinematics."""
     if kinematics is None or any(kinematics.slides):
         return None
     axes, anchors = np.asarray(kinematics.axes), np.asarray(kinematics.anchors_m)

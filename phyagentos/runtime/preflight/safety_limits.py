@@ -1,7 +1,7 @@
 """safety.yaml against the target: one number per joint, no wider than its own, enforceable, room left to work.
 
 Upstream: safety.yaml, the profile, the live target. Downstream: `compatibility`. The guard narrows the limits by what
-the target says of itself; a limit that is wider than the target's own is refused all the same, since whoever wrote it
+the target says of itself; a limit that is wider than the target's own is refused all the same, since its author
 believed in a motion that the target cannot make.
 """
 
@@ -65,13 +65,13 @@ def iter_live_safety_problems(limits: TargetLimits, profile: TargetProfile, live
 
 def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iterator[Problem]:
     """Without kinematics the tool would be seen outside only once it is there."""
-    told, n = live.kinematics, len(profile.arm.joints)
-    if told is not None and {len(told.axes), len(told.anchors_m), len(told.slides or told.axes)} == {n}:
+    chain, n = live.kinematics, len(profile.arm.joints)
+    if chain is not None and {len(chain.axes), len(chain.anchors_m), len(chain.slides or chain.axes)} == {n}:
         return
     yield make_problem(
         "LIMIT_UNENFORCEABLE",
         "target.kinematics",
-        "nothing told" if told is None else f"{len(told.axes)} axes, {len(told.anchors_m)} anchors",
+        "none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors",
         f"where each of {n} joints brings the tool",
         triggered_by="safety.yaml: workspace_box, keep_out",
         fix="Let the target tell in its description which way each joint turns or slides, and about which point.",
@@ -125,13 +125,13 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
 
 
 def iter_tool_problems(profile: TargetProfile, live: Description, now: Environment) -> Iterator[Problem]:
-    """Whether the tool stands where the told kinematics bring it; else the guard would watch over another place."""
-    state, told = now.targets.get(profile.target), live.kinematics
-    if state is None or told is None or not np.isfinite(state.tcp.position_m).all():
+    """Whether the tool stands where the described kinematics bring it; else the guard would check another place."""
+    state, chain = now.targets.get(profile.target), live.kinematics
+    if state is None or chain is None or not np.isfinite(state.tcp.position_m).all():
         return
     try:
-        point = ToolPoint(told).compute(np.asarray(state.q_rad, dtype=np.float64))
-    except ValueError:  # of another number of joints, which is told already
+        point = ToolPoint(chain).compute(np.asarray(state.q_rad, dtype=np.float64))
+    except ValueError:  # another number of joints, which is reported already
         return
     away_m = math.dist(point, state.tcp.position_m)
     if not away_m <= TOOL_TOLERANCE_M:

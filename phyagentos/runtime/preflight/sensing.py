@@ -1,4 +1,4 @@
-"""Sensors and perception against target and skill: whether what is needed is measured, in time and read by somebody.
+"""Sensors and perception against target and skill: whether each needed stream is measured, in time, and consumed.
 
 Upstream: sensors.yaml, perception.yaml, the profile. Downstream: `compatibility`.
 """
@@ -134,7 +134,7 @@ def iter_sensor_problems(
 def iter_frame_problems(
     skill: SkillRuntime, sensors: Sensors, perception: Perception, cameras: tuple[str, ...]
 ) -> Iterator[Problem]:
-    """Sensors whose frame nobody knows; the live target knows its cameras, sensors.yaml places those that it adds."""
+    """Sensors with an unknown frame; the live target knows its cameras, sensors.yaml places those that it adds."""
     known = (*BODY_FRAMES, *cameras, *sensors.cameras)
     for need in skill.needs.observations:
         for name, sensor in find_sources(need, sensors, perception).items():

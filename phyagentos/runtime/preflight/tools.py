@@ -1,7 +1,7 @@
 """The operations that a session is granted, each with the schema of its arguments. Paper section 4.2.
 
 Upstream: what skill, target and site agree on; the live target, whose shapes and ranges the schemas hold. Downstream:
-the TargetToolManifest: its names in the journal and at the handle, its schemas in front of whoever calls a tool.
+the TargetToolManifest: its names in the journal and at the handle, its schemas shown to callers of a tool.
 """
 
 from collections.abc import Iterable

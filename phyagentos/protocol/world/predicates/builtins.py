@@ -272,7 +272,7 @@ def measure_speed(view: View, a: Entity) -> Reading:
 
 
 def measure_metric(view: View, name: str) -> Reading:
-    """A number that was measured during the session; unknown in a snapshot alone, and where nobody measured it."""
+    """A number that was measured during the session; unknown in a snapshot alone, or when not measured."""
     if name not in view.metrics:
         raise FactUnknown(f"nothing measured {name}")
     value = view.metrics[name]
@@ -282,7 +282,7 @@ def measure_metric(view: View, name: str) -> Reading:
 def measure_unstated(view: View) -> Reading:
     """Stands where a person has still to say what decides; always unknown, so never a success."""
     del view
-    raise FactUnknown("nobody has said yet what decides: write a predicate in the place of unstated()")
+    raise FactUnknown("no criterion is stated yet: write a predicate in place of unstated()")
 
 
 def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float) -> Reading:

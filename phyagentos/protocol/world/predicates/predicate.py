@@ -134,7 +134,7 @@ class Predicate:
         return Predicate(map_calls(self.formula, change))
 
     def evaluate(self, view: View) -> Evaluation:
-        """Its value on snapshots. Never raises: what cannot be told is unknown."""
+        """Its value on snapshots. Never raises: what cannot be decided is unknown."""
         return evaluate(self.formula, view)
 
 
