@@ -46,7 +46,7 @@ class SystemClock:
 
 
 class ManualClock:
-    """A clock that moves only when told: for tests and for replays."""
+    """A clock that moves only on request: for tests and for replays."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now_s = start_s

@@ -41,7 +41,7 @@ RECURSION            A tree contains itself.
 SCENE_OVERFULL       The bodies of a scene find no room without touching.
 UNCLOSED_FENCE       Nothing closes a fenced block of a document.
 VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configured.
-UNKNOWN_JUDGE        A judge that nobody knows.
+UNKNOWN_JUDGE        An unknown judge.
 UNKNOWN_BLOCK        A document holds a block that it should not.
 UNKNOWN_KEY          A key that the format does not have.
 UNKNOWN_KIND         No authored file is recognised by this name and content.
@@ -93,10 +93,10 @@ WOULD_OVERWRITE   A file stands where one was to be written.
 
 STORE = """
 BODY_UNREADABLE      The body of a record cannot be read.
-CHECKPOINT_UNUSED    The checkpoint fits no place in the journal, so nobody uses it.
+CHECKPOINT_UNUSED    The checkpoint fits no place in the journal and is not used.
 CHECKPOINT_WRONG     The checkpoint holds another state than the records before it lead to.
-END_TORN             The beginning of a batch that nobody was told of; the next writer cuts it.
-EVIDENCE_BUSY        Somebody else prunes the evidence.
+END_TORN             The beginning of an unacknowledged batch; the next writer cuts it.
+EVIDENCE_BUSY        Another process prunes the evidence.
 EVIDENCE_UNREADABLE  A bundle lacks a file, or holds one that cannot be read.
 EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
 INDEX_UNAVAILABLE    The index in .cache cannot be used now; it is rebuilt.
@@ -118,7 +118,7 @@ RECORD_ILLEGAL       A record that the lifecycle does not allow there.
 RECORD_TOO_LARGE     A record is larger than a journal line may be.
 SEGMENT_MISLINKED    A segment does not fit the one before it.
 SEGMENT_TWICE        A segment stands in the lane and in the archive.
-UNLISTED             A file lies in a bundle whose manifest does not name it.
+UNLISTED             A bundle holds a file that its manifest does not name.
 UNSEALED             A bundle has no manifest.
 """
 
@@ -149,7 +149,7 @@ OBSERVATION_UNAVAILABLE  The target does not give an observation that the skill 
 OBSERVATION_UNIT         A policy takes another unit than the sensor gives.
 OPERATION_FORBIDDEN      runtime_contract.yaml does not permit an operation that the skill needs.
 OPERATION_UNAVAILABLE    The target does not offer an operation that the skill needs.
-OUT_OF_REACH             What the session is about lies further away than the arm reaches, in every way to take it.
+OUT_OF_REACH             The session's object is beyond the arm's reach, for every grasp.
 PARAMETER_INVALID        An argument of the contract is of the wrong type or out of range.
 PARAMETER_MISSING        The contract lacks an argument.
 PARAMETER_UNKNOWN        The contract holds an argument that the skill does not know.
@@ -173,7 +173,7 @@ TARGET_UNKNOWN           No worker serves a target of this name.
 TOO_HEAVY                What the session takes hold of may weigh more than the arm carries.
 TREE_INVALID             The skill's tree cannot be built.
 VERSION_MISMATCH         Skill, policy, target and this software are not of versions that go together.
-UNKNOWN_DETECTOR         perception.yaml names a detector that nobody has registered.
+UNKNOWN_DETECTOR         perception.yaml names a detector that is not registered.
 """
 
 SUPERVISION = """
@@ -242,7 +242,7 @@ UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not."""
 
 HOPELESS = """
-CANCELLED               Somebody asked for an end.
+CANCELLED               An end was requested.
 CRITERIA_CONTRADICT     Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.
 NO_CRITERIA             The contract holds nothing that could be accepted.
@@ -302,7 +302,7 @@ OUT_OF_SEQUENCE         A command's number does not follow the one before.
 PLANNER_LOST            The planner process died or broke its protocol.
 PROTOCOL_BROKEN         The target answered something that was not asked.
 RUNNER_LOST             The worker died.
-RUNTIME_LOST            Nobody runs the sessions that the agent waits for.
+RUNTIME_LOST            No runtime runs the sessions that the agent waits for.
 STALE_TOKEN             A command came under a claim that is no longer in force.
 TARGET_BUSY             Another process serves the target.
 TARGET_LIMIT            The target itself refused a command.

@@ -1,7 +1,7 @@
 """Every error code: in which phase it comes, what it means, who acts, and whether trying again can help.
 
 Upstream: nothing. Downstream: messages, `paos why`, `paos codes`, the generated page docs/error_codes.md. A code is
-told in one place only; a test finds codes that are missing here, and entries that nothing raises.
+stated in one place only; a test finds codes that are missing here, and entries that nothing raises.
 """
 
 from collections.abc import Mapping
@@ -38,9 +38,9 @@ class Actor(StrEnum):
     """Who has to do something about it."""
 
     AUTHOR = "author"
-    """Whoever wrote the file."""
+    """The author of the file."""
     OPERATOR = "operator"
-    """Whoever runs this machine and its robot."""
+    """The operator of this machine and its robot."""
     AGENT = "agent"
     """The agent plane: it replans, or gives up for a reason."""
     RUNTIME = "runtime"

@@ -1,6 +1,6 @@
 """The two families of errors, and the problem report that both carry.
 
-`DefinitionError` means that somebody must edit a file; `ExecutionError` means that the world said no. Expected outcomes
+`DefinitionError` means that a file must be edited; `ExecutionError` that the world did not permit it. Expected outcomes
 (no path found, a session refused) are values, not exceptions.
 """
 
@@ -48,7 +48,7 @@ class PhyAgentOSError(Exception):
 
 
 class DefinitionError(PhyAgentOSError):
-    """Somebody must edit a file. Carries every problem that was found, not only the first."""
+    """A file must be edited. Carries every problem that was found, not only the first."""
 
     def __init__(self, problems: Problem | Sequence[Problem]) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)

@@ -17,8 +17,8 @@ _HEAD = """# Error codes
 One table for every layer: `paos codes CODE` prints a row. *Who acts*: {actors}. *Again*: {retries}.
 """
 _ACTORS = {
-    Actor.AUTHOR: "whoever wrote the file",
-    Actor.OPERATOR: "whoever runs the machine",
+    Actor.AUTHOR: "the author of the file",
+    Actor.OPERATOR: "the operator of the machine",
     Actor.AGENT: "the agent plane",
     Actor.RUNTIME: "the runtime plane",
 }
