@@ -39,7 +39,7 @@ from phyagentos.store.log_partition import choose_lane
 from phyagentos.store.maintenance import Upkeep
 from phyagentos.store.memory import Cold, Memory
 from phyagentos.store.partition_lock import PartitionLock
-from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_record
+from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_batch
 from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_next_name, sync_folder
 from phyagentos.store.writer import SegmentWriter
 
@@ -154,11 +154,20 @@ class Journal:
             markdown.append(text)
         with self._mutex:
             self._writer.refuse_if_failed()
-            try:
-                records = self._record(plain, markdown)
-            except Cold:
-                self._memory.warm_up()
-                records = self._record(plain, markdown)
+            while True:
+                try:
+                    with self._locked():
+                        self._catch_up()
+                        at = self._clock.wall_iso()
+                        self._rotate_if_due(at[:10])
+                        records = self._admission.admit(
+                            plain, markdown, last_seq=self._follower.seq, by=self._by, side=self._side, at=at
+                        )
+                        self._writer.append(data := encode_batch(records), self._follower)
+                        self._take_in(data, records)
+                    break
+                except Cold:  # raised at most once: afterwards the memory is warm
+                    self._memory.warm_up()
             if self._follower.segment != self._memory.segment:
                 self._memory.shrink(str(self._follower.segment))
         if self._durable and durable:
@@ -230,20 +239,6 @@ class Journal:
         finally:
             self._lock.release()
 
-    def _record(self, entries: Sequence[Entry], markdown: Sequence[str]) -> list[Record]:
-        self._lock.acquire()
-        try:
-            self._catch_up()
-            at = self._clock.wall_iso()
-            self._rotate_if_due(at[:10])
-            records = self._admission.admit(
-                entries, markdown, last_seq=self._follower.seq, by=self._by, side=self._side, at=at
-            )
-            self._append(records)
-        finally:
-            self._lock.release()
-        return records
-
     def _note(self, records: Sequence[Record]) -> None:
         if records:
             for record in records:
@@ -311,11 +306,11 @@ class Journal:
             at=self._clock.wall_iso(),
             markdown=render_body(body),
         )
-        self._append([record])
+        self._writer.append(data := encode_batch([record]), self._follower)
+        self._take_in(data, [record])
 
-    def _append(self, records: Sequence[Record]) -> None:
-        data = b"".join([encode_record(record) for record in records])
-        self._writer.append(data, self._follower)
+    def _take_in(self, data: bytes, records: Sequence[Record]) -> None:
+        """Advance over a batch that was just appended."""
         self._follower.accept(data, records)
         self._note(records)
 

@@ -7,7 +7,7 @@ count only together: each but the last says how many `more` follow.
 
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -125,6 +125,11 @@ def encode_record(record: Record) -> bytes:
             )
         )
     return frame_payload(record.seq, payload)
+
+
+def encode_batch(records: Iterable[Record]) -> bytes:
+    """The records of one batch as they stand in a segment; raises as `encode_record`."""
+    return b"".join(map(encode_record, records))
 
 
 def _encode_line(record: Record) -> str:

@@ -24,7 +24,7 @@ from phyagentos.store.checkpoint import find_seen_seq
 from phyagentos.store.compaction import keep_still
 from phyagentos.store.inspection import LOST
 from phyagentos.store.partition_lock import PartitionLock
-from phyagentos.store.records import JOURNAL_ID, MAX_PAYLOAD_BYTES, Record, encode_record
+from phyagentos.store.records import JOURNAL_ID, MAX_PAYLOAD_BYTES, Record, encode_batch, encode_record
 from phyagentos.store.salvage import Gap, Kept, Survey, iter_surveys
 from phyagentos.store.segments import NONE, FileIO, Front, choose_next_name, sync_folder, write_all
 
@@ -273,7 +273,7 @@ class _Plan:
         name = choose_next_name(self._before if self._before != NONE else None, self._at[:10])
         front = Front(self._folder.name, name, self._seq + 1, self._before, self._sealed)
         staged = self._folder / f".{name}.tmp"
-        self._write(staged, front.encode() + b"".join(map(encode_record, records)))
+        self._write(staged, front.encode() + encode_batch(records))
         lock.announce(name)
         self._io.replace(staged, self._folder / f"{name}.md")
         sync_folder(self._folder, self._io)

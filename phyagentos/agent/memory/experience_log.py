@@ -18,7 +18,7 @@ from phyagentos.protocol.sessions.memory_entries import Scope
 from phyagentos.store.follower import Follower, Position
 from phyagentos.store.log_partition import choose_lane
 from phyagentos.store.partition_lock import PartitionLock
-from phyagentos.store.records import Record, Tail, encode_record
+from phyagentos.store.records import Record, Tail, encode_batch
 from phyagentos.store.segments import SystemIO, choose_next_name, locate
 from phyagentos.store.writer import SegmentWriter
 
@@ -156,7 +156,7 @@ class ExperienceLog:
             self._make_record(event, follower.seq + 1 + index, len(events) - 1 - index, today)
             for index, event in enumerate(events)
         ]
-        data = b"".join(map(encode_record, records))
+        data = encode_batch(records)
         writer.append(data, follower)
         follower.accept(data, records)
         return records
