@@ -47,6 +47,8 @@ class GoalEvent(StrEnum):
     """The node cannot be done."""
     INVALIDATED = "invalidated"
     """What the node achieved no longer holds."""
+    NODE_WAITS = "node_waits"
+    """The next session of the node needs what other nodes must achieve again."""
     BUDGET_SPENT = "budget_spent"
     """A replan was paid for."""
     GOAL_VERDICT = "goal_verdict"

@@ -12,12 +12,13 @@ Bodies that it understands:
   record.
 - `goal_submitted`: `graph`, `seed`, `objective`.
 - `goal_compiled`: `nodes` (name -> mapping with `objective`, `skill`, `target`, `after`), `accept`, `constraints`.
-- `node_ready`, `node_done`, `node_blocked`, `invalidated`: `reason`. `child_of`: `child`, `parent`, `reason`.
+- `node_ready`, `node_done`, `node_blocked`, `invalidated`, `node_waits`, `child_of`: `reason`; the latter three also
+  `child`, `parent`, `relation`, `after`: the next session of the node, see `Replan`.
 - `budget_spent`: `replans` (how many, 1 by default), `reason`.
 - `goal_verdict`: `verdict`, `criteria`, `reason`. `goal_cancelled`: `reason`.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -32,7 +33,7 @@ from phyagentos.protocol.sessions.session import (
     SessionStatus,
     apply_amendment,
 )
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Replan
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Relation, Replan
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent, split_node_id
 from phyagentos.store.records import Record
@@ -81,7 +82,7 @@ class Image(msgspec.Struct, frozen=True):
 
 FINISHED_KEPT = 50  # sessions, those of goals that are not over not counted
 GOALS_KEPT = 50  # goals that are over
-_SPENT, _CHILD_OF, _ACTIVE = GoalEvent.BUDGET_SPENT.value, GoalEvent.CHILD_OF.value, NodeState.ACTIVE
+_SPENT, _ACTIVE = GoalEvent.BUDGET_SPENT.value, NodeState.ACTIVE
 _NODE_STATES = {
     GoalEvent.NODE_READY.value: NodeState.READY,
     GoalEvent.NODE_DONE.value: NodeState.DONE,
@@ -320,13 +321,8 @@ class Ledger:
         if record.ev == _SPENT:
             goal.replans += int(body.get("replans", 1))
         node = goal.nodes.get(name, NodeStatus())
-        if record.ev == _CHILD_OF:
-            replan = Replan(
-                session=SessionId(str(body.get("parent", ""))),
-                child=SessionId(str(body.get("child", ""))),
-                reason=str(body.get("reason", "")),
-            )
-            node = msgspec.structs.replace(node, replans=(*node.replans, replan))
+        if "child" in body:
+            node = msgspec.structs.replace(node, replans=_add_replan(node.replans, read_replan(body)))
         state = _NODE_STATES.get(record.ev, node.state)
         goal.nodes[name] = msgspec.structs.replace(node, state=state, reason=str(body.get("reason", "")))
 
@@ -346,6 +342,25 @@ def _read_changes(before: SessionStatus, record: Record) -> dict[str, Any]:
     if "reason" in body:
         changes["reason"] = str(body["reason"])
     return changes
+
+
+def read_replan(body: Mapping[str, Any]) -> Replan:
+    """What a record says about the next session of a node."""
+    return Replan(
+        session=SessionId(str(body.get("parent", ""))),
+        child=SessionId(str(body.get("child", ""))),
+        reason=str(body.get("reason", "")),
+        relation=Relation(body.get("relation", Relation.REPLAN)),
+        after=tuple(body.get("after", ())),
+    )
+
+
+def _add_replan(replans: tuple[Replan, ...], new: Replan) -> tuple[Replan, ...]:
+    """Several records may speak of one session, the latest before it is submitted."""
+    if not replans or replans[-1].child != new.child:
+        return (*replans, new)
+    after = tuple(dict.fromkeys((*replans[-1].after, *new.after)))
+    return (*replans[:-1], msgspec.structs.replace(new, after=after))
 
 
 def _read_node(node: Any) -> NodeStatus:

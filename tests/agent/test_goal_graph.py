@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph, render_mermaid
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -76,7 +77,7 @@ def test_a_graph_expands_fan_out_and_derives_edges_from_data(write_graph, catalo
     assert graph.nodes["beside"].after == ("red",)
     assert graph.nodes["last"].after == ("each-green_cube", "each-yellow_cube")
     assert graph.nodes["each-green_cube"].spec.accept == ("inside(green_cube, green_tray)",)
-    assert graph.find_successors("red") == {"beside", "each-green_cube", "each-yellow_cube", "last"}
+    assert GoalDag(graph, "tidy-7").find_after("red") == {"beside", "each-green_cube", "each-yellow_cube", "last"}
     assert graph.choices["beside"].target == "panda"
 
 

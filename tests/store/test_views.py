@@ -11,7 +11,7 @@ from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import parse_yaml
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Replan
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
@@ -209,18 +209,21 @@ def test_a_workspace_without_goals_says_so():
 
 
 def test_the_graph_is_quoted_mermaid_coloured_by_state():
-    nodes = {"end": NodeStatus(state=NodeState.DONE, sessions=("a", "b"))}
+    child = Replan(session="g.end", child="g.end.r1", reason="", relation="clears")
+    nodes = {"end": NodeStatus(state=NodeState.DONE, sessions=("g.end", "g.end.r1"), replans=(child,))}
     nodes['a "b" <c>; `d` #e'] = NodeStatus(after=("end", "elsewhere"))
     lines = render_graph(GoalStatus(id="g", nodes=nodes)).splitlines()
 
-    assert lines[:4] == [
+    assert lines[:6] == [
         "flowchart TD",
-        '    n0["<b>end</b><br/>done<br/>1 revised"]:::done',
-        '    n1["<b>a #quot;b#quot; #lt;c#gt;#59; #96;d#96; #35;e</b><br/>waiting"]:::waiting',
-        "    n0 --> n1",
+        '    n0["<b>end</b><br/>past"]:::past',
+        '    n1["<b>end.r1</b><br/>done"]:::done',
+        '    n2["<b>a #quot;b#quot; #lt;c#gt;#59; #96;d#96; #35;e</b><br/>waiting"]:::waiting',
+        "    n0 -- clears --> n1",
+        "    n1 --> n2",
     ]
-    assert {line.split()[1] for line in lines[4:]} == set(NodeState)
-    for line in lines[4:]:
+    assert {line.split()[1] for line in lines[6:]} == {*NodeState, "past"}
+    for line in lines[6:]:
         assert re.fullmatch(r"    classDef \w+ fill:#[0-9a-f]{6},stroke:#[0-9a-f]{6},color:#[0-9a-f]{6}", line)
 
 

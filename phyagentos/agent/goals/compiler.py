@@ -16,6 +16,7 @@ from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.sessions.tasks import compute_session_id
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import format_value
 from phyagentos.protocol.world.seeds import compute_seed
@@ -104,7 +105,7 @@ class SessionCompiler:
         spec = node.spec if not purpose else _NOTHING  # what prepares a node does not pursue its objective
         requires = resolve((*skill.requires, *spec.requires))
         return Session(
-            id=SessionId(f"{self.goal}.{name}" + (f".r{attempt}" if attempt else "")),
+            id=compute_session_id(self.goal, name, attempt),
             goal=self.goal,
             node=name,
             parent=revision.parent if revision else None,

@@ -46,10 +46,6 @@ class GoalGraph:
         """Name of the goal."""
         return self.spec.goal
 
-    def find_successors(self, node: str) -> frozenset[str]:
-        """Every node that waits for this one, directly or not."""
-        return frozenset(nx.descendants(self.dag, node))
-
     def max_replans(self, node: str) -> int:
         """Children that a node may have."""
         own = self.nodes[node].spec.max_replans

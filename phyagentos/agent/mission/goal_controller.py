@@ -1,8 +1,8 @@
 """One goal while it is pursued: what to record next, decided from records and evidence alone.
 
 Upstream: the fold of the journal. Downstream: `mission`, which commits what this asks for. Nothing is remembered beside
-the records (the agenda can be made anew from them), so an agent that was killed goes on where it stopped; each answer
-is one batch, recorded whole or not. A step costs what has changed, however large the graph is.
+the records: worklist and graph can be made anew from them, so an agent that was killed goes on where it stopped. Each
+answer is one batch, recorded whole or not. A step costs what has changed, however large the graph is.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import msgspec
-import networkx as nx
 
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.goals.graph import GoalGraph
@@ -26,7 +25,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, GoalId, Session, SessionStatus
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
 from phyagentos.protocol.world.truth import Truth
@@ -50,7 +49,7 @@ class GoalController:
         ledger: Kept up to date by the mission.
         evidence: Reads the bundles of its sessions.
         verifier: Judges them.
-        agenda: What has changed since the last look.
+        worklist: What has changed since the last look, and the goal's graph.
         advisor: Asked before a session is submitted.
         foresight: Asked when look-ahead has refused one.
         policy: Chooses what follows when a session did not meet its objective.
@@ -61,14 +60,16 @@ class GoalController:
     ledger: Ledger
     evidence: Evidence
     verifier: SessionVerifier
-    agenda: Worklist
+    worklist: Worklist
     advisor: Advisor = field(default_factory=NoAdvice)
     foresight: Foresight = field(default_factory=NoForesight)
     policy: RepairPolicy = field(default_factory=GraphRepair)
     facts: GoalFacts = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facts", GoalFacts(graph=self.graph, goal=self.goal, ledger=self.ledger))
+        object.__setattr__(
+            self, "facts", GoalFacts(graph=self.graph, goal=self.goal, ledger=self.ledger, dag=self.worklist.dag)
+        )
 
     @property
     def graph(self) -> GoalGraph:
@@ -123,7 +124,7 @@ class GoalController:
 
     def take_in(self, record: Record) -> None:
         """Note what a record changed; the ledger knows it already."""
-        self.agenda.take_in(record, self.ledger)
+        self.worklist.take_in(record, self.ledger)
 
     def decide(self) -> list[Entry]:
         """The next batch; empty when there is nothing to do but wait."""
@@ -133,7 +134,7 @@ class GoalController:
 
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""
-        return (self.ledger.sessions[id] for id in self.agenda.iter_live())
+        return (self.ledger.sessions[id] for id in self.worklist.iter_live())
 
     # -- sessions ------------------------------------------------------------------------------------------------------
 
@@ -142,7 +143,7 @@ class GoalController:
 
         Those whose judgement was interrupted come first, then the others in the order of their end.
         """
-        waiting = [self.ledger.sessions[id] for id in self.agenda.iter_unjudged()]
+        waiting = [self.ledger.sessions[id] for id in self.worklist.iter_unjudged()]
         waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)
         entries: list[Entry] = []
         fresh: dict[str, Mapping[str, Any]] = {}
@@ -192,21 +193,19 @@ class GoalController:
         """What follows for the nodes that changed: a session for one that is free, an end for one that cannot be."""
         entries: list[Entry] = []
         blocked: set[str] = set()
-        names = self.agenda.iter_changed()
+        names = self.worklist.iter_changed()
         for name in names:
             found = self._look_at(name, blocked)
-            if found is None:
-                continue
             if not found:
-                self.agenda.settle(name)
+                self.worklist.settle(name)
             elif found[0].ev == GoalEvent.NODE_BLOCKED:
                 blocked.add(name)
-                names.add(self.agenda.find_successors(name))
+                names.add(self.worklist.dag.find_next(name))
             entries += found
         return entries
 
-    def _look_at(self, name: str, blocked: set[str]) -> list[Entry] | None:
-        """What is to be done about one node, None when only a later look can tell; `blocked` are by this batch."""
+    def _look_at(self, name: str, blocked: set[str]) -> list[Entry]:
+        """What is to be done about one node; `blocked` are by this batch."""
         node = self.status.nodes[name]
         latest = self.ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
         if latest is not None and latest.state == SessionState.REJECTED:
@@ -216,20 +215,17 @@ class GoalController:
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
         if node.state not in _OPEN and not waits_for_restoration:
             return []
-        missing = self._find_missing(name)
+        dag = self.worklist.dag
+        waits = dag.count_open(name) > 0
+        missing = dag.find_open(name, further=not waits) if waits or node.sessions else []
         for before in missing:
             if before in blocked or self._get_state(before) is NodeState.BLOCKED:
                 return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
-        if missing:  # nobody wakes it for a node further back
-            return [] if self.agenda.count_missing(name) else None
+        if waits:
+            return []
+        if missing:  # what it had begun with has been undone further back
+            return [self.recovery.wait_for(missing, name)]
         return self._start((name,), {}) if latest is None else self.recovery.go_on(latest)
-
-    def _find_missing(self, name: str) -> list[str]:
-        """Nodes that are to be done before this one; once it had begun, those further back that are open again too."""
-        before: Iterable[str] = self.graph.nodes[name].after
-        if self.facts.get_ids(name) and not self.agenda.count_missing(name):
-            before = sorted(nx.ancestors(self.graph.dag, name))
-        return [each for each in before if self._get_state(each) is not NodeState.DONE]
 
     def _follow_refusal(self, refused: SessionStatus) -> list[Entry]:
         """Preflight refused a session: revise it when look-ahead says how, go on when it only prepared, else stop."""
@@ -265,7 +261,7 @@ class GoalController:
             ready = join(("everything before it is done", *session.advice))
             entries.append(self._say_of(name, GoalEvent.NODE_READY, ready))
             if revision:
-                entries += self.recovery.submit_child(session, ("it has to be done again",))
+                entries += self.recovery.submit_child(session, ("it has to be done again",), Relation.AGAIN)
             else:
                 entries.append(Entry(session.id, "submit", _to_body(session)))
         return entries
@@ -293,7 +289,7 @@ class GoalController:
 
     def _finish(self) -> list[Entry]:
         """The verdict of the goal, or the nodes that the world has undone; empty while a session lives."""
-        if self.agenda.has_live():
+        if self.worklist.has_live():
             return []
         for status in self.facts.find_ended():
             self.evidence.take_in(status)
@@ -340,10 +336,10 @@ class GoalController:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""
         return [
             name
-            for name in self.agenda.find_successors(node)
+            for name in self.worklist.dag.find_next(node)
             if self._get_state(name) is NodeState.WAITING
-            and self.agenda.count_missing(name) <= len(fresh)
-            and all(b in fresh or self._get_state(b) is NodeState.DONE for b in self.graph.nodes[name].after)
+            and self.worklist.dag.count_open(name) <= len(fresh)
+            and fresh.keys() >= set(self.worklist.dag.find_open(name))
         ]
 
     def _get_state(self, name: str) -> NodeState:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.repair import looking
 from phyagentos.agent.repair.budget import Left, compute_left
@@ -28,11 +29,13 @@ class GoalFacts:
         graph: Its graph.
         goal: Its id.
         ledger: Kept up to date by the mission.
+        dag: What waits for what, repairs included.
     """
 
     graph: GoalGraph
     goal: GoalId
     ledger: Ledger
+    dag: GoalDag
 
     def get_ids(self, name: str) -> tuple[SessionId, ...]:
         """Sessions of a node, the oldest first."""

@@ -181,7 +181,7 @@ class Mission:
             ledger=self.ledger,
             evidence=Evidence(self._workspace.root),
             verifier=self._verifier,
-            agenda=Worklist(compiler.graph, compiler.goal, self.ledger),
+            worklist=Worklist(compiler.graph, compiler.goal, self.ledger),
             advisor=self._advisor,
             foresight=self._foresight,
             policy=self._policy,
@@ -227,7 +227,7 @@ class Mission:
                 self._publish()
                 if not self._wait(watch) and not self._is_runtime_alive(run.status):
                     self._give_up(run)
-                if run.agenda.count_waiting() >= GATHER_FROM:
+                if run.worklist.count_waiting() >= GATHER_FROM:
                     self._clock.sleep(GATHER_S)
         self._journal.sync()
         self._publish(at_once=True)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
-import networkx as nx
 
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.judging.causes import Cause
@@ -25,13 +24,14 @@ from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_r
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
 from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionStatus
-from phyagentos.protocol.sessions.tasks import NodeState
+from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 
+_RELATIONS = {clearing.PURPOSE: Relation.CLEARS, looking.PURPOSE: Relation.LOOKS}
 Compile = Callable[[str, Mapping[str, Mapping[str, Any]], Revision | None], Session | str]
 
 _REFUSALS = {  # of preflight: what a repair can answer
@@ -120,16 +120,16 @@ class Recovery:
 
     def find_undone(self) -> dict[str, str]:
         """Finished nodes whose achievement no longer holds -> the fact that shows it."""
-        graph, seen = self.facts.graph, self.evidence.by_target.items()
+        seen = self.evidence.by_target.items()
         worlds = {target: (each.now, each.initial) for target, each in seen if each.now is not None}
         promises = {name: skill.guarantees for name, skill in self.compiler.catalogue.skills.items()}
-        return find_undone(self.facts.find_finished(), graph.find_successors, promises, worlds)
+        return find_undone(self.facts.find_finished(), self.facts.dag.find_after, promises, worlds)
 
     def reopen(self, undone: Mapping[str, str]) -> list[Entry]:
         """Finished nodes that must be done again, each at the price of one replan."""
         entries: list[Entry] = []
         for name, reason in undone.items():
-            entries.append(self.say_of(name, GoalEvent.INVALIDATED, reason))
+            entries.append(self._say_next(name, GoalEvent.INVALIDATED, reason, Relation.AGAIN))
             entries.append(self.say_of(name, GoalEvent.BUDGET_SPENT, reason))
         return entries
 
@@ -162,13 +162,31 @@ class Recovery:
             return []
         return self._look_once_more(node, self.evidence.read(subject), attempt)
 
-    def submit_child(self, child: Session, reasons: Iterable[str]) -> list[Entry]:
+    def wait_for(self, undone: Sequence[str], node: str) -> Entry:
+        """Nodes that must be done again before the next session of a node that had begun."""
+        reason = f"it waits for {', '.join(undone)}, to be done again"
+        state = self.facts.get_state(node)
+        relation = Relation.AGAIN if state is NodeState.INVALIDATED else Relation.REPLAN
+        return self._say_next(node, GoalEvent.NODE_WAITS, reason, relation, undone)
+
+    def submit_child(self, child: Session, reasons: Iterable[str], relation: Relation | None = None) -> list[Entry]:
         """The record of the relation, with the reasons of the choice, and the contract."""
-        relation = {"child": child.id, "parent": child.parent, "reason": join((*reasons, *child.advice))}
+        relation = relation or _RELATIONS.get(child.purpose, Relation.REPLAN)
+        reason = join((*reasons, *child.advice))
+        body = {"child": child.id, "parent": child.parent, "relation": relation, "reason": reason}
         return [
-            Entry(f"node:{self.facts.goal}/{child.node}", GoalEvent.CHILD_OF, relation),
+            Entry(f"node:{self.facts.goal}/{child.node}", GoalEvent.CHILD_OF, body),
             Entry(child.id, "submit", dict(msgspec.to_builtins(child))),
         ]
+
+    def _say_next(
+        self, node: str, event: GoalEvent, reason: str, relation: Relation, after: Sequence[str] = ()
+    ) -> Entry:
+        """A record about a node that needs another session."""
+        ids = self.facts.get_ids(node)
+        child = compute_session_id(self.facts.goal, node, len(ids))
+        body = {"reason": reason, "child": child, "parent": ids[-1], "relation": relation}
+        return Entry(f"node:{self.facts.goal}/{node}", event, body | ({"after": list(after)} if after else {}))
 
     def say_of(self, node: str, event: GoalEvent, reason: str) -> Entry:
         """A record about a node."""
@@ -280,7 +298,7 @@ class Recovery:
         entries = [self.say_of(node, GoalEvent.BUDGET_SPENT, why)]
         for name, each in nodes.items():
             if each.state in {NodeState.ACTIVE, NodeState.DONE}:
-                entries.append(self.say_of(name, GoalEvent.INVALIDATED, why))
+                entries.append(self._say_next(name, GoalEvent.INVALIDATED, why, Relation.AGAIN))
                 entries += [
                     Entry(status.contract.id, trigger, {"reason": why})
                     for status in self.facts.get_sessions(name)
@@ -304,7 +322,7 @@ class Recovery:
 
     def _find_restorers(self, node: str, lost: Set[str]) -> dict[str, str]:
         """Finished nodes before one that had achieved what it needs and lacks now -> the lack."""
-        before = nx.ancestors(self.facts.graph.dag, node) if self.restores and lost else ()
+        before = self.facts.dag.find_before(node) if self.restores and lost else ()
         return {
             name: f"{node} needs {', '.join(sorted(lost & set(session.accept)))} again"
             for name, session in self.facts.find_finished().items()

@@ -1,17 +1,18 @@
 """What of a goal has to be looked at next, kept from record to record so that no step walks the whole graph.
 
-Upstream: the records that the mission takes in. Downstream: `progress`, which decides. It holds nothing that the
-records do not tell: an agenda that is made anew from the fold asks for a look at everything, which finds the same.
+Upstream: the records that the mission takes in. Downstream: the controller, which decides. Order and readiness are the
+graph's (`goals.dag`), which this keeps up to date. A worklist that is made anew from the ledger asks for a look at
+every node, which finds the same.
 """
 
 import heapq
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
+from phyagentos.agent.goals.dag import GoalDag
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
-from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.store.admission import NODE_PREFIX
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
@@ -21,38 +22,34 @@ _UNDER_WAY = frozenset(SessionState) - FINAL_STATES - {SessionState.PENDING}  # 
 
 
 class Worklist:
-    """Changed nodes, live sessions, sessions without a verdict, and how many nodes each node still waits for.
+    """Changed nodes, live sessions and sessions without a verdict.
 
     A node is taken off only by `settle`, when a look at it found nothing to do; so a batch that was refused is simply
     decided again.
 
     Args:
-        graph: Of the goal.
+        graph: Of the goal, as authored.
         goal: Its id.
         ledger: As it stands; it may not know the goal yet.
+
+    Attributes:
+        dag: The goal's one graph.
     """
 
     def __init__(self, graph: GoalGraph, goal: GoalId, ledger: Ledger) -> None:
+        status = ledger.goals.get(goal)
+        self.dag = GoalDag(graph, goal, status)
         self._goal = goal
         self._prefix = f"{NODE_PREFIX}{goal}/"
-        self._rank = {name: index for index, name in enumerate(graph.order)}
-        self._successors: dict[str, list[str]] = {name: [] for name in graph.order}
-        for name in graph.order:
-            for before in graph.nodes[name].after:
-                self._successors[before].append(name)
-        self._missing = {name: len(graph.nodes[name].after) for name in graph.order}
-        self._done: set[str] = set()
         self._changed = dict.fromkeys(graph.order)  # unlike a set it shrinks, so that few names are few to walk
         self._live: dict[SessionId, None] = {}
         self._unjudged: dict[SessionId, None] = {}
         self._queues: dict[str, set[SessionId]] = {}  # target -> live sessions that wait for it
         self._shares: Counter[str] = Counter()  # target -> live sessions
-        if goal in ledger.goals:
-            for name, node in ledger.goals[goal].nodes.items():
-                self._follow_node(name, node.state)
-                for id in node.sessions:
-                    if id in ledger.sessions:  # else it is long over
-                        self._follow_session(ledger.sessions[id])
+        for name, node in status.nodes.items() if status else ():
+            for id in node.sessions if name in self.dag else ():
+                if id in ledger.sessions:  # else it is long over
+                    self._follow_session(ledger.sessions[id])
 
     def take_in(self, record: Record, ledger: Ledger) -> None:
         """Note what a record changed.
@@ -63,7 +60,7 @@ class Worklist:
         """
         if record.to is not None:
             status = ledger.sessions.get(SessionId(record.id))
-            if status is None or status.contract.goal != self._goal or status.contract.node not in self._rank:
+            if status is None or status.contract.goal != self._goal or status.contract.node not in self.dag:
                 return
             self._follow_session(status)
             if status.state in _UNDER_WAY:
@@ -75,7 +72,7 @@ class Worklist:
             return
         node = ledger.goals[self._goal].nodes.get(name) if self._goal in ledger.goals else None
         if node is not None:
-            self._follow_node(name, node.state)
+            self._changed.update(dict.fromkeys(self.dag.follow(name, node)))
 
     def iter_live(self) -> Iterator[SessionId]:
         """Sessions that are not final, in the order of submission."""
@@ -93,17 +90,9 @@ class Worklist:
         """Sessions that wait for a verdict, in the order in which they ended."""
         return iter(tuple(self._unjudged))
 
-    def find_successors(self, name: str) -> list[str]:
-        """Nodes that wait for this one, directly."""
-        return self._successors[name]
-
-    def count_missing(self, name: str) -> int:
-        """Nodes before this one that are not done."""
-        return self._missing[name]
-
     def iter_changed(self) -> "Changed":
         """Nodes to look at, in the order of the graph; more may be added on the way."""
-        return Changed(self._rank, self._changed)
+        return Changed(self.dag, self._changed)
 
     def settle(self, name: str) -> None:
         """Nothing is to be done about this node until it, or one before it, changes."""
@@ -128,33 +117,20 @@ class Worklist:
         else:
             self._unjudged.pop(id, None)
 
-    def _follow_node(self, name: str, state: NodeState) -> None:
-        if name not in self._rank:
-            return
-        self._changed[name] = None
-        is_done = state is NodeState.DONE
-        if is_done != (name in self._done):
-            (self._done.add if is_done else self._done.discard)(name)
-            for successor in self._successors[name]:
-                self._missing[successor] += -1 if is_done else 1
-                self._changed[successor] = None
-        elif state is NodeState.BLOCKED:
-            self._changed.update(dict.fromkeys(self._successors[name]))
-
 
 class Changed:
-    """Iterates over names in the order of their ranks, those added on the way included."""
+    """Iterates over nodes in the order of the graph, those added on the way included."""
 
-    def __init__(self, rank: dict[str, int], names: Iterable[str]) -> None:
-        self._rank = rank
-        self._heap = [(rank[name], name) for name in names]
+    def __init__(self, dag: GoalDag, names: Iterable[str]) -> None:
+        self._dag = dag
+        self._heap = [(dag.get_rank(name), name) for name in names]
         heapq.heapify(self._heap)
         self._seen: set[str] = set()
 
     def add(self, names: Iterable[str]) -> None:
         """Look at these too; each must come later in the graph than the present one."""
         for name in names:
-            heapq.heappush(self._heap, (self._rank[name], name))
+            heapq.heappush(self._heap, (self._dag.get_rank(name), name))
 
     def __iter__(self) -> Iterator[str]:
         while self._heap:

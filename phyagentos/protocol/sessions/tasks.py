@@ -4,6 +4,7 @@ Upstream: goal and node records of the journal, folded by the ledger. Downstream
 them, and people. Nodes belong to the agent; the runtime sees sessions only.
 """
 
+from collections.abc import Iterator
 from enum import StrEnum
 
 import msgspec
@@ -30,18 +31,39 @@ class NodeState(StrEnum):
     """It was done, and holds no longer."""
 
 
-class Replan(msgspec.Struct, frozen=True, kw_only=True):
-    """Why a session of a node was followed by a child.
+class Relation(StrEnum):
+    """Why one step of a goal comes before another."""
+
+    AFTER = "after"
+    """As authored."""
+    REPLAN = "replan"
+    """The child does differently what its parent did not achieve."""
+    CLEARS = "clears"
+    """The child moves away what was in the way of its parent."""
+    LOOKS = "looks"
+    """The child looks for what its parent left unknown."""
+    AGAIN = "again"
+    """The child achieves again what its parent had achieved."""
+    RESTORES = "restores"
+    """The next session of a node needs what this one achieves again."""
+
+
+class Replan(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A session of a node after its first one.
 
     Attributes:
-        session: The session that did not meet its objective.
-        child: The session that revises it.
+        session: Its parent.
+        child: The session; it may still be to be submitted.
         reason: What went wrong, and what is done differently.
+        relation: How it continues its parent.
+        after: Nodes that must be done again before it.
     """
 
     session: SessionId
     child: SessionId
     reason: str
+    relation: Relation = Relation.REPLAN
+    after: tuple[str, ...] = ()
 
 
 class NodeStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -50,12 +72,12 @@ class NodeStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         state: See `NodeState`.
         after: Nodes that come first.
-        sessions: Its sessions, oldest first; all but the first are children.
+        sessions: Its sessions, oldest first.
         objective: What a person would say.
         skill: As compiled.
         target: As compiled.
         reasons: Why this skill and this target, where the graph left the choice open.
-        replans: One for each child, oldest first.
+        replans: Its sessions after the first, oldest first; the last one may still be to be submitted.
         reason: Why it stands where it does.
     """
 
@@ -106,6 +128,70 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
     is_cancelled: bool = False
     submitted_at: str = ""
     updated_at: str = ""
+
+
+class Step(msgspec.Struct, frozen=True, kw_only=True):
+    """A vertex of the goal's graph: one attempt at a node.
+
+    Attributes:
+        name: The node for its first session, else the id of the session without the goal.
+        node: The node.
+        state: That of the node for its latest attempt, else `past`.
+        session: Its id; empty before the node's first one is submitted.
+    """
+
+    name: str
+    node: str
+    state: str
+    session: str = ""
+
+
+class Edge(msgspec.Struct, frozen=True, kw_only=True, order=True):
+    """`before` must be over before `step` begins."""
+
+    before: str
+    step: str
+    relation: Relation
+
+
+PAST = "past"
+
+
+def compute_session_id(goal: GoalId, node: str, attempt: int) -> SessionId:
+    """Id of a node's session: 0 is the first one."""
+    return SessionId(f"{goal}.{node}" + (f".r{attempt}" if attempt else ""))
+
+
+def get_step_name(goal: GoalId, session: SessionId) -> str:
+    """Name of the step that a session is; a node's first session is the step that is called like the node."""
+    return session.removeprefix(f"{goal}.")
+
+
+def iter_steps(goal: GoalStatus) -> Iterator[Step]:
+    """The vertices of a goal's graph, each node followed by its further attempts."""
+    for name, node in goal.nodes.items():
+        attempts = [name, *(get_step_name(goal.id, each.child) for each in node.replans)]
+        ids = [node.sessions[0] if node.sessions else "", *(each.child for each in node.replans)]
+        for attempt, id in zip(attempts, ids, strict=True):
+            yield Step(name=attempt, node=name, state=node.state if attempt is attempts[-1] else PAST, session=id)
+
+
+def iter_edges(goal: GoalStatus) -> Iterator[Edge]:
+    """The edges of a goal's graph: what waits for a node waits for its latest attempt."""
+    nodes = goal.nodes
+    latest = {
+        name: get_step_name(goal.id, node.replans[-1].child) if node.replans else name for name, node in nodes.items()
+    }
+    for name, node in nodes.items():
+        for before in node.after:
+            if before in latest:
+                yield Edge(before=latest[before], step=name, relation=Relation.AFTER)
+        for each in node.replans:
+            step = get_step_name(goal.id, each.child)
+            yield Edge(before=get_step_name(goal.id, each.session), step=step, relation=each.relation)
+            for before in each.after:
+                if before in latest:
+                    yield Edge(before=latest[before], step=step, relation=Relation.RESTORES)
 
 
 TASK = DocumentFormat(

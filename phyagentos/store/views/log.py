@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 from phyagentos.protocol.documents.log import LOG, LogFront, LogLine
 from phyagentos.protocol.documents.markdown import flatten, format_time, render_front
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
-from phyagentos.protocol.sessions.tasks import Replan
 from phyagentos.store.admission import GoalEvent
-from phyagentos.store.ledger import Ledger
+from phyagentos.store.ledger import Ledger, read_replan
 from phyagentos.store.records import JOURNAL_ID, Record
 from phyagentos.store.views.sessions import describe_attempt, describe_execution
 from phyagentos.store.views.tasks import split_reason
@@ -45,6 +44,7 @@ _PLAIN = {
     GoalEvent.NODE_DONE.value: "done",
     GoalEvent.NODE_BLOCKED.value: "cannot be done",
     GoalEvent.INVALIDATED.value: "holds no longer",
+    GoalEvent.NODE_WAITS.value: "waits",
     GoalEvent.BUDGET_SPENT.value: "a replan was paid for",
     GoalEvent.GOAL_CANCELLED.value: "cancelled",
 }
@@ -117,7 +117,9 @@ def _take_note(record: Record, ledger: Ledger) -> _Note:
         return _Note(record, ledger.sessions.get(SessionId(record.id)), "")
     if record.ev in _NODE_ENDS:
         return _Note(record, None, _find_judged(record, ledger))
-    return _Note(record, None, split_reason(_read_replan(record), ledger)[1] if record.ev == _CHILD_OF else "")
+    return _Note(
+        record, None, split_reason(read_replan(record.body or {}), ledger)[1] if record.ev == _CHILD_OF else ""
+    )
 
 
 def _tell(note: _Note) -> LogLine:
@@ -170,18 +172,13 @@ def _tell_goal(record: Record, hint: str) -> str:
             shown = ", ".join(list(nodes)[:NODES_NAMED]) + (", …" if len(nodes) > NODES_NAMED else "")
             return f"compiled into {len(nodes)} nodes: {shown}"
         case GoalEvent.CHILD_OF:
-            replan = _read_replan(record)
+            replan = read_replan(body)
             return f"{replan.session} continues as {replan.child}: {hint or replan.reason or 'as before'}"
         case GoalEvent.NODE_DONE | GoalEvent.NODE_BLOCKED:
             return _with_reason(_PLAIN[record.ev], {"reason": hint or body.get("reason")})
         case GoalEvent.GOAL_VERDICT:
             return _with_reason(f"goal verdict {body.get('verdict')}", body)
     return _with_reason(_PLAIN.get(record.ev, record.ev), body)
-
-
-def _read_replan(record: Record) -> Replan:
-    body = record.body or {}
-    return Replan(session=body.get("parent", ""), child=body.get("child", ""), reason=str(body.get("reason", "")))
 
 
 def _find_judged(record: Record, ledger: Ledger) -> str:

@@ -14,7 +14,16 @@ from phyagentos.protocol.documents.markdown import (
     render_table,
 )
 from phyagentos.protocol.sessions.session import SessionId
-from phyagentos.protocol.sessions.tasks import TASK, GoalStatus, NodeState, Replan
+from phyagentos.protocol.sessions.tasks import (
+    PAST,
+    TASK,
+    GoalStatus,
+    NodeState,
+    Relation,
+    Replan,
+    iter_edges,
+    iter_steps,
+)
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.criteria import render_criteria
 
@@ -41,6 +50,7 @@ _COLORS = {
     NodeState.DONE: "fill:#e8f5e9,stroke:#43a047,color:#1b5e20",
     NodeState.BLOCKED: "fill:#ffebee,stroke:#e53935,color:#b71c1c",
     NodeState.INVALIDATED: "fill:#f3e5f5,stroke:#8e24aa,color:#4a148c",
+    PAST: "fill:#ffffff,stroke:#90a4ae,color:#546e7a",
 }
 
 
@@ -95,24 +105,23 @@ def render_task(goal: GoalStatus, ledger: Ledger) -> str:
 
 
 def render_graph(goal: GoalStatus) -> str:
-    """The goal's nodes as a Mermaid flowchart, coloured by state; every label is quoted."""
-    names = {name: f"n{index}" for index, name in enumerate(goal.nodes)}
+    """The goal's graph as a Mermaid flowchart, further attempts included, coloured by state; every label is quoted."""
+    steps = {step.name: step for step in iter_steps(goal)}
+    names = {name: f"n{index}" for index, name in enumerate(steps)}
     lines = ["flowchart TD"]
-    for name, node in goal.nodes.items():
-        children = len(node.sessions) - 1
-        revised = f"<br/>{children} revised" if children > 0 else ""
-        label = f"<b>{escape_label(name)}</b><br/>{node.state.value}{revised}"
-        lines.append(f'    {names[name]}["{label}"]:::{node.state.value}')
-    for name, node in goal.nodes.items():
-        lines += [f"    {names[before]} --> {names[name]}" for before in node.after if before in names]
-    lines += [f"    classDef {state.value} {color}" for state, color in _COLORS.items()]
+    for name, step in steps.items():
+        lines.append(f'    {names[name]}["<b>{escape_label(name)}</b><br/>{step.state}"]:::{step.state}')
+    for edge in iter_edges(goal):
+        arrow = "-->" if edge.relation is Relation.AFTER else f"-- {edge.relation} -->"
+        lines.append(f"    {names[edge.before]} {arrow} {names[edge.step]}")
+    lines += [f"    classDef {state} {color}" for state, color in _COLORS.items()]
     return "\n".join(lines) + "\n"
 
 
 def _draw(goal: GoalStatus) -> str:
-    edges = sum(len(node.after) for node in goal.nodes.values())
-    if len(goal.nodes) > NODES_DRAWN or edges > EDGES_DRAWN:
-        return f"The graph has {len(goal.nodes)} nodes and {edges} edges, too many to draw; the table has them all.\n"
+    steps, edges = sum(1 for _ in iter_steps(goal)), sum(1 for _ in iter_edges(goal))
+    if steps > NODES_DRAWN or edges > EDGES_DRAWN:
+        return f"The graph has {steps} nodes and {edges} edges, too many to draw; the table has them all.\n"
     return f"```mermaid\n{render_graph(goal)}```\n"
 
 

@@ -4,29 +4,29 @@ import pytest
 
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.worklist import Worklist
+from phyagentos.protocol.sessions.tasks import iter_edges
+from tests.goal_graphs import assert_same_graph
 
 from .conftest import Play, put, succeed
 from .test_mission import CHAIN, TIDY, slip
-
-
-def read_all(agenda):
-    return agenda._missing, agenda._done, list(agenda._live), list(agenda._unjudged)
+from .test_restoration import HEAD, ROW, slip_and_take_out
 
 
 @pytest.fixture
 def compare(monkeypatch):
-    """After every record, an agenda that followed them all equals one that is made anew from the fold."""
+    """After every record, worklist and graph that followed them all equal those made anew, and what records draw."""
     compared = []
 
     def take_in_and_compare(run, record):
-        run.agenda.take_in(record, run.ledger)
+        run.worklist.take_in(record, run.ledger)
         if run.goal in run.ledger.goals and run.status.nodes:
             anew = Worklist(run.graph, run.goal, run.ledger)
-            assert read_all(run.agenda)[:2] == read_all(anew)[:2], record
-            assert sorted(read_all(run.agenda)[2]) == sorted(read_all(anew)[2]), record
-            assert sorted(read_all(run.agenda)[3]) == sorted(read_all(anew)[3]), record
+            assert_same_graph(run.worklist.dag, run.status)
+            assert_same_graph(anew.dag, run.status)
+            assert sorted(run.worklist.iter_live()) == sorted(anew.iter_live()), record
+            assert sorted(run.worklist.iter_unjudged()) == sorted(anew.iter_unjudged()), record
             pending = [status for status in run.iter_live() if status.state == "pending"]
-            assert run.agenda.count_waiting() == anew.count_waiting() == len(pending), record
+            assert run.worklist.count_waiting() == anew.count_waiting() == len(pending), record
             compared.append(record.ev)
 
     monkeypatch.setattr(GoalController, "take_in", take_in_and_compare)
@@ -47,6 +47,20 @@ def test_it_follows_a_node_that_the_world_undid(make_stage, write_graph, compare
     report = make_stage({"green": undo_red}).pursue(write_graph(TIDY))
     assert report.verdict == "success"
     assert "invalidated" in compare
+
+
+def test_a_begun_node_waits_for_what_is_done_again_two_nodes_before_it(make_stage, write_graph, compare):
+    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    assert stage.pursue(write_graph(HEAD + ROW.replace("REPLANS", "2"))).verdict == "success"
+    assert "node_waits" in compare
+    edges = iter_edges(stage.make_mission().ledger.goals["again-7"])
+    assert {(edge.before, edge.step): edge.relation for edge in edges} == {
+        ("green", "green.r1"): "again",
+        ("green.r1", "blue"): "after",
+        ("blue", "red"): "after",
+        ("red", "red.r1"): "replan",
+        ("green.r1", "red.r1"): "restores",
+    }
 
 
 def test_it_follows_nodes_that_are_blocked_one_behind_the_other(make_stage, write_graph, compare):

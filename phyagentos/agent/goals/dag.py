@@ -1,0 +1,130 @@
+"""The one graph of a goal while it is pursued: order, readiness and what repairs added.
+
+Upstream: the checked goal graph, then the nodes of the ledger. Downstream: the controller asks it what is ready, what
+comes before a node and what comes after. Its vertices are attempts: a node's first session has the node's name, each
+further one is added behind its parent. What waits for a node waits for its latest attempt, so the edges that leave a
+node move on with it. TASK.md draws the same vertices and edges from the records (`protocol.sessions.tasks`).
+"""
+
+import networkx as nx
+
+from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.sessions.tasks import (
+    PAST,
+    GoalStatus,
+    NodeState,
+    NodeStatus,
+    Relation,
+    Replan,
+    get_step_name,
+)
+
+
+class GoalDag:
+    """A `networkx.DiGraph` that follows the records of one goal.
+
+    A vertex has `node`, `rank` (position of the node in the order of the graph), `state` and `waits`: how many of its
+    predecessors are open. An attempt is open while it is the latest of a node that is not done. An edge has `relation`.
+
+    Args:
+        graph: As authored and checked.
+        goal: Its id.
+        status: As the ledger knows it; None before it is submitted.
+
+    Attributes:
+        steps: The graph.
+    """
+
+    def __init__(self, graph: GoalGraph, goal: GoalId, status: GoalStatus | None = None) -> None:
+        self.steps: nx.DiGraph[str] = nx.DiGraph()
+        self._goal = goal
+        self._latest = {name: name for name in graph.order}
+        self._replans: dict[str, tuple[Replan, ...]] = {}
+        for rank, name in enumerate(graph.order):
+            before = graph.nodes[name].after
+            self.steps.add_node(name, node=name, rank=rank, state=NodeState.WAITING, waits=len(before))
+            self.steps.add_edges_from(((each, name) for each in before), relation=Relation.AFTER)
+        for name, node in status.nodes.items() if status else ():
+            self.follow(name, node)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._latest
+
+    def follow(self, name: str, status: NodeStatus) -> list[str]:
+        """Take over how a node stands; names it, and every node that it freed or that it blocks."""
+        if name not in self:
+            return []
+        seen = self._replans.get(name, ())
+        if status.replans is not seen:
+            for replan in status.replans[max(0, len(seen) - 1) :]:
+                self._attach(name, replan)
+            self._replans[name] = status.replans
+        attempt = self.steps.nodes[self._latest[name]]
+        change = (attempt["state"] is NodeState.DONE) - (status.state is NodeState.DONE)
+        attempt["state"] = status.state
+        if not change and status.state is not NodeState.BLOCKED:
+            return [name]
+        touched = [name]
+        for step in map(self.steps.nodes.__getitem__, self.steps[self._latest[name]]):
+            step["waits"] += change
+            if not step["waits"] or status.state is NodeState.BLOCKED:
+                touched.append(step["node"])
+        return touched
+
+    def get_rank(self, name: str) -> int:
+        """Position of a node in the order of the graph."""
+        rank: int = self.steps.nodes[name]["rank"]
+        return rank
+
+    def count_open(self, name: str) -> int:
+        """Open predecessors of a node's latest attempt; a node that waits for its turn is ready at 0."""
+        waits: int = self.steps.nodes[self._latest[name]]["waits"]
+        return waits
+
+    def find_next(self, name: str) -> list[str]:
+        """Nodes that wait for a node, directly."""
+        return [self.steps.nodes[step]["node"] for step in self.steps[self._latest[name]]]
+
+    def find_open(self, name: str, *, further: bool = False) -> list[str]:
+        """Nodes that are not done and come before the latest attempt of a node, in the order of the graph.
+
+        Args:
+            name: The node.
+            further: Whether also those before them count, else its predecessors only.
+        """
+        latest = self._latest[name]
+        steps = nx.ancestors(self.steps, latest) if further else self.steps.pred[latest]
+        nodes = {self.steps.nodes[step]["node"] for step in steps if self._is_open(step)} - {name}
+        return sorted(nodes, key=self.get_rank)
+
+    def find_before(self, name: str) -> set[str]:
+        """Every node that comes before a node, directly or not."""
+        return {self.steps.nodes[step]["node"] for step in nx.ancestors(self.steps, self._latest[name])} - {name}
+
+    def find_after(self, name: str) -> set[str]:
+        """Every node that waits for a node, directly or not."""
+        return {self.steps.nodes[step]["node"] for step in nx.descendants(self.steps, self._latest[name])}
+
+    def _is_open(self, step: str) -> bool:
+        return self.steps.nodes[step]["state"] not in {NodeState.DONE, PAST}
+
+    def _attach(self, name: str, replan: Replan) -> None:
+        """Add the next attempt of a node, or say more about the one that was added last."""
+        step, latest = get_step_name(self._goal, replan.child), self._latest[name]
+        if step != latest:
+            state = self.steps.nodes[latest]["state"]
+            self.steps.add_node(step, node=name, rank=self.get_rank(name), state=state, waits=0)
+            leaving = [(step, after, facts) for after, facts in self.steps[latest].items()]
+            self.steps.remove_edges_from([(latest, after) for _, after, _ in leaving])
+            self.steps.add_edges_from(leaving)
+            self.steps.nodes[latest]["state"] = PAST
+            self._latest[name] = step
+        own = [before for before, facts in self.steps.pred[step].items() if self.steps.nodes[before]["node"] == name]
+        self.steps.remove_edges_from([(before, step) for before in own])
+        self.steps.add_edge(get_step_name(self._goal, replan.session), step, relation=replan.relation)
+        for node in replan.after:
+            before = self._latest[node]
+            if not self.steps.has_edge(before, step):
+                self.steps.add_edge(before, step, relation=Relation.RESTORES)
+                self.steps.nodes[step]["waits"] += self._is_open(before)
