@@ -177,21 +177,22 @@ def iter_steps(goal: GoalStatus) -> Iterator[Step]:
 
 
 def iter_edges(goal: GoalStatus) -> Iterator[Edge]:
-    """The edges of a goal's graph: what waits for a node waits for its latest attempt."""
-    nodes = goal.nodes
+    """The edges between these: what waits for a node waits for its latest attempt."""
+    steps = {step.name for step in iter_steps(goal)}
     latest = {
-        name: get_step_name(goal.id, node.replans[-1].child) if node.replans else name for name, node in nodes.items()
+        name: get_step_name(goal.id, node.replans[-1].child) if node.replans else name
+        for name, node in goal.nodes.items()
     }
-    for name, node in nodes.items():
-        for before in node.after:
-            if before in latest:
-                yield Edge(before=latest[before], step=name, relation=Relation.AFTER)
+    for name, node in goal.nodes.items():
+        found = [(before, name, Relation.AFTER) for before in node.after]
         for each in node.replans:
-            step = get_step_name(goal.id, each.child)
-            yield Edge(before=get_step_name(goal.id, each.session), step=step, relation=each.relation)
-            for before in each.after:
-                if before in latest:
-                    yield Edge(before=latest[before], step=step, relation=Relation.RESTORES)
+            step, parent = get_step_name(goal.id, each.child), get_step_name(goal.id, each.session)
+            found += [(before, step, Relation.RESTORES) for before in each.after]
+            if parent in steps:
+                yield Edge(before=parent, step=step, relation=each.relation)
+        for before, step, relation in found:
+            if before in latest:
+                yield Edge(before=latest[before], step=step, relation=relation)
 
 
 TASK = DocumentFormat(
