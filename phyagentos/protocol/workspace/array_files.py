@@ -7,6 +7,7 @@ depend on the arrays alone: no time of the day is in them.
 
 import math
 import struct
+import zipfile
 import zlib
 from functools import lru_cache
 from io import BytesIO
@@ -41,6 +42,21 @@ def encode_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
         parts += (member.local_before, crc, member.local_behind, data)
         directory += (member.central_before, crc, member.central_behind)
     return b"".join((*parts, *directory, form.end))
+
+
+def decode_arrays(data: bytes) -> dict[str, NDArray[Any]]:
+    """The arrays of an `.npz`, by name.
+
+    Raises:
+        ValueError: When these bytes are none; nothing in them is executed.
+    """
+    if not zipfile.is_zipfile(BytesIO(data)):
+        raise ValueError(f"{len(data)} bytes that are no NPZ")
+    try:
+        with np.load(BytesIO(data)) as arrays:
+            return dict(arrays)
+    except (ValueError, OSError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"{len(data)} bytes that are no NPZ: {error}") from error
 
 
 class _Member(NamedTuple):

@@ -1,29 +1,27 @@
 """A target without physics, in memory: it stands where the last command put it, and every movable body rides on it.
 
-Upstream: `server`, or a test. It is what `kind: debug` in a target.yaml gives: the same wire, authority and receive
-log as any other target, so that everything around a robot can be tried, tested and measured without one.
+Upstream: `served_target`. It is what `kind: debug` in a target.yaml gives: the wire, authority and receive log of any
+other target, so that everything around a robot can be tried, tested and measured without one.
 """
 
 import math
 
 import numpy as np
+from typing_extensions import override
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, TargetState
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.authority import Authority
-from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveLog, Reception
+from phyagentos.runtime.targets.driver import TargetDriver
 
-SETTLE_MAX_S = 60.0  # as long as a simulated target allows
 END_STOP = 1e9  # it has no end stops; safety.yaml sets the limits
-_SILENT = (wire.Observe, wire.Describe, wire.Render, wire.Capture, wire.SaveModel, wire.Shutdown)
-_NEW = (wire.Begin, wire.Command)  # what is refused while it cannot be told
 
 
-class DebugDriver:
+class DebugDriver(TargetDriver):
     """One debug target, one scene at a time.
 
     The tool centre point stands above the mount by the first joint's position [m], without turning.
@@ -31,15 +29,11 @@ class DebugDriver:
     Args:
         profile: The target; its `model` is not read.
         library: Where scenes are found.
-        log: The receive log.
     """
 
-    def __init__(self, profile: TargetProfile, library: Library, log: ReceiveLog) -> None:
-        self._profile, self._library, self._log = profile, library, log
+    def __init__(self, profile: TargetProfile, library: Library) -> None:
+        self._profile, self._library = profile, library
         self._steps = round(profile.control_period_s / profile.physics_step_s)
-        self._authority = Authority()
-        self._episode = ""
-        self._scene: tuple[str, int] = ("", 0)
         self._fixed: tuple[Entity, ...] = ()
         self._riding: tuple[Entity, ...] = ()
         self._regions: tuple[Region, ...] = ()
@@ -47,69 +41,23 @@ class DebugDriver:
         self._width_m = profile.gripper.max_width_m
         self._tick = 0
 
-    def close(self) -> None:
-        """Let go of the log."""
-        self._log.close()
+    @property
+    @override
+    def time_s(self) -> float:
+        return self._tick * self._profile.physics_step_s
 
-    def withdraw(self) -> None:
-        """Nobody is connected any more: authority ends."""
-        if self._authority.session:
-            self._authority.end()
-            self._log.stamp()
-            self._log.note(Reception(time_s=self._now_s(), kind="Withdraw", episode=self._episode))
+    @property
+    @override
+    def control_period_s(self) -> float:
+        return self._profile.control_period_s
 
-    def handle(self, request: wire.Request) -> wire.Reply:
-        """Carry out one request, or refuse it."""
-        is_told = not isinstance(request, _SILENT)
-        if is_told:
-            self._log.stamp()
-        try:
-            reply = self._refuse_untold(request) or self._carry_out(request)
-        except DefinitionError as error:
-            reply = wire.Refused(error.problems[0].code, str(error))
-        if is_told:
-            self._note(request, reply)
-        return reply
+    @property
+    @override
+    def is_moving(self) -> bool:
+        return False  # it is where it was told to be
 
-    def _refuse_untold(self, request: wire.Request) -> wire.Refused | None:
-        is_untold = isinstance(request, _NEW) and self._log.is_behind
-        return wire.Refused("LOG_UNWRITABLE", UNTOLD) if is_untold else None
-
-    def _carry_out(self, request: wire.Request) -> wire.Reply:
-        match request:
-            case wire.Observe():
-                return self._observe()
-            case wire.Describe():
-                return self._describe()
-            case wire.LoadScene():
-                return self._load(request)
-            case wire.Render():
-                return wire.Picture(b"", "a debug target has no cameras")
-            case wire.Capture():
-                return wire.Frames(())
-            case wire.Begin():
-                return self._authority.begin(request.session, request.epoch) or wire.Ack()
-            case wire.SaveModel() | wire.Shutdown():
-                return wire.Ack()
-        return self._authority.check(request.session, request.epoch) or self._act(request)
-
-    def _act(self, request: wire.Command | wire.Halt | wire.Settle | wire.End) -> wire.Reply:
-        """What only the session in authority may ask for."""
-        match request:
-            case wire.Command():
-                return self._apply(request)
-            case wire.Halt(category=1):
-                self._authority.stop("DRIVES_OFF")
-            case wire.Settle():
-                if not 0.0 <= request.duration_s <= SETTLE_MAX_S:  # also when it is NaN
-                    return wire.Refused("MALFORMED", f"a settling time of {request.duration_s} s")
-                self._tick += round(request.duration_s / self._profile.physics_step_s)
-            case wire.End():
-                self._authority.end()
-                return wire.Ended(self._now_s(), ())
-        return self._report()
-
-    def _describe(self) -> wire.Description:
+    @override
+    def describe(self) -> wire.Description:
         profile, n = self._profile, len(self._profile.arm.joints)
         return wire.Description(
             target=profile.target,
@@ -131,30 +79,22 @@ class DebugDriver:
             gripper_force_n=0.0,  # what it holds only rides along
             joints=profile.arm.joints,
             version=wire.WIRE_VERSION,
+            driver="debug",
+            ground_truth=True,
+            end_effector=profile.end_effector,
         )
 
-    def _load(self, request: wire.LoadScene) -> wire.Reply:
-        if self._authority.session:
-            holder = self._authority.session
-            return wire.Refused("NO_AUTHORITY", f"{holder} has authority; scenes are loaded between sessions")
-        scene = (request.scene, request.seed)
-        if request.episode == self._episode and request.state is None:
-            if scene != self._scene:
-                return wire.Refused("EPISODE_CONFLICT", f"episode {request.episode} is {self._scene}, not {scene}")
-            return wire.Loaded(request.episode, "")
-        if self._episode and not request.may_reset:
-            message = f"episode {request.episode} would end episode {self._episode}, and its contract permits no reset"
-            return wire.Refused("RESET_FORBIDDEN", message)
-        if request.state is not None and not (
-            request.state.shape == (1 + self._q.size,) and np.isfinite(request.state).all()
-        ):
-            return wire.Refused("MALFORMED", f"a state of shape {request.state.shape}; expected a tick and the joints")
+    @override
+    def load(self, request: wire.LoadScene) -> wire.Loaded:
+        tick, q = 0, np.array(self._profile.arm.home_rad, dtype=np.float64)
+        if request.snapshot:
+            state = decode_arrays(request.snapshot).get("state", np.empty(0))
+            if state.shape != (1 + q.size,) or not np.isfinite(state).all():
+                message = f"a state of shape {state.shape}; expected a tick and the joints"
+                raise ExecutionError("MALFORMED", message)
+            tick, q = int(state[0]), state[1:]
         self._place(read_scene(self._library.get_scene(request.scene)))
-        self._tick, self._q = 0, np.array(self._profile.arm.home_rad, dtype=np.float64)
-        if request.state is not None:
-            self._tick, self._q = int(request.state[0]), np.array(request.state[1:])
-        self._episode, self._scene = request.episode, scene
-        self._log.note(Reception(time_s=self._now_s(), kind=STATE_WRITE, episode=self._episode))
+        self._tick, self._q = tick, q
         return wire.Loaded(request.episode, "")
 
     def _place(self, spec: SceneSpec) -> None:
@@ -166,21 +106,30 @@ class DebugDriver:
             Region(name=name, pose=Pose(region.center_m), half_m=region.half_m) for name, region in spec.regions.items()
         )
 
-    def _apply(self, command: wire.Command) -> wire.Reply:
+    @override
+    def apply(self, command: wire.Command) -> str:
         shape = (self._steps, self._q.size)
         arrays = (command.q_rad, command.qd_rad_s, command.gripper_width_m)
         if tuple(array.shape for array in arrays) != (shape, shape, shape[:1]):
-            return wire.Refused(
-                "MALFORMED", f"q_rad of shape {command.q_rad.shape}; expected {shape}, and others like it"
-            )
+            message = f"q_rad of shape {command.q_rad.shape}; expected {shape}, and others like it"
+            raise ExecutionError("MALFORMED", message)
         if not all(math.isfinite(value) for array in arrays for value in array.ravel().tolist()):
-            return wire.Refused("MALFORMED", "a set-point is not finite")
-        refused = self._authority.admit(command, self._now_s())
-        if refused is not None:
-            return refused
+            raise ExecutionError("MALFORMED", "a set-point is not finite")
         self._q, self._width_m = np.array(command.q_rad[-1], dtype=np.float64), float(command.gripper_width_m[-1])
         self._tick += self._steps
-        return self._report()
+        return ""
+
+    @override
+    def hold(self, duration_s: float) -> None:
+        self._tick += round(duration_s / self._profile.physics_step_s)
+
+    @override
+    def halt(self, category: int = 2) -> None:
+        """It is at rest."""
+
+    @override
+    def report(self) -> wire.Step:
+        return wire.Step(time_s=self.time_s, target=self._read_target(), tracking_error_rad=0.0)
 
     def _read_target(self) -> TargetState:
         x, y, z = self._profile.mount_position_m
@@ -192,19 +141,15 @@ class DebugDriver:
             tcp=Pose((x, y, z + q[0])),
         )
 
-    def _report(self) -> wire.Step:
-        return wire.Step(time_s=self._now_s(), target=self._read_target(), tracking_error_rad=0.0)
-
-    def _observe(self) -> wire.Observation:
-        target, now_s = self._read_target(), self._now_s()
+    @override
+    def observe(self, *, truth: bool) -> wire.Observation:
+        target, now_s = self._read_target(), self.time_s
+        if not truth:
+            return wire.Observation(time_s=now_s, target=target)
         seen = [(entity, entity.pose) for entity in self._fixed] + [(entity, target.tcp) for entity in self._riding]
         return wire.Observation(
             time_s=now_s,
             target=target,
-            state=np.array((self._tick, *target.q_rad), dtype=np.float64),
-            qpos=self._q,
-            qvel=np.zeros(self._q.size),
-            act=np.empty(0),
             entities=tuple(
                 Entity(
                     name=entity.name,
@@ -221,22 +166,17 @@ class DebugDriver:
             regions=self._regions,
         )
 
-    def _now_s(self) -> float:
-        return self._tick * self._profile.physics_step_s
-
-    def _note(self, request: wire.Request, reply: wire.Reply) -> None:
-        self._log.note(
-            Reception(
-                time_s=self._now_s(),
-                kind=type(request).__name__,
-                episode=self._episode,
-                session=getattr(request, "session", ""),
-                epoch=getattr(request, "epoch", 0),
-                sequence=getattr(request, "sequence", 0),
-                accepted=not isinstance(reply, wire.Refused),
-                code=reply.code if isinstance(reply, wire.Refused) else "",
-            )
-        )
+    @override
+    def snapshot(self) -> wire.Artefact:
+        """As a simulation's: an NPZ of `state` (the tick, then the joints), `time`, `qpos`, `qvel` and `act`."""
+        arrays = {
+            "state": np.array((self._tick, *self._q.tolist()), dtype=np.float64),
+            "time": np.asarray(self.time_s, dtype=np.float64),
+            "qpos": self._q,
+            "qvel": np.zeros(self._q.size),
+            "act": np.empty(0),
+        }
+        return wire.Artefact(wire.NPZ, encode_arrays(arrays))
 
 
 def _make_entity(name: str, body: Body) -> Entity:

@@ -1,7 +1,7 @@
 """Who may command a target: one session at a time, under an epoch that never runs backwards.
 
-Upstream: `world`. It decides from what the target itself has seen, so that a sender with an old belief is refused even
-when everything between it and the target is gone.
+Upstream: `served_target`. It decides from what the target itself has seen, so that a sender with an old belief is
+refused even when everything between it and the target is gone.
 """
 
 from phyagentos.runtime.targets.wire import Command, Refused
@@ -11,7 +11,7 @@ class Authority:
     """The target's own memory of claims.
 
     Attributes:
-        session: Who may command, empty when nobody may.
+        session: The one that may command; empty when none may.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class Authority:
     def check(self, session: str, epoch: int) -> Refused | None:
         """Whether a request of this session may be carried out."""
         if not self.session:
-            return Refused("NO_AUTHORITY", f"{session} has no authority; nobody has")
+            return Refused("NO_AUTHORITY", f"{session} has no authority; no session has")
         if session != self.session:
             return Refused("NO_AUTHORITY", f"{self.session} has authority, not {session}")
         if epoch != self._epoch:
@@ -51,8 +51,8 @@ class Authority:
             refused = Refused(self._stopped, f"{session} was stopped; another session must begin first")
         return refused
 
-    def admit(self, command: Command, time_s: float) -> Refused | None:
-        """Whether a command may be carried out now; it then counts as received."""
+    def check_command(self, command: Command, time_s: float) -> Refused | None:
+        """Whether a command may be carried out at this moment [s]."""
         refused = self.check_commanding(command.session, command.epoch)
         if refused is not None:
             return refused
@@ -60,8 +60,11 @@ class Authority:
             return Refused("OUT_OF_SEQUENCE", f"number {command.sequence} after {self._sequence}")
         if not time_s <= command.expires_at_s:  # also when the expiry is NaN
             return Refused("EXPIRED", f"it is {time_s:.3f} s, the command expired at {command.expires_at_s:.3f} s")
-        self._sequence += 1
         return None
+
+    def count(self) -> None:
+        """A command was carried out; the next one has the next sequence number."""
+        self._sequence += 1
 
     @property
     def stopped(self) -> str:

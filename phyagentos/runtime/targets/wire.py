@@ -1,7 +1,7 @@
-"""What travels between a worker and a world process: typed messages in msgpack, one at a time, in order.
+"""The messages between a worker and a target: msgpack, one request, one reply, in order. No simulator is presumed.
 
-A request is answered by exactly one reply. Arrays travel in C order with their shape: float64, pictures as uint8, depth
-as float32.
+Arrays travel in C order with their shape: float64, pictures as uint8, depth as float32. What only a driver can read
+(its state, a compiled model) travels as bytes with a media type. `handshake` opens a connection, `server` answers.
 """
 
 import math
@@ -22,7 +22,21 @@ Array = NDArray[np.float64]
 Colours = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Crop = tuple[int, int, int, int]  # left, top, width, height [pixels]
-WIRE_VERSION = 2  # grows when a message changes its meaning; preflight compares it
+WIRE_VERSION = 3  # grows when a message changes its meaning; the handshake and preflight compare it
+NPZ = "application/x-npz"
+RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`
+SCENE_MODEL = "scene_model"  # tool: the compiled scene, artefacts by file name
+
+
+class Artefact(msgspec.Struct, frozen=True):
+    """Bytes that a driver made, and what they are.
+
+    Attributes:
+        media_type: As in MIME (`application/x-npz`, `image/png`).
+    """
+
+    media_type: str
+    data: bytes
 
 
 class Describe(msgspec.Struct, frozen=True, tag=True):
@@ -36,15 +50,14 @@ class LoadScene(msgspec.Struct, frozen=True, tag=True):
     scene or seed; a no-op for the one that is.
 
     Attributes:
-        state: mjSTATE_INTEGRATION vector to start from instead (rerun of a recorded session); empty for a fresh start.
-        sim_time_of_faults_s: Session time by which the fault schedule is advanced on such a rerun.
+        snapshot: The driver's own snapshot to start from (rerun of a recorded session); empty for a fresh start.
         may_reset: Whether the world in which another episode stands may be begun anew. Else it is refused.
     """
 
     scene: str
     seed: int
     episode: str
-    state: Array | None = None
+    snapshot: bytes = b""
     may_reset: bool = True
 
 
@@ -108,15 +121,29 @@ class End(msgspec.Struct, frozen=True, tag=True):
 
 
 class Observe(msgspec.Struct, frozen=True, tag=True):
-    """Ask for a full observation without moving time. Reply: `Observation`."""
+    """Ask for an observation without moving time. Reply: `Observation`.
+
+    Attributes:
+        truth: With the ground truth of things and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
+        snapshot: With the driver's snapshot of the same moment.
+    """
+
+    truth: bool = False
+    snapshot: bool = False
 
 
-class Render(msgspec.Struct, frozen=True, tag=True):
-    """Ask for a picture without moving time. Reply: `Picture`."""
+class InvokeTool(msgspec.Struct, frozen=True, tag=True):
+    """Use a tool of the description. Reply: `ToolResult`.
 
-    camera: str
-    width: int = 640
-    height: int = 480
+    Attributes:
+        arguments: As the tool takes them.
+        session: Needed, with its epoch, for a tool that moves something.
+    """
+
+    name: str
+    arguments: dict[str, Any] = {}
+    session: str = ""
+    epoch: int = 0
 
 
 class Capture(msgspec.Struct, frozen=True, tag=True):
@@ -131,12 +158,6 @@ class Capture(msgspec.Struct, frozen=True, tag=True):
     cameras: tuple[str, ...] = ()
     crops: dict[str, Crop] = {}
     every: int = 1
-
-
-class SaveModel(msgspec.Struct, frozen=True, tag=True):
-    """Write the compiled model as `scene.mjb` and `scene.xml` into a folder. Reply: `Ack`."""
-
-    folder: str
 
 
 class Shutdown(msgspec.Struct, frozen=True, tag=True):
@@ -174,6 +195,17 @@ class Kinematics(msgspec.Struct, frozen=True):
     slides: tuple[bool, ...] = ()
 
 
+class Tool(msgspec.Struct, frozen=True):
+    """Something that a target does besides moving along set-points.
+
+    Attributes:
+        moves: Whether it moves something, so that it needs authority.
+    """
+
+    name: str
+    moves: bool = False
+
+
 class Description(msgspec.Struct, frozen=True, tag=True):
     """What the target is, read from the live model rather than from its profile.
 
@@ -185,6 +217,10 @@ class Description(msgspec.Struct, frozen=True, tag=True):
         joints: In the order in which they are commanded; empty when not told.
         depth_cameras: Those that `Capture` can ask: the cameras of sensors.yaml that this scene or robot has.
         version: Of the wire that the target speaks; 0 when not told.
+        driver: What moves it, by its name in the registry; a relay puts its own before it (`remote/mujoco`).
+        tools: What `InvokeTool` may ask for.
+        ground_truth: Whether `Observe` may ask for the ground truth.
+        end_effector: What the tool flange carries: `opening`, `suction` or `none`.
     """
 
     target: str
@@ -202,13 +238,21 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     joints: tuple[str, ...] = ()
     depth_cameras: tuple[str, ...] = ()
     version: int = 0
+    driver: str = ""
+    tools: tuple[Tool, ...] = ()
+    ground_truth: bool = False
+    end_effector: str = "opening"
+
+    def offers_tool(self, name: str) -> bool:
+        """Whether there is a tool of this name."""
+        return any(tool.name == name for tool in self.tools)
 
 
 class Loaded(msgspec.Struct, frozen=True, tag=True):
     """The episode's world stands.
 
     Attributes:
-        model_sha256: Hash of the compiled model, to compare with a recorded one.
+        model_sha256: Hash of the compiled model, to compare with a recorded one; empty without a model.
     """
 
     episode: str
@@ -236,21 +280,19 @@ class Step(msgspec.Struct, frozen=True, tag=True):
 
 
 class Observation(msgspec.Struct, frozen=True, tag=True):
-    """Everything that is sensed at one moment, before perception.
+    """What the target senses of itself at one moment, before perception.
 
     Attributes:
-        state: mjSTATE_INTEGRATION vector, float64.
-        entities: Ground truth; only the `truth` pipeline of perception may read it.
+        entities: Ground truth; empty unless it was asked for.
+        regions: Likewise.
+        snapshot: The driver's state at this moment, if asked for; None where the driver keeps none.
     """
 
     time_s: float
     target: TargetState
-    state: Array
-    qpos: Array
-    qvel: Array
-    act: Array
-    entities: tuple[Entity, ...]
-    regions: tuple[Region, ...]
+    entities: tuple[Entity, ...] = ()
+    regions: tuple[Region, ...] = ()
+    snapshot: Artefact | None = None
 
 
 class FaultStruck(msgspec.Struct, frozen=True):
@@ -272,10 +314,15 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
     faults: tuple[FaultStruck, ...]
 
 
-class Picture(msgspec.Struct, frozen=True, tag=True):
-    """A PNG; empty when this machine cannot render, with the reason."""
+class ToolResult(msgspec.Struct, frozen=True, tag=True):
+    """What a tool gave.
 
-    png: bytes
+    Attributes:
+        artefacts: By name.
+        reason: Why there are none, where the tool cannot give any here.
+    """
+
+    artefacts: dict[str, Artefact]
     reason: str = ""
 
 
@@ -317,10 +364,8 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
     missing: dict[str, str] = {}
 
 
-Request = (
-    Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Render | Capture | SaveModel | Shutdown
-)
-Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | Picture | Frames
+Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
+Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)

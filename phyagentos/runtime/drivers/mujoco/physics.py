@@ -350,10 +350,9 @@ class Physics:
         self.model.dof_frictionloss[dof] = self._joint_friction[dof] if own else torque_nm
         self.model.dof_solimp[dof, :2] = self._joint_impedance[dof] if own else RIGID  # a soft friction would creep
 
-    def save(self, folder: Path) -> None:
-        """Write `scene.mjb` and `scene.xml`."""
-        mujoco.mj_saveModel(self.model, str(folder / "scene.mjb"), None)
-        (folder / "scene.xml").write_text(self.spec.to_xml(), encoding="utf-8")
+    def export(self) -> dict[str, bytes]:
+        """The scene as files: `scene.mjb`, compiled, and `scene.xml`."""
+        return {"scene.mjb": self._read_model_bytes(), "scene.xml": self.spec.to_xml().encode()}
 
 
 def _as_slice(places: list[int]) -> slice | NDArray[np.intp]:

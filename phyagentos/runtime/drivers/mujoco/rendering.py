@@ -13,14 +13,14 @@ import numpy as np
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS, Picture
 from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
-from phyagentos.runtime.targets.wire import Picture as Png
+from phyagentos.runtime.targets.wire import Artefact, ToolResult
 
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 
-def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> Png:
-    """One PNG.
+def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
+    """One picture, as the artefact `picture.png`; none where this machine cannot draw, with the reason.
 
     Args:
         model: Compiled model.
@@ -31,16 +31,16 @@ def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: i
     """
     names = [model.camera(index).name for index in range(model.ncam)]
     if camera not in names:
-        return Png(b"", f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
+        return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
     width, height = min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT)
     _make_room(model, width, height)
     try:
         with mujoco.Renderer(model, height, width) as renderer:
             mujoco.mj_camlight(model, data)
             renderer.update_scene(data, camera, _make_options())
-            return Png(_encode(renderer.render()))
+            return ToolResult({"picture.png": Artefact("image/png", _encode(renderer.render()))})
     except Exception as error:  # graphics drivers raise what they like
-        return Png(b"", f"{type(error).__name__}: {error}")
+        return ToolResult({}, f"{type(error).__name__}: {error}")
 
 
 class GraphicsCaster:

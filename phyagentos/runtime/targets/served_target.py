@@ -1,0 +1,279 @@
+"""One driver under authority: what a target process serves, and the same for every driver.
+
+Upstream: `server`, `realtime`, or a test. Downstream: a `TargetDriver`. Commands carry session, epoch, sequence number
+and expiry, and are refused here when they do not match. So are commands after a stop, and whatever cannot be written
+to the receive log. Requests are refused, never raised over the wire.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from phyagentos.errors import DefinitionError, ExecutionError, format_names
+from phyagentos.runtime.targets.authority import Authority
+from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveLog, Reception
+from phyagentos.runtime.targets.wire import (
+    Ack,
+    Begin,
+    Capture,
+    Command,
+    Describe,
+    Description,
+    End,
+    Ended,
+    Halt,
+    InvokeTool,
+    Loaded,
+    LoadScene,
+    Observation,
+    Observe,
+    Refused,
+    Reply,
+    Request,
+    Settle,
+    Shutdown,
+    Step,
+)
+
+SETTLE_MAX_S = 60.0  # nothing needs longer to come to rest
+_UNLOGGED = (Observe, Describe, Capture, Shutdown)  # they change nothing, and come often
+
+
+class ServedTarget:
+    """A driver, who may command it, and what was asked of it.
+
+    Args:
+        driver: What moves.
+        log: The receive log.
+        is_estopped: Whether the emergency stop is latched.
+        keep_stop: Makes the latch durable; called once the target is at rest, since a disk may take its time.
+        truth: Whether the ground truth may be read here, where the driver has one.
+    """
+
+    def __init__(
+        self,
+        driver: TargetDriver,
+        log: ReceiveLog,
+        *,
+        is_estopped: Callable[[], bool] = lambda: False,
+        keep_stop: Callable[[], None] = lambda: None,
+        truth: bool = True,
+    ) -> None:
+        self.driver = driver
+        self._log, self._is_estopped, self._keep_stop, self._truth = log, is_estopped, keep_stop, truth
+        self._authority = Authority()
+        self._scene: LoadScene | None = None
+        self._loaded: Loaded | None = None
+        self._description: Description | None = None  # of this scene
+
+    def close(self) -> None:
+        """Let go of driver and log."""
+        self.driver.close()
+        self._log.close()
+
+    @property
+    def time_s(self) -> float:
+        """Time of the target [s]; NaN while no scene is loaded."""
+        return self.driver.time_s
+
+    @property
+    def control_period_s(self) -> float:
+        """Length of a command [s]."""
+        return self.driver.control_period_s
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the latest command left a motion in its middle."""
+        return self.driver.is_moving
+
+    def withdraw(self) -> None:
+        """Halt when the client disconnects; its authority ends."""
+        if self._authority.session:
+            self._authority.end()
+            with contextlib.suppress(ExecutionError):  # a driver that lost its own device has nothing to halt
+                self.driver.end()
+            self._note_event("Withdraw")
+
+    def coast(self) -> None:
+        """One control period without a command: a motion that was left in its middle is stopped, then held."""
+        if self._scene is None:
+            return
+        if self.driver.is_moving and self._authority.session:
+            self._authority.stop("DEADMAN")
+            self._note_event("Deadman")
+        self.driver.hold(self.control_period_s)
+
+    def look_for_stops(self) -> bool:
+        """Come to rest where the emergency stop is latched; whether it is."""
+        if not self._is_estopped():
+            return False
+        if self._authority.session and self._authority.stopped != "ESTOPPED":
+            self._authority.stop("ESTOPPED")
+            if self.driver.is_moving:
+                self.driver.halt()
+            self._note_event("EStop")
+        self._keep_stop()
+        return True
+
+    def handle(self, request: Request) -> Reply:
+        """Carry out one request, or refuse it."""
+        is_logged = not isinstance(request, _UNLOGGED)
+        if is_logged:
+            self._log.stamp()
+        reply: Reply
+        try:
+            reply = self._carry_out(request)
+        except ExecutionError as error:
+            reply = Refused(error.code, str(error).removeprefix(f"{error.code}: "))
+        except DefinitionError as error:
+            reply = Refused(error.problems[0].code, str(error))
+        except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:
+            reply = Refused("MALFORMED", f"{type(request).__name__}: {error}")
+        if is_logged and not (isinstance(request, InvokeTool) and not request.session):
+            self._note(request, reply)
+        return reply
+
+    def _carry_out(self, request: Request) -> Reply:
+        match request:
+            case Command():
+                return self._apply(request)
+            case Observe():
+                return self._observe(request)
+            case Capture():
+                return self.driver.capture(request)
+            case Describe():
+                return self._describe()
+            case LoadScene():
+                return self._load(request)
+            case Begin():
+                return self._begin(request)
+            case InvokeTool():
+                return self._invoke_tool(request)
+            case Shutdown():
+                return Ack()
+        return self._authority.check(request.session, request.epoch) or self._bring_to_rest(request)
+
+    def _apply(self, command: Command) -> Reply:
+        self._refuse_unlogged()
+        self.look_for_stops()
+        refused = self._authority.check_command(command, self.time_s)
+        if refused is not None:
+            return refused
+        stopped = self.driver.apply(command)
+        self._authority.count()
+        if stopped:
+            self._authority.stop(stopped)
+            return msgspec.structs.replace(self.driver.report(), stopped=stopped)
+        return self.driver.report()
+
+    def _bring_to_rest(self, request: Halt | Settle | End) -> Step | Ended:
+        """What only the session in authority may ask for, even after a stop."""
+        match request:
+            case Halt():
+                self.driver.halt(request.category)
+                if request.category == 1 and not self._authority.stopped:
+                    self._authority.stop("DRIVES_OFF")
+            case Settle():
+                if not 0.0 <= request.duration_s <= SETTLE_MAX_S:  # also when it is NaN
+                    message = f"a settling time of {request.duration_s} s; 0 to {SETTLE_MAX_S} s are possible"
+                    raise ExecutionError("MALFORMED", message)
+                self.driver.hold(request.duration_s)
+            case End():
+                faults = self.driver.end()
+                self._authority.end()
+                return Ended(self.time_s, faults)
+        return self.driver.report()
+
+    def _describe(self) -> Description:
+        if self._description is None:
+            described = self.driver.describe()
+            offers = described.ground_truth and self._truth
+            self._description = msgspec.structs.replace(described, ground_truth=offers)
+        return self._description
+
+    def _load(self, request: LoadScene) -> Reply:
+        if self._authority.session:
+            holder = self._authority.session
+            return Refused("NO_AUTHORITY", f"{holder} has authority; scenes are loaded between sessions")
+        standing = self._scene
+        if standing is not None and self._loaded is not None:
+            if request.episode == standing.episode and not request.snapshot:
+                if (request.scene, request.seed) != (standing.scene, standing.seed):
+                    known = (standing.scene, standing.seed)
+                    asked = (request.scene, request.seed)
+                    return Refused("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {asked}")
+                return self._loaded
+            if not request.may_reset:
+                message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
+                return Refused("RESET_FORBIDDEN", message)
+        self._loaded = self.driver.load(request)
+        self._scene, self._description = request, None  # cameras belong to the scene
+        self._log.note(Reception(time_s=self.time_s, kind=STATE_WRITE, episode=request.episode))
+        return self._loaded
+
+    def _begin(self, request: Begin) -> Reply:
+        self._refuse_unlogged()
+        if self._scene is None:
+            return Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
+        if self.look_for_stops():
+            return Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
+        refused = self._authority.begin(request.session, request.epoch)
+        if refused is not None:
+            return refused
+        try:
+            self.driver.begin(request.session, request.epoch)
+        except ExecutionError:
+            self._authority.end()
+            raise
+        return Ack()
+
+    def _observe(self, request: Observe) -> Observation:
+        if request.truth and not self._describe().ground_truth:
+            message = "the ground truth is not offered here; perception.yaml must say `sensing: truth` for a simulation"
+            raise ExecutionError("NO_GROUND_TRUTH", message)
+        observation = self.driver.observe(truth=request.truth)
+        if not request.snapshot:
+            return observation
+        return msgspec.structs.replace(observation, snapshot=self.driver.snapshot())
+
+    def _invoke_tool(self, request: InvokeTool) -> Reply:
+        tools = {tool.name: tool for tool in self._describe().tools}
+        if request.name not in tools:
+            return Refused("UNKNOWN_TOOL", f"no tool {request.name!r}; there are {format_names(tools)}")
+        if tools[request.name].moves:
+            self._refuse_unlogged()
+            self.look_for_stops()
+            refused = self._authority.check_commanding(request.session, request.epoch)
+            if refused is not None:
+                return refused
+        return self.driver.invoke_tool(request.name, request.arguments)
+
+    def _refuse_unlogged(self) -> None:
+        if self._log.is_behind:
+            raise ExecutionError("LOG_UNWRITABLE", UNTOLD)
+
+    def _now_s(self) -> float:
+        return 0.0 if math.isnan(self.time_s) else self.time_s
+
+    def _note_event(self, kind: str) -> None:
+        """What happened without a request."""
+        self._log.stamp()
+        self._log.note(Reception(time_s=self._now_s(), kind=kind, episode=self._scene.episode if self._scene else ""))
+
+    def _note(self, request: Any, reply: Reply) -> None:
+        self._log.note(
+            Reception(
+                time_s=self._now_s(),
+                kind=type(request).__name__,
+                episode=self._scene.episode if self._scene else "",
+                session=getattr(request, "session", ""),
+                epoch=getattr(request, "epoch", 0),
+                sequence=getattr(request, "sequence", 0),
+                accepted=not isinstance(reply, Refused),
+                code=reply.code if isinstance(reply, Refused) else "",
+            )
+        )
