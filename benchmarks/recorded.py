@@ -23,6 +23,7 @@ from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.truth import TruthPerception
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.worker.runner import SessionRunner
 
 CUBES = ("red", "green", "blue")
@@ -59,7 +60,7 @@ class Robot:
 class TappedConnection:
     """Both ends of the wire in one process; keeps what passes."""
 
-    def __init__(self, target: MujocoDriver) -> None:
+    def __init__(self, target: ServedTarget) -> None:
         self._target = target
         self._replies: deque[bytes] = deque()
         self.commands: list[wire.Command] = []
@@ -112,15 +113,15 @@ def record_tidy_table(robot: Robot, seeds: Sequence[int], faults: FaultFile | No
 
 
 def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFile) -> list[Recording]:
-    world = MujocoDriver(
+    driver = MujocoDriver(
         robot.profile,
         robot.folder,
         robot.library,
-        ReceiveLog(None),
         faults=lambda episode, number: FaultInjector(draw_schedule(faults, episode, number)),
     )
+    world = ServedTarget(driver, ReceiveLog(None))
     tap = TappedConnection(world)
-    handle = TargetSessionHandle(tap, robot.limits)
+    handle = TargetSessionHandle(tap, robot.limits, sees_truth=True)
     recordings = []
     with tempfile.TemporaryDirectory() as folder:
         runner = SessionRunner(

@@ -23,6 +23,7 @@ from phyagentos.runtime.models.robot import name_actuator, read_profile
 from phyagentos.runtime.supervision.workers import end_with_parent
 from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import serve
 from phyagentos.runtime.targets.stop_listener import StopListener
 
@@ -91,14 +92,12 @@ def main() -> None:
     mujoco.mj_step = eye.step
     log = ReceiveLog(given.log, clock)
     stops = StopListener(given.signals, clock) if given.signals else None
-    world = MujocoDriver(
-        profile,
-        folder,
-        library,
+    mode = WorldMode.REALTIME if given.realtime else WorldMode.LOCKSTEP
+    world = ServedTarget(
+        MujocoDriver(profile, folder, library, mode=mode),
         log,
         is_estopped=stops.is_latched if stops else lambda: False,
         keep_stop=stops.keep if stops else lambda: None,
-        mode=WorldMode.REALTIME if given.realtime else WorldMode.LOCKSTEP,
     )
     if given.realtime:
         serve_realtime(world, given.socket, clock)

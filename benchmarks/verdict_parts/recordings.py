@@ -29,6 +29,7 @@ from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.truth import TruthPerception
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.worker.runner import SessionRunner
 
 CUBES = "tabletop/cubes_and_trays"
@@ -166,14 +167,14 @@ class Studio:
     def _record(self, job: Job, seed: int) -> Recorded:
         robot = self._robot
         spec = FaultFile.model_validate({"version": 1, "faults": list(job.fault)})
-        world = MujocoDriver(
+        driver = MujocoDriver(
             robot.profile,
             robot.folder,
             robot.library,
-            ReceiveLog(None),
             faults=lambda episode, number: FaultInjector(draw_schedule(spec, episode, number)),
         )
-        handle = TargetSessionHandle(TappedConnection(world), robot.limits)
+        world = ServedTarget(driver, ReceiveLog(None))
+        handle = TargetSessionHandle(TappedConnection(world), robot.limits, sees_truth=True)
         runner = SessionRunner(
             handle=handle,
             planner=self._planner,

@@ -23,7 +23,7 @@ from phyagentos.protocol.capabilities.registries import read_skill_registry, rea
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.settings.cameras import WORLD
-from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import Channel, Link
@@ -64,6 +64,7 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
+    from phyagentos.runtime.targets.served_target import ServedTarget
     from phyagentos.runtime.targets.server import serve
     from phyagentos.runtime.targets.stop_listener import StopListener
     from phyagentos.runtime.targets.wire import FaultStruck
@@ -78,11 +79,13 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
             return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
-    log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
     stops = StopListener(workspace.signals.parent, clock)
     mode = read_runtime_contract(workspace.runtime_contract).world_mode
     sensors = read_sensors(workspace.sensors)
-    world = MujocoDriver(profile, folder, library, log, make_faults, stops.is_latched, mode, sensors, stops.keep)
+    driver = MujocoDriver(profile, folder, library, make_faults, mode, sensors)
+    log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
+    truth = reads_truth(workspace)
+    world = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
     if mode is WorldMode.REALTIME:
         ask_for_precedence()
         serve_realtime(world, socket, clock)
@@ -105,6 +108,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.preflight.settings import read_settings
     from phyagentos.runtime.supervision.workers import end_with_parent
     from phyagentos.runtime.targets.receive_log import ReceiveLog
+    from phyagentos.runtime.targets.served_target import ServedTarget
     from phyagentos.runtime.targets.server import Loopback
     from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
     from phyagentos.runtime.worker.refusal import serve_refusals
@@ -128,10 +132,11 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     connection: Channel
     if profile.kind == "debug":  # no physics, so nothing that a process of its own would protect
         log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
-        planner, connection = NoPlanner(), Loopback(DebugDriver(profile, library, log))
+        planner, connection = NoPlanner(), Loopback(ServedTarget(DebugDriver(profile, library), log))
     else:
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
-    handle = open_handle(connection, settings.limits, workspace, profile_path)
+    sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
+    handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
     perception = open_perception(workspace, target, profile, handle, settings)
     runner = SessionRunner(
         handle=handle,
@@ -186,10 +191,10 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
 def open_perception(
     workspace: Workspace, target: str, profile: TargetProfile, handle: "TargetSessionHandle", settings: "Settings"
 ) -> "Perception":
-    """The pipeline that perception.yaml chooses; a debug target has no cameras, and its truth is all there is."""
+    """The pipeline that perception.yaml chooses; what has no model cannot be told from the things in a picture."""
     from phyagentos.runtime.perception.truth import TruthPerception
 
-    if settings.perception.sensing is Sensing.TRUTH or profile.kind == "debug":
+    if settings.perception.sensing is Sensing.TRUTH or not profile.model:
         return TruthPerception(target)
     from phyagentos.runtime.perception.embedded import EmbeddedPerception
     from phyagentos.runtime.perception.robot_mask import RobotMask
@@ -208,6 +213,14 @@ def open_perception(
     )
 
 
+def reads_truth(workspace: Workspace) -> bool:
+    """Whether perception.yaml lets sessions read the ground truth; not where it cannot be read."""
+    try:
+        return read_perception(workspace.perception).sensing is Sensing.TRUTH
+    except DefinitionError:
+        return False
+
+
 def open_detector(settings: "Settings") -> "Detector | None":
     """The detector that perception.yaml names; None where colours tell things apart."""
     from phyagentos.runtime.perception.detection.detector_registry import build_detector_registry
@@ -219,7 +232,7 @@ def open_detector(settings: "Settings") -> "Detector | None":
 
 
 def open_handle(
-    connection: Channel, limits: TargetLimits, workspace: Workspace, description: Path
+    connection: Channel, limits: TargetLimits, workspace: Workspace, description: Path, *, sees_truth: bool = False
 ) -> "TargetSessionHandle":
     """The worker's door to its target; its guard asks before every command whether the emergency stop is latched.
 
@@ -233,7 +246,9 @@ def open_handle(
     collision = None
     if limit is not None:
         collision = PostureCollision(*read_profile(description), min(as_numbers(limit)))
-    return TargetSessionHandle(connection, limits, is_stopped=lambda: is_latched(signals), collision=collision)
+    return TargetSessionHandle(
+        connection, limits, is_stopped=lambda: is_latched(signals), collision=collision, sees_truth=sees_truth
+    )
 
 
 def connect_to_world(socket: str, clock: Clock) -> Link:

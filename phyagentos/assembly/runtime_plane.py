@@ -8,6 +8,7 @@ from types import FrameType
 
 from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project
+from phyagentos.assembly.processes import reads_truth
 from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -62,24 +63,27 @@ def run_watch(
     """
     workspace, clock = open_project(root), SystemClock()
     become_sole(workspace.root / WATCHDOG_LOCK, clock, "WATCHED_ALREADY", "another watchdog supervises this workspace")
-    if sense is not None:
-        declare_sensing(workspace.perception, sense)
-    declare_world(workspace, faults, world_mode)
+    declare_world(workspace, faults, world_mode, sense)
     try:
         _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)
     finally:
         end_worlds(workspace.root)
 
 
-def declare_world(workspace: Workspace, faults: Path | None, mode: WorldMode | None) -> None:
+def declare_world(
+    workspace: Workspace, faults: Path | None, mode: WorldMode | None, sense: Sensing | None = None
+) -> None:
     """Write down how worlds are started from now on, and end those that an earlier watchdog started otherwise.
 
     Args:
         workspace: Supervised by this process only.
         faults: Fault file; None leaves what stands there.
         mode: World mode; None leaves what stands there.
+        sense: What perception.yaml says of sensing; None leaves what stands there.
     """
     before = _read_terms(workspace)
+    if sense is not None:
+        declare_sensing(workspace.perception, sense)
     if mode is not None:
         declare_world_mode(workspace.runtime_contract, mode)
     if faults is not None:
@@ -89,10 +93,10 @@ def declare_world(workspace: Workspace, faults: Path | None, mode: WorldMode | N
         end_worlds(workspace.root)
 
 
-def _read_terms(workspace: Workspace) -> tuple[WorldMode, bytes]:
+def _read_terms(workspace: Workspace) -> tuple[WorldMode, bool, bytes]:
     """What a world is started with, and keeps."""
     path = workspace.root / FAULTS
-    return _read_rules(workspace).world_mode, path.read_bytes() if path.exists() else b""
+    return _read_rules(workspace).world_mode, reads_truth(workspace), path.read_bytes() if path.exists() else b""
 
 
 def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:

@@ -49,13 +49,15 @@ def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recor
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.perception.truth import TruthPerception
     from phyagentos.runtime.targets.receive_log import ReceiveLog
+    from phyagentos.runtime.targets.served_target import ServedTarget
 
     profile, folder = read_profile(library.get_target(target))
     with tempfile.TemporaryDirectory() as logs:
         log = ReceiveLog(Path(logs) / "receive.jsonl")
-        world = MujocoDriver(profile, folder, library, log, lambda episode, seed: FaultInjector(Schedule()))
+        driver = MujocoDriver(profile, folder, library, lambda episode, seed: FaultInjector(Schedule()))
+        world = ServedTarget(driver, log)
         world.handle(wire.LoadScene(scene=scene, seed=seed, episode=EPISODE))
-        description, observation = world.handle(wire.Describe()), world.handle(wire.Observe())
+        description, observation = world.handle(wire.Describe()), world.handle(wire.Observe(truth=True))
         world.close()
     assert isinstance(description, wire.Description), description
     assert isinstance(observation, wire.Observation), observation

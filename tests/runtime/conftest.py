@@ -1,7 +1,6 @@
 """Doubles for the worker's side of a session: a scripted planner, a target in this process, a workspace."""
 
 from collections import deque
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
 from phyagentos.protocol.settings.safety import read_safety
+from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind, TargetState
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry, build_registry
@@ -93,12 +93,11 @@ class PerfectTarget:
                 return self._observe()
             case wire.End():
                 return wire.Ended(time_s=self.time_s, faults=())
-            case wire.Render():
-                return wire.Picture(png=b"", reason="no graphics")
-            case wire.SaveModel():
-                (Path(request.folder) / "scene.mjb").write_bytes(b"model")
-                (Path(request.folder) / "scene.xml").write_text("<mujoco/>")
-                return wire.Ack()
+            case wire.InvokeTool(name=wire.RENDER):
+                return wire.ToolResult({}, reason="no graphics")
+            case wire.InvokeTool(name=wire.SCENE_MODEL):
+                files = {"scene.mjb": b"model", "scene.xml": b"<mujoco/>"}
+                return wire.ToolResult({name: wire.Artefact("text/plain", data) for name, data in files.items()})
         return wire.Ack()
 
     def commands(self):
@@ -123,6 +122,9 @@ class PerfectTarget:
             gripper_force_n=self.profile.gripper.force_n,
             joints=arm.joints,
             version=wire.WIRE_VERSION,
+            driver="mujoco",
+            tools=(wire.Tool(wire.RENDER), wire.Tool(wire.SCENE_MODEL)),
+            ground_truth=True,
         )
 
     def _carry_out(self, command):
@@ -134,6 +136,10 @@ class PerfectTarget:
         self.q, self.qd = q, command.qd_rad_s[-1]
         self.width_m = float(command.gripper_width_m[-1])
         return self._step()
+
+    def snapshot(self):
+        arrays = {"state": self.q, "time": np.array(self.time_s), "qpos": self.q, "qvel": self.qd, "act": np.empty(0)}
+        return wire.Artefact(wire.NPZ, encode_arrays(arrays))
 
     def _state(self):
         held = (self.graspable,) if self.graspable and self.width_m < 0.04 else ()
@@ -154,12 +160,8 @@ class PerfectTarget:
         return wire.Observation(
             time_s=self.time_s,
             target=self._state(),
-            state=np.concatenate(([self.time_s], self.q, self.qd)),
-            qpos=self.q,
-            qvel=self.qd,
-            act=np.zeros(0),
             entities=tuple(self.entities.values()),
-            regions=(),
+            snapshot=self.snapshot(),
         )
 
 
@@ -294,7 +296,7 @@ class Bench:
         self, tmp_path, target, planner, library, registry, profile, limits, clock, policies=None, settings=()
     ):
         self.target, self.planner, self.clock, self.workspace = target, planner, clock, tmp_path
-        self.handle = TargetSessionHandle(LocalConnection(target), limits)
+        self.handle = TargetSessionHandle(LocalConnection(target), limits, sees_truth=True)
         self.beats = []
         self.runner = SessionRunner(
             handle=self.handle,

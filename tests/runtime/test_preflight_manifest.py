@@ -23,7 +23,7 @@ class Wire:
 
 
 def test_every_operation_of_a_session_has_a_door():
-    assert set(OPERATIONS.values()) == set(SESSION_OPERATIONS)
+    assert {*OPERATIONS.values(), wire.RENDER} == set(SESSION_OPERATIONS)
 
 
 def test_what_the_manifest_does_not_hold_never_reaches_the_wire():

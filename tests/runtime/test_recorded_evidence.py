@@ -20,8 +20,8 @@ class LaggingTarget(PerfectTarget):
     """Stands a little before where it was told to be, and takes pictures that show the time."""
 
     def handle(self, request):
-        if isinstance(request, wire.Render):
-            return wire.Picture(png=b"PNG %.3f s" % self.time_s)
+        if isinstance(request, wire.InvokeTool) and request.name == wire.RENDER:
+            return wire.ToolResult({"picture.png": wire.Artefact("image/png", b"PNG %.3f s" % self.time_s)})
         return super().handle(request)
 
     def _describe(self):

@@ -161,7 +161,13 @@ def test_sessions_of_one_episode_share_the_scene_model(build_bench, session, pla
 
     models = [(bench.workspace / e.evidence / evidence.SCENE_MODEL).stat().st_ino for e in (first, second)]
     assert models[0] == models[1]
-    assert sum(isinstance(request, wire.SaveModel) for request in bench.target.requests) == 1
+    assert (
+        sum(
+            isinstance(request, wire.InvokeTool) and request.name == wire.SCENE_MODEL
+            for request in bench.target.requests
+        )
+        == 1
+    )
 
 
 def test_leaves_that_report_success_and_move_nothing_complete_with_nothing_moved(build_bench, session, plant, registry):

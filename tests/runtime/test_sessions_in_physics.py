@@ -17,6 +17,7 @@ from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
@@ -33,13 +34,13 @@ def build_world(build_bench, library, profile, planner):
     def build(*faults):
         folder = library.get_target("panda").parent
         file = FaultFile(version=1, faults=faults)
-        world = MujocoDriver(
+        driver = MujocoDriver(
             profile,
             folder,
             library,
-            ReceiveLog(None),
             faults=lambda episode, seed: FaultInjector(draw_schedule(file, episode, seed)),
         )
+        world = ServedTarget(driver, ReceiveLog(None))
         return build_bench(target=world, planner=LocalPlanner(planner), clock=SystemClock())
 
     return build

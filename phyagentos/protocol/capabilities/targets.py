@@ -72,6 +72,10 @@ class TargetProfile(Authored):
         target: Its name; also the folder's.
         description: One sentence for people.
         kind: `debug` has no physics: the target takes each commanded posture at once (see `runtime.drivers.debug`).
+        driver: What moves it, by its name in the registry of drivers; empty for the one of its kind: `mujoco` for
+            `simulation`, `debug` for `debug`, none for `real_robot`.
+        world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
+        end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF file, relative to the profile; none for `debug`.
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
@@ -95,6 +99,9 @@ class TargetProfile(Authored):
     kind: Literal["simulation", "real_robot", "debug"] = "simulation"
     embodiment: str = "arm"
     model: str = ""
+    driver: str = ""
+    world: str = ""
+    end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"
     mount_position_m: Triple = (0.0, 0.0, 0.0)
     mount_quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)

@@ -5,8 +5,7 @@ authority (session, epoch, sequence number, expiry) and lets no command out that
 """
 
 from collections.abc import Callable, Collection
-from pathlib import Path
-from typing import NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -32,7 +31,6 @@ OPERATIONS: dict[type[wire.Request], str] = {  # of a session; what is not here 
     wire.Observe: "observe",
     wire.Halt: "halt",
     wire.Settle: "settle",
-    wire.Render: "render",
     wire.Capture: "observe",
 }
 
@@ -65,6 +63,7 @@ class TargetSessionHandle:
         limits: Of this target, from safety.yaml.
         is_stopped: Whether the emergency stop is latched; asked before every command.
         collision: The guard's stage for what a posture touches; it is told of every session's world.
+        sees_truth: Whether observations come with the ground truth (`sensing: truth`).
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
@@ -77,8 +76,9 @@ class TargetSessionHandle:
         *,
         is_stopped: Callable[[], bool] | None = None,
         collision: PostureCollision | None = None,
+        sees_truth: bool = False,
     ) -> None:
-        self._is_stopped, self._collision = is_stopped, collision
+        self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
         self._connection = connection
         self._here = connection if isinstance(connection, wire.Here) else None
@@ -92,7 +92,7 @@ class TargetSessionHandle:
         self._sequence = 0
         self._step: wire.Step | None = None
         self._rests = True
-        self._permitted: frozenset[str] = frozenset(OPERATIONS.values())
+        self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
 
     def permit(self, operations: Collection[str]) -> None:
         """From now on the session may use these operations, and halt: its TargetToolManifest."""
@@ -108,29 +108,29 @@ class TargetSessionHandle:
             self._description = self._ask(wire.Describe(), wire.Description)
         return self._description
 
-    def load(self, scene: Scene, state: wire.Array | None = None, *, may_reset: bool = True) -> wire.Loaded:
+    def load(self, scene: Scene, snapshot: bytes = b"", *, may_reset: bool = True) -> wire.Loaded:
         """Make the scene's episode the present world; a no-op when it is, and then nothing is asked.
 
         Args:
             scene: Name, seed and episode.
-            state: mjSTATE_INTEGRATION to start from instead of a fresh world (rerun of a recorded session).
+            snapshot: The driver's own, to start from instead of a fresh world (rerun of a recorded session).
             may_reset: Whether another episode may end for it; else the target refuses with `RESET_FORBIDDEN`.
         """
-        if state is None and self._loaded is not None and self._loaded[0] == scene:
+        if not snapshot and self._loaded is not None and self._loaded[0] == scene:
             return self._loaded[1]
         self._description, self._loaded = None, None  # cameras belong to the scene
         request = wire.LoadScene(
-            scene=scene.name, seed=scene.seed, episode=scene.episode, state=state, may_reset=may_reset
+            scene=scene.name, seed=scene.seed, episode=scene.episode, snapshot=snapshot, may_reset=may_reset
         )
         loaded = self._ask(request, wire.Loaded, LOAD_TIMEOUT_S)
-        self._loaded = (scene, loaded) if state is None else None
+        self._loaded = None if snapshot else (scene, loaded)
         return loaded
 
     def begin(self, session: str, epoch: int) -> wire.Observation:
-        """Take authority for one session and look once."""
+        """Take authority for one session and observe once, with a snapshot."""
         self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
-        observation = self.observe()
+        observation = self.observe(snapshot=True)
         description = self.describe()
         if self._made is None or self._made[0] is not description:
             touch = self._collision.find_contact if self._collision is not None else None
@@ -212,9 +212,9 @@ class TargetSessionHandle:
         message = f"the guard refused a command: {violation}"
         raise CommandRefused(violation.code, message, "guard", violation, ruling.reaction)
 
-    def observe(self) -> wire.Observation:
-        """Everything that is sensed now; time does not move."""
-        return self._ask(wire.Observe(), wire.Observation)
+    def observe(self, *, snapshot: bool = False) -> wire.Observation:
+        """What is sensed now, with the target's snapshot of the same moment if asked for; time does not move."""
+        return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot), wire.Observation)
 
     def halt(self) -> wire.Step:
         """Let the target bring itself to rest."""
@@ -233,9 +233,21 @@ class TargetSessionHandle:
         self._guard, self._step = None, None
         return ended
 
-    def render(self, camera: str, width: int = 640, height: int = 480) -> wire.Picture:
-        """A picture of the present; empty when the world cannot render."""
-        return self._ask(wire.Render(camera=camera, width=width, height=height), wire.Picture, LOAD_TIMEOUT_S)
+    def render(self, camera: str, width: int = 640, height: int = 480) -> bytes:
+        """A PNG of the present; empty where the target cannot render."""
+        self._check_permitted(wire.RENDER)
+        result = self._invoke(wire.RENDER, camera=camera, width=width, height=height)
+        return result.artefacts["picture.png"].data if result.artefacts else b""
+
+    def fetch_model(self) -> dict[str, bytes]:
+        """The compiled scene, by file name; empty where the target has none. For the evidence, so always permitted."""
+        if not self.describe().offers_tool(wire.SCENE_MODEL):
+            return {}
+        return {name: file.data for name, file in self._invoke(wire.SCENE_MODEL).artefacts.items()}
+
+    def _invoke(self, tool: str, **arguments: Any) -> wire.ToolResult:
+        request = wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch)
+        return self._ask(request, wire.ToolResult, LOAD_TIMEOUT_S)
 
     def capture(
         self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None, every: int = 1
@@ -243,16 +255,9 @@ class TargetSessionHandle:
         """The latest frames of these RGB-D cameras, all of them when none is named; time does not move."""
         return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every), wire.Frames, LOAD_TIMEOUT_S)
 
-    def save_model(self, folder: Path) -> None:
-        """Let the world write its compiled model into `folder`."""
-        self._ask(wire.SaveModel(folder=str(folder)), wire.Ack, LOAD_TIMEOUT_S)
-
     def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
-        operation = OPERATIONS.get(type(request))
-        if operation is not None and operation not in self._permitted:
-            raise CommandRefused(
-                "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
-            )
+        if (operation := OPERATIONS.get(type(request))) is not None:
+            self._check_permitted(operation)
         reply = self._here.ask(request) if self._here is not None else self._exchange(request, timeout_s)
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
@@ -260,6 +265,12 @@ class TargetSessionHandle:
         if not isinstance(reply, expected):
             raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
         return reply
+
+    def _check_permitted(self, operation: str) -> None:
+        if operation not in self._permitted:
+            raise CommandRefused(
+                "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
+            )
 
     def _exchange(self, request: wire.Request, timeout_s: float) -> wire.Reply:
         """One request and its reply, through the connection."""

@@ -34,6 +34,7 @@ from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.truth import TruthPerception
 from phyagentos.runtime.perception.world_model import WorldModel
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
 from phyagentos.runtime.targets.wire import FaultStruck, Observation
 
@@ -121,9 +122,10 @@ class Stage:
         self._world, self._profile = world, profile
         self._epoch = 0
         self.scene = Scene(name=environment.scene, seed=0, episode="imagined")
-        self.handle = TargetSessionHandle(Loopback(world), limits)
+        self.handle = TargetSessionHandle(Loopback(ServedTarget(world, ReceiveLog(None))), limits, sees_truth=True)
         self.handle.load(self.scene)
         self.start = settle_estimate(self.physics, environment, profile)
+        self._snapshot = world.snapshot().data
         self._perception = TruthPerception(profile.target)
 
     @property
@@ -138,7 +140,7 @@ class Stage:
 
     def reset(self) -> None:
         """Back to the estimate."""
-        self.handle.load(self.scene, self.start)
+        self.handle.load(self.scene, self._snapshot)
 
     @property
     def senses(self) -> WorldModel:
@@ -179,7 +181,7 @@ class Rehearser:
         Raises:
             ExecutionError: `SCENE_OVERFULL` and others of building a scene.
         """
-        world = ImaginedWorld(self.profile, self.folder, self.library, ReceiveLog(None), faults=self._make_tape)
+        world = ImaginedWorld(self.profile, self.folder, self.library, faults=self._make_tape)
         world.believed = believe_scene(read_scene(self.library.get_scene(environment.scene)), environment)
         return Stage(world, environment, self.profile, self.limits)
 

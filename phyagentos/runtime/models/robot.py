@@ -37,7 +37,7 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
     problems = _check_lengths(profile, located)
-    if profile.kind != "debug" and not (path.parent / profile.model).is_file():
+    if (profile.model or profile.kind == "simulation") and not (path.parent / profile.model).is_file():
         problems.append(
             located.problem("MODEL_MISSING", ("model",), repr(profile.model), f"a MJCF file in {path.parent}")
         )

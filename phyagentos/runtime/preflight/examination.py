@@ -7,8 +7,6 @@ looked at as long as the target is the one that it is said to be; that the contr
 from dataclasses import dataclass, field
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
@@ -28,7 +26,6 @@ from phyagentos.runtime.preflight.payload import iter_payload_problems
 from phyagentos.runtime.preflight.reach import compute_reach
 from phyagentos.runtime.targets.wire import Description
 
-State = NDArray[np.float64]
 _OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world is not looked at
 
 
@@ -74,13 +71,13 @@ class Examiner:
     _episode: str = field(default="", init=False)
 
     def examine(
-        self, session: Session, *, state: State | None = None, thorough: bool = False, may_reset: bool = True
+        self, session: Session, *, snapshot: bytes = b"", thorough: bool = False, may_reset: bool = True
     ) -> Finding:
         """Everything that is wrong with a session, or what it is granted.
 
         Args:
             session: The contract.
-            state: Where a repeated session begins; it is not tried out again.
+            snapshot: Where a repeated session begins; it is not tried out again.
             thorough: Make the dry run of every session and look for paths, not only of the first of an episode.
             may_reset: Whether the episode that stands there may end for it.
         """
@@ -94,11 +91,11 @@ class Examiner:
             problems += (missing := self._find_scene_problems(session))
             is_other = any(problem.code in _OTHER_TARGET for problem in mismatches)
             if not missing and not is_other and session.target == self.preflight.profile.target:
-                loading_s = self._load(session, state, may_reset=may_reset)
+                loading_s = self._load(session, snapshot, may_reset=may_reset)
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self.preflight.find_scene_problems(session, live)
                 problems += self._find_payload_problems(session)
-                found, trials = self._look(session, live, is_repeated=state is not None, thorough=thorough)
+                found, trials = self._look(session, live, is_repeated=bool(snapshot), thorough=thorough)
                 problems += found
         except DefinitionError as error:
             problems += locate(session, error.problems)
@@ -111,10 +108,10 @@ class Examiner:
         plan, tools = self.preflight.plan(session, live)
         return Finding(plan=plan, tools=tools, trials=trials, ms=ms)
 
-    def _load(self, session: Session, state: State | None, *, may_reset: bool) -> float:
+    def _load(self, session: Session, snapshot: bytes, *, may_reset: bool) -> float:
         """Make the session's world the present one; how long that took [s]."""
         began_s = self.clock.now_s()
-        self.handle.load(session.scene, state, may_reset=may_reset)
+        self.handle.load(session.scene, snapshot, may_reset=may_reset)
         return self.clock.now_s() - began_s
 
     def _look(
@@ -161,7 +158,7 @@ class Examiner:
     def _try_out(self, session: Session, now: Environment, live: Description, *, thorough: bool) -> tuple[Trial, ...]:
         skill = self.preflight.skills.get(session.skill)
         profile = self.preflight.profile
-        if skill is None or not skill.tree or profile.kind == "debug":
+        if skill is None or not skill.tree or not profile.model:
             return ()
         dry_run = DryRun(
             planner=self.planner,

@@ -17,7 +17,7 @@ RELATIVE_TOLERANCE = 1e-6
 def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> Iterator[Problem]:
     """Where the two say different things; a target without physics has no step of it."""
     by = f"target {profile.target}"
-    names = ["control_period_s"] + ([] if profile.kind == "debug" else ["physics_step_s"])
+    names = ["control_period_s"] + ([] if not profile.model else ["physics_step_s"])
     for name in names:
         found, expected = getattr(contract, name), getattr(profile, name)
         if not math.isclose(found, expected, rel_tol=RELATIVE_TOLERANCE):

@@ -7,10 +7,11 @@ Stop requests are looked for in every control period, so they never wait for a c
 
 from collections.abc import Callable
 from multiprocessing.connection import Connection, Listener, wait
-from typing import Any, Protocol
+from typing import Any
 
 from phyagentos.clock import Clock
-from phyagentos.runtime.targets.server import Served, answer
+from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.targets.server import answer
 from phyagentos.runtime.targets.wire import Command, Halt, Request, Settle
 
 AHEAD_PERIODS = 2  # a client may be this far ahead, so that it need not meet every period to the millisecond
@@ -18,33 +19,6 @@ LATE_PERIODS = 3  # what came in time is still carried out when this process was
 BEHIND_MAX_S = 1.0  # a process that slept longer (a debugger, SIGSTOP) does not catch up; its time was lost
 
 MOVING = (Command, Halt, Settle)  # requests that take simulated time
-
-
-class Coasting(Served, Protocol):
-    """A target that can let time pass."""
-
-    @property
-    def time_s(self) -> float:
-        """Simulated time [s]; NaN while there is no world."""
-        ...
-
-    @property
-    def control_period_s(self) -> float:
-        """Length of a command [s]."""
-        ...
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the latest command left a motion in its middle, so that another one must follow."""
-        ...
-
-    def coast(self) -> None:
-        """One control period without a command: decelerate to a hold, then hold."""
-        ...
-
-    def look_for_stops(self) -> bool:
-        """Come to rest where the emergency stop is latched; whether it is."""
-        ...
 
 
 class Pace:
@@ -55,7 +29,7 @@ class Pace:
         clock: The wall clock.
     """
 
-    def __init__(self, target: Coasting, clock: Clock) -> None:
+    def __init__(self, target: ServedTarget, clock: Clock) -> None:
         self._target, self._clock = target, clock
         self._offset_s = clock.now_s() - target.time_s
 
@@ -76,7 +50,9 @@ class Pace:
         self._offset_s += max(0.0, self.compute_lag_s() + ahead_s)
 
 
-def serve_realtime(target: Coasting, socket: str, clock: Clock, should_end: Callable[[], bool] = lambda: False) -> None:
+def serve_realtime(
+    target: ServedTarget, socket: str, clock: Clock, should_end: Callable[[], bool] = lambda: False
+) -> None:
     """Answer one client at a time and let time pass, until a `Shutdown`.
 
     Args:
@@ -122,7 +98,7 @@ def serve_realtime(target: Coasting, socket: str, clock: Clock, should_end: Call
                 client.close()
 
 
-def _wait_for(source: Any, target: Coasting, pace: Pace) -> bool:
+def _wait_for(source: Any, target: ServedTarget, pace: Pace) -> bool:
     """Wait a control period at most, and let it pass once it is due; whether there is something to read before."""
     target.look_for_stops()
     period_s = target.control_period_s

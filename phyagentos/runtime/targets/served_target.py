@@ -40,7 +40,6 @@ from phyagentos.runtime.targets.wire import (
 )
 
 SETTLE_MAX_S = 60.0  # nothing needs longer to come to rest
-_UNLOGGED = (Observe, Describe, Capture, Shutdown)  # they change nothing, and come often
 
 
 class ServedTarget:
@@ -121,9 +120,7 @@ class ServedTarget:
 
     def handle(self, request: Request) -> Reply:
         """Carry out one request, or refuse it."""
-        is_logged = not isinstance(request, _UNLOGGED)
-        if is_logged:
-            self._log.stamp()
+        self._log.stamp()
         reply: Reply
         try:
             reply = self._carry_out(request)
@@ -133,9 +130,16 @@ class ServedTarget:
             reply = Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:
             reply = Refused("MALFORMED", f"{type(request).__name__}: {error}")
-        if is_logged and not (isinstance(request, InvokeTool) and not request.session):
+        if self._changes_something(request):
             self._note(request, reply)
         return reply
+
+    def _changes_something(self, request: Request) -> bool:
+        """Whether a request stands in the receive log: what changes nothing comes too often."""
+        if isinstance(request, InvokeTool):
+            tools = self._description.tools if self._description is not None else ()
+            return any(tool.moves and tool.name == request.name for tool in tools)
+        return not isinstance(request, Observe | Describe | Capture | Shutdown)
 
     def _carry_out(self, request: Request) -> Reply:
         match request:

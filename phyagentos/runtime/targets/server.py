@@ -8,25 +8,17 @@ import select
 from collections import deque
 from collections.abc import Callable
 from multiprocessing.connection import Connection, Listener
-from typing import Any, Protocol
+from typing import Any
 
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import Link
-from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.wire import Here, Refused, Reply, Request, Shutdown, answer_bytes, receive_request, send
 
 WAIT_S = 60.0  # for a request; whoever steps a world in lockstep has the next one ready within a millisecond
 
 
-class Served(TargetDriver, Protocol):
-    """A target that can be left alone."""
-
-    def withdraw(self) -> None:
-        """The client is gone."""
-        ...
-
-
-def serve(target: Served, socket: str, should_end: Callable[[], bool] = lambda: False) -> None:
+def serve(target: ServedTarget, socket: str, should_end: Callable[[], bool] = lambda: False) -> None:
     """Answer requests until a `Shutdown`.
 
     Args:
@@ -48,7 +40,7 @@ def serve(target: Served, socket: str, should_end: Callable[[], bool] = lambda: 
 
 
 def answer(
-    connection: "Connection[Any, Any]", target: Served, before: Callable[[Request], None] = lambda _request: None
+    connection: "Connection[Any, Any]", target: ServedTarget, before: Callable[[Request], None] = lambda _request: None
 ) -> bool:
     """Answer one request.
 
@@ -91,7 +83,7 @@ class Loopback(Here):
         target: What answers.
     """
 
-    def __init__(self, target: TargetDriver) -> None:
+    def __init__(self, target: ServedTarget) -> None:
         self._target = target
         self._replies: deque[bytes] = deque()
 

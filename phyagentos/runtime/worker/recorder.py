@@ -25,7 +25,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.targets.wire import FaultStruck, Observation, Step
+from phyagentos.runtime.targets.wire import NPZ, FaultStruck, Observation, Step
 
 RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
@@ -86,18 +86,18 @@ class Recorder:
 
     def write_initial(self, observation: Observation, environment: Environment) -> None:
         """The world before the first command."""
-        self._write_state(evidence.INITIAL, observation)
+        self._write_snapshot(evidence.INITIAL, observation)
         self._write(evidence.BEFORE, encode_json(environment))
 
     def write_terminal(self, observation: Observation, environment: Environment) -> None:
         """The world at rest after the last command."""
-        self._write_state(evidence.TERMINAL, observation)
+        self._write_snapshot(evidence.TERMINAL, observation)
         self._write(evidence.AFTER, encode_json(environment))
 
-    def write_picture(self, name: str, png: bytes) -> None:
-        """A picture, unless the world could not make one."""
-        if png:
-            (self.folder / name).write_bytes(png)
+    def write_file(self, name: str, data: bytes) -> None:
+        """A picture, or a part of the scene model; none where the target could not make it."""
+        if data:
+            self._write(name, data)
 
     def on_turn(self, result: object, ticks: int, time_s: float) -> None:
         """Turns leave no sample; the tree keeps its own trace."""
@@ -158,15 +158,11 @@ class Recorder:
         """Let a file of the bundle hold `data`."""
         (self.folder / name).write_bytes(data)
 
-    def _write_state(self, name: str, observation: Observation) -> None:
-        arrays = {
-            "state": observation.state,
-            "time": np.asarray(observation.time_s, dtype=np.float64),
-            "qpos": observation.qpos,
-            "qvel": observation.qvel,
-            "act": observation.act,
-        }
-        self._write(name, encode_arrays(arrays))
+    def _write_snapshot(self, name: str, observation: Observation) -> None:
+        """The driver's snapshot, as it gave it; under `name` if it is an NPZ, else with the suffix `.snapshot`."""
+        if (snapshot := observation.snapshot) is not None:
+            suffix = ".npz" if snapshot.media_type == NPZ else ".snapshot"
+            self._write(str(Path(name).with_suffix(suffix)), snapshot.data)
 
 
 @cache

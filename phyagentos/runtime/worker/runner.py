@@ -309,7 +309,7 @@ class SessionRunner:
         self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None
     ) -> tuple[FaultStruck, ...]:
         """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
-        observation = self._handle.observe()
+        observation = self._handle.observe(snapshot=True)
         after = self._perception.perceive(observation, session.scene)
         recorder.write_terminal(observation, after)
         if holds is not None:
@@ -330,18 +330,17 @@ class SessionRunner:
 
     def _provide_model(self, session: Session, recorder: Recorder) -> None:
         """The scene model, where the target has one: written once an episode, shared by its later sessions."""
-        if self._profile.kind == "debug":
-            return
         episode = session.scene.episode
         if self._model_of is not None and self._model_of[0] == episode and recorder.link_model(self._model_of[1]):
             return
-        self._handle.save_model(recorder.folder)
-        self._model_of = (episode, recorder.folder)
+        for name, data in self._handle.fetch_model().items():
+            recorder.write_file(name, data)
+            self._model_of = (episode, recorder.folder)
 
     def _take_picture(self, recorder: Recorder, name: str) -> None:
         cameras = self._handle.describe().cameras
         if self._pictures and cameras and self._handle.permits("render"):
-            recorder.write_picture(name, self._handle.render(cameras[0]).png)
+            recorder.write_file(name, self._handle.render(cameras[0]))
 
 
 def _report(

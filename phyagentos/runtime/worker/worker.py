@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError, Problem
@@ -167,7 +166,7 @@ class WorkerLoop:
         if belief := _read_belief(order.restore):
             self._perception.restore(belief)
         found = self._examiner.examine(
-            session, state=_read_state(order.restore), thorough=order.thorough, may_reset=order.may_reset
+            session, snapshot=_read_snapshot(order.restore), thorough=order.thorough, may_reset=order.may_reset
         )
         if found.plan is not None and (against := self._look_ahead(order, found.plan.tree)):
             found = msgspec.structs.replace(found, plan=None, tools=None, problems=tuple(against))
@@ -307,9 +306,6 @@ def _read_belief(restore: str) -> Environment | None:
     return msgspec.json.decode(path.read_bytes(), type=Environment) if restore and path.is_file() else None
 
 
-def _read_state(path: str) -> "np.ndarray[Any, np.dtype[np.float64]] | None":
-    """The recorded state vector of an evidence file, or None for an empty path."""
-    if not path:
-        return None
-    with np.load(path) as recorded:
-        return np.asarray(recorded["state"], dtype=np.float64)
+def _read_snapshot(path: str) -> bytes:
+    """The recorded snapshot of an evidence file; empty for an empty path."""
+    return Path(path).read_bytes() if path else b""

@@ -28,6 +28,7 @@ from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.truth import TruthPerception
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
 from tests.contracts import make_contract
 
@@ -52,8 +53,8 @@ def rehearser(library, profile, limits):
 
 @pytest.fixture(scope="module")
 def environment(library, profile, limits):
-    world = MujocoDriver(profile, library.get_target("panda").parent, library, ReceiveLog(None))
-    handle = TargetSessionHandle(Loopback(world), limits)
+    driver = MujocoDriver(profile, library.get_target("panda").parent, library)
+    handle = TargetSessionHandle(Loopback(ServedTarget(driver, ReceiveLog(None))), limits, sees_truth=True)
     scene = Scene(name=WAITER, seed=SEED, episode="e")
     handle.load(scene)
     return TruthPerception("panda").perceive(handle.observe(), scene)

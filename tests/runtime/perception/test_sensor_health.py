@@ -116,10 +116,7 @@ class LaggingHandle(FreezingHandle):
 
 
 def observe(stage):
-    none = np.zeros(0)
-    return Observation(
-        time_s=stage.time_s, target=stage.state, state=none, qpos=none, qvel=none, act=none, entities=(), regions=()
-    )
+    return Observation(time_s=stage.time_s, target=stage.state)
 
 
 @pytest.mark.sim

@@ -16,7 +16,7 @@ from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.embedded import EmbeddedPerception
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.wire import Observation, Step
+from phyagentos.runtime.targets.served_target import ServedTarget
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
@@ -24,15 +24,15 @@ pytestmark = [pytest.mark.sim, pytest.mark.motion]
 class PoisonedWorld(MujocoDriver):
     """Tells the truth about itself and lies about everything that only a simulator can know."""
 
-    def handle(self, request):
-        reply = super().handle(request)
-        if isinstance(reply, Observation):
-            entities = tuple(msgspec.structs.replace(each, pose=_shift(each.pose)) for each in reply.entities)
-            regions = tuple(msgspec.structs.replace(each, pose=_shift(each.pose)) for each in reply.regions)
-            return msgspec.structs.replace(reply, entities=entities, regions=regions, target=_rename(reply.target))
-        if isinstance(reply, Step):
-            return msgspec.structs.replace(reply, target=_rename(reply.target))
-        return reply
+    def observe(self, *, truth):
+        seen = super().observe(truth=truth)
+        entities = tuple(msgspec.structs.replace(each, pose=_shift(each.pose)) for each in seen.entities)
+        regions = tuple(msgspec.structs.replace(each, pose=_shift(each.pose)) for each in seen.regions)
+        return msgspec.structs.replace(seen, entities=entities, regions=regions, target=_rename(seen.target))
+
+    def report(self):
+        step = super().report()
+        return msgspec.structs.replace(step, target=_rename(step.target))
 
 
 def _shift(pose):
@@ -51,7 +51,7 @@ def run_session(build_bench, build_session, library, profile):
     def run(kind):
         folder = library.get_target("panda").parent
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-        world = kind(profile, folder, library, ReceiveLog(None), sensors=sensors)
+        world = ServedTarget(kind(profile, folder, library, sensors=sensors), ReceiveLog(None))
         bench = build_bench(target=world, planner=LocalPlanner(planner), clock=SystemClock())
         bench.runner._perception = EmbeddedPerception(
             "panda", bench.handle, library, RobotMask(profile, folder), moving=("wrist",)

@@ -48,8 +48,7 @@ class Handle:
 
     def observe(self):
         self.time_s += self.lag_s
-        arrays = dict.fromkeys(("state", "qpos", "qvel", "act"), NOTHING)
-        return Observation(time_s=self.time_s, target=self.state, **arrays, entities=(), regions=())
+        return Observation(time_s=self.time_s, target=self.state)
 
 
 def open_eye(*frames, rate_hz=10.0, health=None, color_std=1.0, **given):

@@ -22,6 +22,7 @@ from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.policies.policy_skills import Policies
 from phyagentos.runtime.policies.server import serve_policy
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
 CAMERA = {
@@ -184,14 +185,14 @@ def watch(run_policy, library, profile):
         faults = [{"camera": "overhead", "when": when} | fault] if fault else []
         file = FaultFile.model_validate({"version": 1, "faults": faults})
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-        world = MujocoDriver(
+        driver = MujocoDriver(
             profile,
             library.get_target("panda").parent,
             library,
-            ReceiveLog(None),
             faults=lambda episode, seed: FaultInjector(draw_schedule(file, episode, seed)),
             sensors=sensors,
         )
+        world = ServedTarget(driver, ReceiveLog(None))
         return run_policy(policy, world, sensors, CAMERA)[1]
 
     return run

@@ -6,6 +6,7 @@ import pytest
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.settings.sensors import Sensors
+from phyagentos.protocol.workspace.array_files import decode_arrays
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule
@@ -15,6 +16,7 @@ from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 
 SCENE = "tabletop/cubes_and_trays"
 
@@ -39,19 +41,24 @@ class Rig:
         make = lambda episode, seed: FaultInjector(  # noqa: E731
             draw_schedule(schedule, episode, seed) if isinstance(schedule, FaultFile) else schedule or Schedule()
         )
-        self.world = MujocoDriver(self.profile, folder, library, ReceiveLog(log), make, sensors=sensors)
+        self.driver = MujocoDriver(self.profile, folder, library, make, sensors=sensors)
+        self.world = ServedTarget(self.driver, ReceiveLog(log))
         self.sequence = 0
         self.session = "s"
 
-    def load(self, seed=1, scene=SCENE, episode="e", state=None):
-        return self.world.handle(wire.LoadScene(scene=scene, seed=seed, episode=episode, state=state))
+    def load(self, seed=1, scene=SCENE, episode="e", snapshot=b""):
+        return self.world.handle(wire.LoadScene(scene=scene, seed=seed, episode=episode, snapshot=snapshot))
 
     def begin(self, session="s", epoch=1):
         self.session, self.epoch, self.sequence = session, epoch, 0
         return self.world.handle(wire.Begin(session=session, epoch=epoch))
 
     def observe(self):
-        return self.world.handle(wire.Observe())
+        return self.world.handle(wire.Observe(truth=True, snapshot=True))
+
+    def read_state(self):
+        """What is stored of the present: arrays by name."""
+        return decode_arrays(self.driver.snapshot().data)
 
     def entity(self, name):
         return next(each for each in self.observe().entities if each.name == name)
@@ -77,7 +84,7 @@ class Rig:
         Returns:
             Rows (10, 7) of positions and velocities, one pair a command.
         """
-        start = np.array(self.world._drive.q_rad)
+        start = np.array(self.driver._drive.q_rad)
         way = np.asarray(goal) - start
         fastest = 2.1 * float(np.max(np.abs(way) / np.array(self.profile.arm.velocity_rad_s)))
         n = round(max(seconds, fastest) / 0.02)
@@ -94,17 +101,17 @@ class Rig:
         return reply
 
     def hold(self, width, seconds):
-        return self.move(self.world._drive.q_rad, width, seconds)
+        return self.move(self.driver._drive.q_rad, width, seconds)
 
     def reach(self, point, yaw=0.0):
         """Joint angles that bring the tool to a point, pointing down (damped least squares on MuJoCo's Jacobian)."""
-        model, data = self.world._physics.model, mujoco.MjData(self.world._physics.model)
-        site, dofs = model.site("tcp").id, self.world._physics.v_address
+        model, data = self.driver._physics.model, mujoco.MjData(self.driver._physics.model)
+        site, dofs = model.site("tcp").id, self.driver._physics.v_address
         q = np.array(self.profile.arm.home_rad)
         wanted = np.array([[np.cos(yaw), np.sin(yaw), 0], [np.sin(yaw), -np.cos(yaw), 0], [0, 0, -1]]).T
         jacobian_p, jacobian_r = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         for _ in range(200):
-            data.qpos[self.world._physics.q_address] = q
+            data.qpos[self.driver._physics.q_address] = q
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             rotation = data.site_xmat[site].reshape(3, 3)

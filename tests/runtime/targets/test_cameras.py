@@ -222,7 +222,7 @@ def test_looking_changes_no_bit_of_the_simulation_and_the_same_run_sees_the_same
             rig.hold(0.08, 0.1)
             if rig is not blind:
                 frames.append(see(rig, cameras=("wrist",)))
-    np.testing.assert_array_equal(blind.observe().state, first.observe().state)
+    assert blind.observe().snapshot == first.observe().snapshot
     for one, other in zip(frames[:3], frames[3:], strict=True):
         np.testing.assert_array_equal(one.depth_m, other.depth_m)
         np.testing.assert_array_equal(one.rgb, other.rgb)
@@ -234,10 +234,10 @@ def test_a_session_that_is_repeated_from_its_first_state_sees_the_same_bits(look
     first, again = look(sensors), look(sensors)
     first.hold(0.08, 0.3)
     first.world.handle(wire.End(session="s", epoch=1))
-    state = first.observe().state
+    snapshot = first.observe().snapshot.data
     first.begin("t", 2)
     again.world.handle(wire.End(session="s", epoch=1))
-    assert isinstance(again.load(state=state, episode="e"), wire.Loaded)
+    assert isinstance(again.load(snapshot=snapshot, episode="e"), wire.Loaded)
     again.begin("t", 2)
 
     one, other = see(first), see(again)

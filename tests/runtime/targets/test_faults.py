@@ -82,7 +82,7 @@ def test_a_removed_cube_is_off_the_table(begin):
 
 def test_a_stalled_joint_does_not_turn_and_recovers(begin):
     rig = begin(kind="stall", joint="joint1", when={"time_s": 0.5}, duration_s=1.0)
-    goal = np.array(rig.world._drive.q_rad) + np.array([0.4, 0, 0, 0, 0, 0, 0])
+    goal = np.array(rig.driver._drive.q_rad) + np.array([0.4, 0, 0, 0, 0, 0, 0])
     rig.hold(0.08, 0.3)
     stalled = rig.move(goal, seconds=0.6)
     assert abs(stalled.target.q_rad[0]) < 0.05
@@ -107,7 +107,7 @@ def test_a_recorded_strike_repeats_itself_bit_for_bit(make_rig):
         rig.load()
         rig.begin()
         rig.hold(0.08, 2.0)
-        states.append(rig.observe().state.tobytes())
+        states.append(rig.observe().snapshot.data)
         if not attempt:
             recorded = read_strikes(end(rig))
     assert states[0] == states[1]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.safety_parts.attacker import DT, ROWS, SCENE, Attacker, drive_hard
+from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.runtime.targets import wire
 
 pytestmark = pytest.mark.sim
@@ -68,10 +69,10 @@ def encode(command, **changes):
 def test_a_message_that_is_no_command_is_refused_and_the_world_lives(intruder, changes):
     intruder.end()
     intruder.begin()
-    before = intruder.ask(wire.Observe()).state
+    before = intruder.ask(wire.Observe(snapshot=True)).snapshot
     reply = intruder.ask_bytes(encode(intruder.make(np.zeros(7)), **changes))
     assert (type(reply), reply.code) == (wire.Refused, "MALFORMED")
-    assert intruder.ask(wire.Observe()).state.tobytes() == before.tobytes()
+    assert intruder.ask(wire.Observe(snapshot=True)).snapshot == before
 
 
 def test_noise_and_bad_requests_are_refused_and_the_world_lives(intruder):
@@ -85,19 +86,23 @@ def test_noise_and_bad_requests_are_refused_and_the_world_lives(intruder):
         wire.Settle(session=session, epoch=1, duration_s=float("nan")),
         wire.Settle(session=session, epoch=1, duration_s=1e300),
         wire.Settle(session=session, epoch=1, duration_s=-1.0),
-        wire.Render(camera="overview", width=-1, height=10**9),
-        wire.SaveModel(folder="/nowhere/at/all"),
-        wire.SaveModel(folder="zero\0byte"),
+        wire.InvokeTool(wire.RENDER, {"camera": "overview", "width": -1, "height": 10**9}),
+        wire.InvokeTool(wire.RENDER, {"camera": "overview", "width": "wide"}),
+        wire.InvokeTool(wire.RENDER, {"folder": "/nowhere/at/all"}),
+        wire.InvokeTool("zero\0byte"),
         wire.Begin(session="", epoch=1),
     ):
         reply = intruder.ask(request)
         assert isinstance(reply, wire.Refused), request
     intruder.end()
-    for state in (np.zeros(3), np.full(len(intruder.ask(wire.Observe()).state), np.nan)):
-        assert intruder.ask(wire.LoadScene(scene=SCENE, seed=1, episode="x", state=state)).code == "MALFORMED"
-    torn = intruder.ask(wire.Observe()).state.copy()
+    state = decode_arrays(intruder.ask(wire.Observe(snapshot=True)).snapshot.data)["state"]
+    bad = [encode_arrays({"state": each}) for each in (np.zeros(3), np.full(len(state), np.nan), state.astype("f4"))]
+    for snapshot in (*bad, encode_arrays({"other": state}), b"PK", bad[0][:-30]):
+        assert intruder.ask(wire.LoadScene(scene=SCENE, seed=1, episode="x", snapshot=snapshot)).code == "MALFORMED"
+    torn = state.copy()
     torn[1:40] = 50.0
-    assert intruder.ask(wire.LoadScene(scene=SCENE, seed=1, episode="x", state=torn)).code == "TARGET_LIMIT"
+    torn = encode_arrays({"state": torn})
+    assert intruder.ask(wire.LoadScene(scene=SCENE, seed=1, episode="x", snapshot=torn)).code == "TARGET_LIMIT"
 
 
 def test_set_points_that_no_drive_should_follow_are_refused_and_move_nothing(intruder):
@@ -105,7 +110,7 @@ def test_set_points_that_no_drive_should_follow_are_refused_and_move_nothing(int
     q = intruder.begin()
     rng, signs = np.random.default_rng(0), np.where(np.arange(ROWS) % 2 == 0, 1.0, -1.0)[:, None]
     still, zero = np.tile(q, (ROWS, 1)), np.zeros((ROWS, 7))
-    before = intruder.ask(wire.Observe()).state
+    before = intruder.ask(wire.Observe(snapshot=True)).snapshot
     attempts = [
         *((still + value, zero, "MALFORMED" if not np.isfinite(value) else "TARGET_LIMIT") for value in
           (np.nan, np.inf, -np.inf, 1e6, -1e6, 1e308, 0.1, -0.02)),
@@ -131,7 +136,7 @@ def test_set_points_that_no_drive_should_follow_are_refused_and_move_nothing(int
         ({"width": float("nan")}, "MALFORMED"),
     ):
         assert intruder.send(q, **changes).code == code
-    assert intruder.ask(wire.Observe()).state.tobytes() == before.tobytes()
+    assert intruder.ask(wire.Observe(snapshot=True)).snapshot == before
 
 
 def test_numbers_that_were_seen_are_not_accepted_again_in_any_order(intruder):
@@ -183,18 +188,18 @@ def test_an_arm_that_presses_on_something_stops_and_takes_no_further_command_of_
         if stopped:
             break
     assert stopped == "COLLISION_STOP"
-    assert rig.send(rig.make_command(rig.world._drive.q_rad)).code == "COLLISION_STOP"
+    assert rig.send(rig.make_command(rig.driver._drive.q_rad)).code == "COLLISION_STOP"
     assert isinstance(rig.begin("s", 1), wire.Ack)  # the same claim again does not undo it
-    assert rig.send(rig.make_command(rig.world._drive.q_rad)).code == "COLLISION_STOP"
+    assert rig.send(rig.make_command(rig.driver._drive.q_rad)).code == "COLLISION_STOP"
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
-    assert isinstance(rig.send(rig.make_command(rig.world._drive.q_rad)), wire.Step)
+    assert isinstance(rig.send(rig.make_command(rig.driver._drive.q_rad)), wire.Step)
 
 
 def test_a_stop_of_category_one_ends_the_motion_of_its_session(rig):
-    assert isinstance(rig.send(rig.make_command(rig.world._drive.q_rad)), wire.Step)
+    assert isinstance(rig.send(rig.make_command(rig.driver._drive.q_rad)), wire.Step)
     assert isinstance(rig.world.handle(wire.Halt(session="s", epoch=1, category=1)), wire.Step)
-    assert rig.send(rig.make_command(rig.world._drive.q_rad)).code == "DRIVES_OFF"
+    assert rig.send(rig.make_command(rig.driver._drive.q_rad)).code == "DRIVES_OFF"
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
-    assert isinstance(rig.send(rig.make_command(rig.world._drive.q_rad)), wire.Step)
+    assert isinstance(rig.send(rig.make_command(rig.driver._drive.q_rad)), wire.Step)

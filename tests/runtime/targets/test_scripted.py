@@ -17,6 +17,7 @@ from phyagentos.runtime.preflight.live import iter_handshake_problems
 from phyagentos.runtime.preflight.safety_limits import iter_live_safety_problems
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
 
 LIBRARY = Library((Path(__file__).resolve().parents[3] / "benchmarks" / "library",))
@@ -24,7 +25,8 @@ LIBRARY = Library((Path(__file__).resolve().parents[3] / "benchmarks" / "library
 
 @pytest.fixture
 def world(tmp_path):
-    world = DebugDriver(read_target(LIBRARY.get_target("counter")), LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
+    driver = DebugDriver(read_target(LIBRARY.get_target("counter")), LIBRARY)
+    world = ServedTarget(driver, ReceiveLog(tmp_path / "log.jsonl"))
     world.handle(wire.LoadScene(scene="counter", seed=0, episode="e"))
     return world
 
@@ -42,7 +44,7 @@ def command(q: float, sequence: int = 1, session: str = "s", epoch: int = 1) -> 
 
 
 def find_height(world) -> float:
-    (mark,) = world.handle(wire.Observe()).entities
+    (mark,) = world.handle(wire.Observe(truth=True)).entities
     return mark.pose.position_m[2]
 
 
@@ -86,9 +88,9 @@ def test_an_episode_that_may_not_end_goes_on(world):
 def test_a_recorded_state_is_restored(world):
     world.handle(wire.Begin(session="s", epoch=1))
     world.handle(command(0.5))
-    state = world.handle(wire.Observe()).state
+    snapshot = world.handle(wire.Observe(snapshot=True)).snapshot.data
     world.handle(wire.End(session="s", epoch=1))
-    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e", state=state * 1.0))
+    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e", snapshot=snapshot))
 
     assert find_height(world) == 0.5
     assert world.handle(wire.Observe()).time_s == pytest.approx(0.02)
@@ -117,7 +119,8 @@ def test_it_tells_the_slide_that_it_is_so_that_the_guard_knows_where_a_command_e
     profile = read_target(LIBRARY.get_target("counter"))
     arm = profile.arm.model_copy(update={"joints": tuple("abc"[:joints]), "home_rad": (0.0,) * joints})
     moved = profile.model_copy(update={"arm": arm, "mount_position_m": (0.1, 0.2, 0.3)})
-    world = DebugDriver(moved, LIBRARY, ReceiveLog(tmp_path / "log.jsonl"))
+    world = ServedTarget(DebugDriver(moved, LIBRARY), ReceiveLog(tmp_path / "log.jsonl"))
+    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e"))
     tool = ToolPoint(world.handle(wire.Describe()).kinematics)
     world.handle(wire.Begin(session="s", epoch=1))
     q = np.array([[0.25, -4.0, 7.0][:joints]])

@@ -44,11 +44,11 @@ def test_the_arm_stands_at_home_without_contact_and_holds_its_posture(rig):
     ],
 )
 def test_what_is_refused_moves_nothing(rig, changes, code):
-    before = rig.observe().state
+    before = rig.observe().snapshot.data
     reply = rig.world.handle(rig.make_command(HOME, **changes))
     assert isinstance(reply, wire.Refused)
     assert reply.code == code
-    assert rig.observe().state.tobytes() == before.tobytes()
+    assert rig.observe().snapshot.data == before
 
 
 def test_no_command_is_accepted_after_the_end_of_its_session(rig):
@@ -93,6 +93,10 @@ def test_an_unknown_scene_is_refused_with_the_nearest_name(make_rig):
     assert "Did you mean 'tabletop/cubes_and_trays'?" in reply.message
 
 
+def render(camera, width, height):
+    return wire.InvokeTool(wire.RENDER, {"camera": camera, "width": width, "height": height})
+
+
 def test_looking_and_rendering_do_not_change_a_bit(make_rig):
     states = []
     for looks in (False, True):
@@ -104,8 +108,8 @@ def test_looking_and_rendering_do_not_change_a_bit(make_rig):
             assert isinstance(rig.send(rig.make_command(q, qd=qd)), wire.Step)
             if looks:
                 rig.observe()
-                rig.world.handle(wire.Render(camera="overview", width=64, height=48))
-        states.append(rig.observe().state.tobytes())
+                rig.world.handle(render("overview", 64, 48))
+        states.append(rig.observe().snapshot.data)
     assert states[0] == states[1]
 
 
@@ -114,20 +118,20 @@ def test_a_restored_world_goes_on_bit_for_bit(make_rig):
     rig.load()
     rig.begin()
     rig.grasp("red_cube")
-    middle = rig.observe().state
+    middle = rig.observe().snapshot.data
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
-    motion = rig.plan(rig.world._drive.q_rad + 0.03, 0.6)
+    motion = rig.plan(rig.driver._drive.q_rad + 0.03, 0.6)
     for q, qd in motion:
         assert isinstance(rig.send(rig.make_command(q, 0.0, qd)), wire.Step)
-    first = rig.observe().state
+    first = rig.observe().snapshot.data
 
     other = make_rig()
-    other.load(state=middle)
+    other.load(snapshot=middle)
     other.begin("t")
     for q, qd in motion:
         assert isinstance(other.send(other.make_command(q, 0.0, qd)), wire.Step)
-    assert other.observe().state.tobytes() == first.tobytes()
+    assert other.observe().snapshot.data == first
 
 
 def test_a_halt_decelerates_and_holds(rig):
@@ -165,15 +169,16 @@ def test_the_receive_log_tells_every_request_that_could_move_and_every_state_wri
 
 
 def test_a_picture_is_a_png_or_a_reason(rig):
-    picture = rig.world.handle(wire.Render(camera="overview", width=160, height=120))
-    assert picture.png.startswith(b"\x89PNG") or picture.reason
-    assert "no camera 'nowhere'" in rig.world.handle(wire.Render(camera="nowhere")).reason
+    result = rig.world.handle(render("overview", 160, 120))
+    assert result.reason or result.artefacts["picture.png"].data.startswith(b"\x89PNG")
+    assert "no camera 'nowhere'" in rig.world.handle(render("nowhere", 160, 120)).reason
 
 
 def test_the_model_is_saved_for_mujoco_alone(rig, tmp_path):
     import mujoco
 
-    rig.world.handle(wire.SaveModel(folder=str(tmp_path)))
+    for name, file in rig.world.handle(wire.InvokeTool(wire.SCENE_MODEL)).artefacts.items():
+        (tmp_path / name).write_bytes(file.data)
     model = mujoco.MjModel.from_binary_path(str(tmp_path / "scene.mjb"))
     assert model.body("red_cube").id > 0
     assert "red_tray" in (tmp_path / "scene.xml").read_text()
