@@ -295,6 +295,7 @@ LATCH_UNWRITABLE        The disk takes no latch of the emergency stop, and has n
 LOG_UNWRITABLE          The target cannot write its receive log, so it accepts no command.
 MALFORMED               A message on the wire could not be read.
 NO_AUTHORITY            A command came without a claim.
+NO_GROUND_TRUTH         The ground truth was asked for, and is not offered.
 NO_GRAPHICS             This machine cannot draw; sensors.yaml may say `backend: ray`.
 NO_STATE                Frames came before the target had said anything of itself.
 NO_SCENE                The target was asked before an episode began.
@@ -308,4 +309,5 @@ TARGET_BUSY             Another process serves the target.
 TARGET_LIMIT            The target itself refused a command.
 TARGET_LOST             The target no longer answers.
 UNKNOWN_CAMERA          No camera of this name in sensors.yaml, or nothing in this world that carries it.
+UNKNOWN_TOOL            The target has no tool of this name.
 """

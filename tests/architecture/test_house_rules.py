@@ -15,7 +15,7 @@ OWN_PYTHON = sorted(
     for folder in ("phyagentos", "tests", "examples", "benchmarks", "skills")
     for path in (ROOT / folder).rglob("*.py")
 )
-MAX_LINES = 400
+MAX_LINES = 600
 BANNED_STEMS = {"utils", "util", "helpers", "helper", "misc", "common"}
 BODY_LIBRARIES = {"mujoco", "mink", "ompl", "toppra", "casadi", "py_trees", "numba"}
 
@@ -25,7 +25,7 @@ def name_of(path: Path) -> str:
 
 
 @pytest.mark.parametrize("path", OWN_PYTHON, ids=name_of)
-def test_no_file_is_longer_than_four_hundred_lines(path):
+def test_no_file_is_longer_than_six_hundred_lines(path):
     lines = len(path.read_text(encoding="utf-8").splitlines())
     assert lines <= MAX_LINES, f"{name_of(path)} has {lines} lines: split it by concept"
 
