@@ -21,6 +21,7 @@ class Problem:
         hint: What to do next; often the nearest valid name.
         triggered_by: Who asked for what is not there: a skill, a policy, a settings file; empty where the address says
             it.
+        subject: The predicate or name that the finding is about, for programs; the other texts are for people.
     """
 
     code: str
@@ -29,6 +30,7 @@ class Problem:
     expected: str = ""
     hint: str = ""
     triggered_by: str = ""
+    subject: str = ""
 
     def __str__(self) -> str:
         """One line: where, which, found, possible, next."""

@@ -23,6 +23,7 @@ from typing import Any
 
 import msgspec
 
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, SessionState
 from phyagentos.protocol.sessions.session import (
     Amendment,
@@ -339,6 +340,8 @@ def _read_changes(before: SessionStatus, record: Record) -> dict[str, Any]:
         changes["execution"] = msgspec.convert(body["execution"], Execution)
     if "attempt" in body:
         changes["attempts"] = (*before.attempts, msgspec.convert(body["attempt"], Attempt))
+    if "problems" in body:
+        changes["problems"] = msgspec.convert(body["problems"], tuple[Problem, ...])
     if "reason" in body:
         changes["reason"] = str(body["reason"])
     return changes

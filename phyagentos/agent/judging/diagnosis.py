@@ -14,10 +14,11 @@ from phyagentos.agent.judging.judging_faults import find_judging_fault
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import Environment, Status
-from phyagentos.protocol.world.predicates.predicate import find_entities, find_things
+from phyagentos.protocol.world.predicates.predicate import find_entities, find_things, parse_predicate
+from phyagentos.protocol.world.predicates.syntax import Call
 from phyagentos.protocol.world.truth import Truth
 
 MOVED_M = 0.015  # as the predicate `moved`
@@ -158,7 +159,7 @@ class Diagnosis:
 
 def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     """The cause why `criteria` are not all true on this evidence."""
-    course = ManipulationTimeline.of(bundle, find_object(bundle, criteria))
+    course = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
     cause, fact = _find_cause(bundle, criteria, course)
     is_told = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
     hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(course, is_told=is_told)
@@ -189,12 +190,17 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
     return replace(diagnosis, cause=Cause.OBJECT_GONE, fact=fact, is_hopeless=True)
 
 
-def find_object(bundle: Bundle, criteria: Sequence[Criterion] = ()) -> str | None:
-    """The movable thing that the session is about: its `object`, else the first one its parameters or criteria name."""
-    world = bundle.before or bundle.after
+def find_object(session: Session, world: Environment | None, criteria: Sequence[Criterion] = ()) -> str | None:
+    """The movable thing that a session is about: its `object`, else the first one its parameters or criteria name.
+
+    Args:
+        session: The contract.
+        world: Before the session, else after it.
+        criteria: As judged.
+    """
     if world is None:
         return None
-    parameters = bundle.session.parameters
+    parameters = session.parameters
     named = [parameters.get("object"), *parameters.values()]
     named += [name for criterion in criteria for name in find_entities(criterion.text)]
     for name in named:
@@ -270,11 +276,16 @@ def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: Mani
     if bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
     wanted = [criterion.text for criterion in criteria if criterion.truth is Truth.FALSE]
-    if any(text.startswith("holding(") for text in wanted):
+    if any(_asks_for_holding(text) for text in wanted):
         return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
     if moved_m > MOVED_M:
         return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"
     return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {bundle.execution.ticks} commands"
+
+
+def _asks_for_holding(text: str) -> bool:
+    formula = parse_predicate(text).formula
+    return isinstance(formula, Call) and formula.name == "holding"
 
 
 def _is_out_of_reach(course: ManipulationTimeline, *, is_told: bool = True) -> bool:

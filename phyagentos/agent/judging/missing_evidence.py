@@ -1,7 +1,7 @@
 """What should be looked at again before an objective that is unknown is called missed.
 
 Upstream: the verifier, whose criteria are unknown and none is false. Downstream: the replanner, which looks again
-(`Attempt.wants`). Only acceptance can be seen afterwards: what had to hold all through is over.
+(`Attempt.missing_evidence`). Only acceptance can be seen afterwards: what had to hold all through is over.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from phyagentos.protocol.world.truth import Truth
 MOST = 8  # things; a child session looks at one, or at a few that stand together
 
 
-def find_wants(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:
+def find_missing_evidence(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:
     """Things that acceptance speaks of and the last snapshot does not show well enough, in the order of the criteria.
 
     Args:

@@ -18,7 +18,7 @@ from phyagentos.agent.judging.judges.judge import ADVISORY_KINDS, Judge, make_un
 from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
-from phyagentos.agent.judging.missing_evidence import find_wants
+from phyagentos.agent.judging.missing_evidence import find_missing_evidence
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, EvidenceReference, Verdict
@@ -63,7 +63,7 @@ class SessionVerifier:
 
         Success needs every criterion to be true. Otherwise the session is replanned when the cause can be mended and
         the node has budget left, and has failed when not. When nothing is false and something is unknown, the cause is
-        `EVIDENCE_MISSING`, and `wants` says what should be looked at.
+        `EVIDENCE_MISSING`, and `missing_evidence` names what must be seen again.
         """
         if self.mode is VerificationMode.OFF:
             return self._skip(bundle)
@@ -84,7 +84,7 @@ class SessionVerifier:
         if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):
             reason = _explain_success(bundle, decisive)
             return self._sign(bundle, criteria, verdict=Verdict.SUCCESS, reason=reason)
-        diagnosis, wants = _find_reason(bundle, decisive)
+        diagnosis, missing = _find_reason(bundle, decisive)
         has_budget = history.replans < history.max_replans
         verdict = Verdict.REPLAN if has_budget and not diagnosis.is_hopeless else Verdict.FAILURE
         return self._sign(
@@ -92,8 +92,8 @@ class SessionVerifier:
             criteria,
             verdict=verdict,
             cause=diagnosis.cause.value,
-            reason=f"{_explain(diagnosis, decisive)} {self._explain_decision(diagnosis, history, wants)}",
-            wants=wants,
+            reason=f"{_explain(diagnosis, decisive)} {self._explain_decision(diagnosis, history, missing)}",
+            missing=missing,
             diagnosis=diagnosis,
         )
 
@@ -111,7 +111,7 @@ class SessionVerifier:
         verdict: Verdict,
         reason: str,
         cause: str = "",
-        wants: tuple[str, ...] = (),
+        missing: tuple[str, ...] = (),
         diagnosis: Diagnosis | None = None,
     ) -> Attempt:
         return Attempt(
@@ -124,20 +124,20 @@ class SessionVerifier:
             mode=self.mode,
             judges=tuple(judge.name for judge in (*self.judges, *self.costly)),
             found=verdict,
-            wants=wants,
+            missing_evidence=missing,
             evidence=_refer(bundle, criteria),
             kind=diagnosis.kind.value if diagnosis else "",
             support=diagnosis.support if diagnosis else (),
         )
 
-    def _explain_decision(self, diagnosis: Diagnosis, history: History, wants: Sequence[str]) -> str:
+    def _explain_decision(self, diagnosis: Diagnosis, history: History, missing: Sequence[str]) -> str:
         if diagnosis.is_hopeless:
             return "Another attempt cannot mend it."
         if self.mode is VerificationMode.ENFORCE:
             return "Nothing is replanned: verification only enforces."
         if history.replans >= history.max_replans:
             return f"The budget of {history.max_replans} replans is spent."
-        look = f"First look again at {', '.join(wants)}. " if wants else ""
+        look = f"First look again at {', '.join(missing)}. " if missing else ""
         return f"{look}Replan {history.replans + 1} of {history.max_replans}."
 
 
@@ -161,12 +161,12 @@ def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnos
     diagnosis = diagnose(bundle, criteria)
     is_open = criteria and all(criterion.truth is not Truth.FALSE for criterion in criteria)
     judged = [each for each in criteria if each.evidence]  # a look helps where a judge looked and could not tell
-    wants = find_wants(judged, bundle.after) if is_open else ()
-    if not wants or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
+    missing = find_missing_evidence(judged, bundle.after) if is_open else ()
+    if not missing or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
         return diagnosis, ()
-    unseen = ", ".join(wants)
+    unseen = ", ".join(missing)
     fact = diagnosis.fact if diagnosis.cause is Cause.EVIDENCE_MISSING else f"{unseen} must be seen again"
-    return replace(diagnosis, cause=Cause.EVIDENCE_MISSING, fact=fact, is_hopeless=False), wants
+    return replace(diagnosis, cause=Cause.EVIDENCE_MISSING, fact=fact, is_hopeless=False), missing
 
 
 def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:

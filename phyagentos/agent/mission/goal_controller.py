@@ -17,8 +17,9 @@ from phyagentos.agent.judging.goal_judgement import Evidence, judge_goal
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.memory.advice import Advisor, Foresight, NoAdvice, NoForesight, apply_advice
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_foreseen
-from phyagentos.agent.mission.recovery import Recovery, is_look, join, join_evidence
+from phyagentos.agent.mission.recovery import Recovery, is_look, join
 from phyagentos.agent.mission.worklist import Worklist
+from phyagentos.agent.repair.case import join_evidence
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.errors import DefinitionError
@@ -183,7 +184,7 @@ class GoalController:
         if looks:
             told = f"{subject.contract.id}, on what {status.contract.id} saw: {attempt.reason}"
             attempt = msgspec.structs.replace(attempt, reason=told)
-            if attempt.wants and facts.count_looks(subject.contract) >= LOOKS_MAX:
+            if attempt.missing_evidence and facts.count_looks(subject.contract) >= LOOKS_MAX:
                 attempt = settle(bundle, attempt)
         return bundle, attempt
 

@@ -126,4 +126,4 @@ class GoalFacts:
 
 def is_foreseen(status: SessionStatus) -> bool:
     """Whether a session was refused for what its simulation came to."""
-    return status.state == SessionState.REJECTED and LOOKAHEAD_LOW in status.reason
+    return status.state == SessionState.REJECTED and any(each.code == LOOKAHEAD_LOW for each in status.problems)

@@ -13,25 +13,28 @@ import msgspec
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
-from phyagentos.agent.judging.missing_evidence import find_wants
+from phyagentos.agent.judging.missing_evidence import find_missing_evidence
 from phyagentos.agent.mission.goal_facts import GoalFacts
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import AlternativeKind, Decision
-from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_undone
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
-from phyagentos.protocol.sessions.evidence import AFTER, Bundle
+from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
-from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionStatus
+from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 
 _RELATIONS = {clearing.PURPOSE: Relation.CLEARS, looking.PURPOSE: Relation.LOOKS}
+_UNMET = "PRECONDITION_UNMET"  # preflight's code for a precondition that is false or unknown
 Compile = Callable[[str, Mapping[str, Mapping[str, Any]], Revision | None], Session | str]
 
 _REFUSALS = {  # of preflight: what a repair can answer
@@ -74,13 +77,15 @@ class Recovery:
         node = status.contract.node
         if self.prepares(status):
             return self._follow_preparation(status, bundle, attempt)
-        wants = attempt.wants if attempt.mode is VerificationMode.RECOVERY else ()
-        if attempt.verdict is Verdict.FAILURE and wants and (entries := self._look_once_more(node, bundle, attempt)):
+        may_look = attempt.mode is VerificationMode.RECOVERY and attempt.missing_evidence
+        if attempt.verdict is Verdict.FAILURE and may_look and (
+            entries := self._look_once_more(node, Miss.of_execution(bundle, attempt))
+        ):
             why = f"{attempt.reason} To look again costs no replan."
             return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries
         if attempt.verdict is not Verdict.REPLAN:
             return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
-        entries = self._repair(node, bundle, attempt)
+        entries = self._repair(node, Miss.of_execution(bundle, attempt))
         if _is_end(entries):  # no revision is worth its budget
             why = str((entries[-1].body or {}).get("reason", ""))
             attempt = msgspec.structs.replace(attempt, verdict=Verdict.FAILURE, reason=f"{attempt.reason} {why}")
@@ -98,25 +103,24 @@ class Recovery:
         blocked = [self.say_of(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
         if not self.policy.restores:
             return blocked
-        missed = self._find_miss(refused)
-        if missed is None:
+        miss = self._find_miss(refused)
+        if miss is None:
             return self._restore_for(refused) or blocked
-        entries = self._repair(node, *missed)
+        entries = self._repair(node, miss)
         return blocked if _is_end(entries) else entries
 
     def go_on(self, latest: SessionStatus) -> list[Entry]:
         """Go on with a node whose latest session is over: what it waited for is restored, or preflight refused it."""
         node = latest.contract.node
         subject = self.facts.find_subject(latest.contract)
-        missed = self._find_miss(subject)
-        if missed is None:
+        miss = self._find_miss(subject)
+        if miss is None:
             return [self.say_of(node, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
-        bundle, decided = missed
         if latest.execution is not None and latest.contract.id != subject.contract.id:
-            bundle = join_evidence(bundle, self.evidence.read(latest))
-            if is_look(latest.contract) and latest.decision is not None:
-                decided = latest.decision
-        return self._repair(node, bundle, decided, restores=latest.state != SessionState.REPLANNED)
+            miss = miss.join(self.evidence.read(latest))
+            if is_look(latest.contract) and latest.decision is not None and miss.bundle is not None:
+                miss = Miss.of_execution(miss.bundle, latest.decision)
+        return self._repair(node, miss, restores=latest.state != SessionState.REPLANNED)
 
     def find_undone(self) -> dict[str, str]:
         """Finished nodes whose achievement no longer holds -> the fact that shows it."""
@@ -143,24 +147,27 @@ class Recovery:
             criteria: Of the goal.
             now: The latest snapshot.
         """
-        wants = find_wants(criteria, now)
+        missing = find_missing_evidence(criteria, now)
         finished = [(name, self.facts.find_own(name)) for name in self.facts.find_finished()]
         own = [(name, status) for name, status in finished if status is not None and status.execution is not None]
-        named = [(name, status) for name, status in own if set(wants) & set(_iter_things(status.contract))]
-        if not wants or not own:
+        named = [(name, status) for name, status in own if set(missing) & set(_iter_things(status.contract))]
+        if not missing or not own:
             return []
         node, subject = (named or own)[-1]
         unknown = next(each for each in criteria if each.truth is Truth.UNKNOWN)
-        attempt = Attempt(
-            verdict=Verdict.REPLAN,
-            criteria=tuple(criteria),
-            cause=Cause.EVIDENCE_MISSING.value,
-            reason=f"of the goal, {unknown.text} is unknown: {unknown.because}",
-            wants=wants,
-        )
         if self.facts.count_looks(subject.contract) >= looking.LOOKS_MAX:
             return []
-        return self._look_once_more(node, self.evidence.read(subject), attempt)
+        bundle = self.evidence.read(subject)
+        miss = Miss(
+            session=subject.contract,
+            cause=Cause.EVIDENCE_MISSING,
+            reason=f"of the goal, {unknown.text} is unknown: {unknown.because}",
+            world=bundle.after,
+            bundle=bundle,
+            criteria=tuple(criteria),
+            missing_evidence=missing,
+        )
+        return self._look_once_more(node, miss)
 
     def wait_for(self, undone: Sequence[str], node: str) -> Entry:
         """Nodes that must be done again before the next session of a node that had begun."""
@@ -194,46 +201,44 @@ class Recovery:
 
     # -- one miss ------------------------------------------------------------------------------------------------------
 
-    def _repair(self, node: str, bundle: Bundle, attempt: Attempt, *, restores: bool = True) -> list[Entry]:
+    def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
         """What the policy chooses; the last record blocks the node when it gives up."""
-        decision = self.policy.choose(self._make_case(node, bundle, attempt))
+        decision = self.policy.choose(self._make_case(node, miss))
         revision = decision.chosen.revision
         if decision.chosen.kind is AlternativeKind.RESTART:
-            return self._restart(node, attempt, decision)
+            return self._restart(node, miss.cause, decision)
         if revision is None:
             return [self.say_of(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
         child = self.compile(node, {}, revision)
         if isinstance(child, str):
             return [self.say_of(node, GoalEvent.NODE_BLOCKED, child)]
-        return self._submit(child, bundle, attempt, decision.reasons, restores=restores)
+        return self._submit(child, miss, decision.reasons, restores=restores)
 
-    def _look_once_more(self, node: str, bundle: Bundle, attempt: Attempt) -> list[Entry]:
+    def _look_once_more(self, node: str, miss: Miss) -> list[Entry]:
         """A look for the sake of a session that cannot be replanned any more; nothing when the policy has none."""
-        decision = self.policy.choose(self._make_case(node, bundle, attempt))
+        decision = self.policy.choose(self._make_case(node, miss))
         if decision.chosen.kind is not AlternativeKind.LOOK or decision.chosen.revision is None:
             return []
         child = self.compile(node, {}, decision.chosen.revision)
         return [] if isinstance(child, str) else self.submit_child(child, decision.reasons)
 
-    def _submit(
-        self, child: Session, bundle: Bundle, attempt: Attempt, reasons: Iterable[str], *, restores: bool
-    ) -> list[Entry]:
+    def _submit(self, child: Session, miss: Miss, reasons: Iterable[str], *, restores: bool) -> list[Entry]:
         """The child, or first the restoration of what it needs and an earlier node had achieved."""
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
             return self.submit_child(child, reasons)
-        if restores and bundle.after is not None:
-            needy = [child, bundle.session] if child.skill == bundle.session.skill else [child]
-            lost = {predicate.text for each in needy for predicate in find_lost_preconditions(each, bundle.after)}
+        if restores and miss.world is not None:
+            needy = [child, miss.session] if child.skill == miss.session.skill else [child]
+            lost = {predicate.text for each in needy for predicate in find_lost_preconditions(each, miss.world)}
             restorers = self._find_restorers(child.node, lost)
             if restorers:
                 return self.reopen(restorers)  # the child is paid for when its turn comes
-        spent = self.say_of(child.node, GoalEvent.BUDGET_SPENT, f"{attempt.cause}: {bundle.session.id}")
+        spent = self.say_of(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
         return [spent, *self.submit_child(child, reasons)]
 
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
         """Nodes that are opened again for a session that preflight refused, and its own; empty when none can help."""
         node, world = refused.contract.node, self.evidence.find_latest()
-        if world is None or "PRECONDITION_UNMET" not in refused.reason or not self.facts.has_replans(node):
+        if world is None or not _is_unmet(refused) or not self.facts.has_replans(node):
             return []
         lost = {each.text for each in find_lost_preconditions(refused.contract, world) if each.is_lasting}
         restorers = self._find_restorers(node, lost)
@@ -244,56 +249,46 @@ class Recovery:
     ) -> tuple[Attempt, list[Entry]]:
         """It is prepared: the same objective again. It is not: another way."""
         node, subject = status.contract.node, self.facts.find_subject(status.contract)
-        missed = self._find_miss(subject)
-        if missed is None:
+        miss = self._find_miss(subject)
+        if miss is None:
             return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
-        joint, decided = join_evidence(missed[0], bundle), missed[1]
+        miss = miss.join(bundle)
         if attempt.verdict is Verdict.SUCCESS:
             revision = Revision(
                 parent=status.contract.id,
                 strategy=subject.contract.strategy,
-                requires=revise_requires(joint, find_of_skill(joint.session, self.compiler.catalogue))[0],
+                requires=revise_requires(miss, find_of_skill(miss.session, self.compiler.catalogue))[0],
                 choice=keep_means(self.facts.graph.choices[node], subject.contract),
-                reasons=(f"{decided.cause}: {decided.reason}", f"{status.contract.id} has prepared it"),
+                reasons=(f"{miss.cause}: {miss.reason}", f"{status.contract.id} has prepared it"),
             )
             child = self.compile(node, {}, revision)
             if isinstance(child, str):
                 return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, child)]
-            return attempt, self._submit(child, joint, decided, revision.reasons, restores=True)
-        entries = self._repair(node, joint, decided)
+            return attempt, self._submit(child, miss, revision.reasons, restores=True)
+        entries = self._repair(node, miss)
         verdict = Verdict.FAILURE if _is_end(entries) else Verdict.REPLAN
         return msgspec.structs.replace(attempt, verdict=verdict), entries
 
-    def _find_miss(self, subject: SessionStatus) -> tuple[Bundle, Attempt] | None:
-        """Evidence and judgement of a session that missed; what preflight refused never ran, its reason is told."""
+    def _find_miss(self, subject: SessionStatus) -> Miss | None:
+        """What a session missed, judged or refused by preflight; None when a repair has no answer to it."""
         if subject.execution is not None:
-            return (self.evidence.read(subject), subject.decision) if subject.decision is not None else None
-        cause = next((cause for code, cause in _REFUSALS.items() if code in subject.reason), None)
-        world = self.evidence.find_latest()
+            decided = subject.decision
+            return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
+        codes = {problem.code for problem in subject.problems}
+        cause = next((cause for code, cause in _REFUSALS.items() if code in codes), None)
+        unmet, world = _find_unmet(subject), self.evidence.find_latest()
         if world is None:
             return None
-        if "PRECONDITION_UNMET" in subject.reason and "visible(" in subject.reason:
+        if "visible" in unmet:
             thing = world.entities.get(str(subject.contract.parameters.get("object")))
             cause = Cause.OBJECT_HIDDEN if thing is not None and not thing.visible else None
-        elif "PRECONDITION_UNMET" in subject.reason and "holding(" in subject.reason:
+        elif "holding" in unmet:
             cause = Cause.GRASP_LOST
-        if cause is None:
-            return None
-        bundle = Bundle(
-            folder=self.evidence.root / "evidence" / subject.contract.id,
-            session=subject.contract,
-            execution=Execution(ended=Ended.CANCELLED, evidence=""),
-            before=world,
-            after=world,
-            holds=(),
-            trace=(),
-            events=(),
-        )
-        return bundle, Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value, reason=subject.reason)
+        return Miss.of_refusal(subject, cause, world) if cause is not None else None
 
-    def _restart(self, node: str, attempt: Attempt, decision: Decision) -> list[Entry]:
+    def _restart(self, node: str, cause: Cause, decision: Decision) -> list[Entry]:
         """Every node that was begun is open again; what is still under way is called off."""
-        why = f"{decision.chosen.effect}: {attempt.cause} of {node}"
+        why = f"{decision.chosen.effect}: {cause} of {node}"
         nodes = self.facts.ledger.goals[self.facts.goal].nodes
         entries = [self.say_of(node, GoalEvent.BUDGET_SPENT, why)]
         for name, each in nodes.items():
@@ -306,11 +301,10 @@ class Recovery:
                 ]
         return entries
 
-    def _make_case(self, node: str, bundle: Bundle, attempt: Attempt) -> Case:
+    def _make_case(self, node: str, miss: Miss) -> Case:
         facts = self.facts
         return Case(
-            bundle=bundle,
-            attempt=attempt,
+            miss=miss,
             choice=facts.graph.choices[node],
             catalogue=self.compiler.catalogue,
             lineage=facts.get_sessions(node),
@@ -330,16 +324,6 @@ class Recovery:
         }
 
 
-def join_evidence(subject: Bundle, look: Bundle) -> Bundle:
-    """The evidence of a session, its end as a later look saw it."""
-    if look.after is None:
-        return subject
-    references = {each.file: each for each in subject.references} | {
-        each.file: each for each in look.references if each.file == AFTER
-    }
-    return msgspec.structs.replace(subject, after=look.after, references=tuple(references.values()))
-
-
 def is_look(session: Session) -> bool:
     """Whether a session only looks, so that another one is judged on what it saw."""
     return session.purpose == looking.PURPOSE
@@ -352,6 +336,16 @@ def join(sentences: Iterable[str]) -> str:
 
 def _iter_things(session: Session) -> Iterator[str]:
     return (value for value in session.parameters.values() if isinstance(value, str))
+
+
+def _is_unmet(refused: SessionStatus) -> bool:
+    return any(problem.code == _UNMET for problem in refused.problems)
+
+
+def _find_unmet(refused: SessionStatus) -> frozenset[str]:
+    """Names of the predicates in the preconditions that preflight found unmet."""
+    unmet = (parse_predicate(each.subject) for each in refused.problems if each.code == _UNMET and each.subject)
+    return frozenset(call.name for each in unmet for call in iter_calls(each.formula))
 
 
 def _is_end(entries: list[Entry]) -> bool:

@@ -3,7 +3,6 @@
 Upstream: the fold of the journal at the end of a mission. Everything in it can be computed again from the records.
 """
 
-import re
 from collections.abc import Sequence
 
 import msgspec
@@ -17,7 +16,6 @@ from phyagentos.store.ledger import Ledger
 
 CANCELLED = "cancelled"
 
-_CODE = re.compile(r"\b[A-Z]+(?:_[A-Z]+)+\b")
 _OF_WORLD = frozenset({"PRECONDITION_UNMET", "ENTITY_UNKNOWN"})  # what preflight finds in the world, not on paper
 
 
@@ -117,7 +115,7 @@ def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionRepo
 def _was_refused(status: SessionStatus, sessions: Sequence[SessionStatus]) -> bool:
     if status.state != SessionState.REJECTED:
         return False
-    codes = set(_CODE.findall(status.reason))
+    codes = {problem.code for problem in status.problems}
     has_begun = any(other.execution is not None for other in sessions)
     return not (has_begun and codes and codes <= _OF_WORLD)
 

@@ -1,31 +1,113 @@
-"""What a repair is decided on: the session that missed its objective, its evidence, its lineage, and what is left.
+"""What a repair is decided on: an objective that was not met, the lineage of its node, and what is left to spend.
 
-Upstream: `progress`, from records and evidence alone, so that the same case always leads to the same choice.
-Downstream: the alternatives, and the policy that chooses among them.
+Upstream: `recovery`, from records and evidence alone, so that the same case always leads to the same choice.
+Downstream: the generators of alternatives, and the policy that chooses among them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import msgspec
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.agent.repair.budget import Left
-from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.session import Session, SessionStatus
-from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.sessions.evidence import AFTER, Bundle, TraceEvent
+from phyagentos.protocol.sessions.session import INTERRUPTED, Session, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.protocol.world.environment import Environment
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
-    """One session that pursued its node's objective and did not meet it.
+class Miss:
+    """An objective that a session did not meet.
 
     Attributes:
-        bundle: Its evidence; `after` is the latest look at the world.
-        attempt: Its judgement.
+        session: The contract.
+        cause: Coded.
+        reason: The same as a sentence, for people.
+        world: The latest snapshot, None when there is none.
+        bundle: Evidence of the execution; None when preflight refused the session.
+        criteria: As judged; empty when nothing was judged.
+        missing_evidence: Things that must be seen again.
+        codes: Coded findings of the execution, or of the preflight that refused the session.
+    """
+
+    session: Session
+    cause: Cause
+    reason: str
+    world: Environment | None
+    bundle: Bundle | None = None
+    criteria: tuple[Criterion, ...] = ()
+    missing_evidence: tuple[str, ...] = ()
+    codes: frozenset[str] = frozenset()
+
+    @classmethod
+    def of_execution(cls, bundle: Bundle, attempt: Attempt) -> "Miss":
+        """What a judgement says on this evidence."""
+        return cls(
+            session=bundle.session,
+            cause=Cause(attempt.cause),
+            reason=attempt.reason,
+            world=bundle.after,
+            bundle=bundle,
+            criteria=attempt.criteria,
+            missing_evidence=attempt.missing_evidence,
+            codes=frozenset({bundle.execution.code}),
+        )
+
+    @classmethod
+    def of_refusal(cls, refused: SessionStatus, cause: Cause, world: Environment) -> "Miss":
+        """What preflight found; nothing was executed, so there is no evidence."""
+        codes = frozenset(problem.code for problem in refused.problems)
+        return cls(session=refused.contract, cause=cause, reason=refused.reason, world=world, codes=codes)
+
+    def join(self, look: Bundle) -> "Miss":
+        """The same miss, the world as a later session saw it."""
+        bundle = join_evidence(self.bundle, look) if self.bundle is not None else None
+        return replace(self, bundle=bundle, world=look.after or self.world)
+
+    @property
+    def initial(self) -> Environment | None:
+        """The world before the session; where nothing was executed, the latest."""
+        return (self.bundle.before if self.bundle is not None else None) or self.world
+
+    @property
+    def trace(self) -> tuple[TraceEvent, ...]:
+        """What the skill did; empty where nothing was executed."""
+        return self.bundle.trace if self.bundle is not None else ()
+
+    @property
+    def failed_leaf(self) -> TraceEvent | None:
+        """The last failure of the leaf that decided the end."""
+        return find_failed_leaf(self.bundle) if self.bundle is not None else None
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether the execution ended in the middle of a motion."""
+        return self.bundle is not None and self.bundle.execution.ended in INTERRUPTED
+
+
+def join_evidence(subject: Bundle, look: Bundle) -> Bundle:
+    """The evidence of a session, its end as a later look saw it."""
+    if look.after is None:
+        return subject
+    references = {each.file: each for each in subject.references} | {
+        each.file: each for each in look.references if each.file == AFTER
+    }
+    return msgspec.structs.replace(subject, after=look.after, references=tuple(references.values()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One miss of one node, and what may be done about it.
+
+    Attributes:
+        miss: What happened.
         choice: Skill, target and parameters of its node.
-        catalogue: What else there is.
+        catalogue: Which other skills and targets there are.
         lineage: All sessions of the node, the oldest first; the last one has just ended.
         replans_left: Children with the same objective that the node may still have.
         left: What the goal may still cost.
@@ -33,8 +115,7 @@ class Case:
         time_of: Skill -> mean simulated time of its sessions in this goal [s].
     """
 
-    bundle: Bundle
-    attempt: Attempt
+    miss: Miss
     choice: Choice
     catalogue: Catalogue
     lineage: tuple[SessionStatus, ...]
@@ -46,17 +127,22 @@ class Case:
     @property
     def session(self) -> Session:
         """The contract that was not met."""
-        return self.bundle.session
+        return self.miss.session
 
     @property
     def cause(self) -> Cause:
         """Of the miss."""
-        return Cause(self.attempt.cause)
+        return self.miss.cause
 
     @property
     def world(self) -> Environment | None:
         """As it was seen last."""
-        return self.bundle.after
+        return self.miss.world
+
+    @property
+    def explanation(self) -> str:
+        """`<cause>: <reason>`, the first reason of every revision."""
+        return f"{self.cause}: {self.miss.reason}"
 
     @property
     def latest(self) -> Session:
@@ -72,7 +158,7 @@ class Case:
             and not status.contract.purpose
             and (status.contract.skill, status.contract.target) == (self.session.skill, self.session.target)
             and (decision := status.decision) is not None
-            and decision.cause == self.attempt.cause
+            and decision.cause == self.cause
         )
 
     def find_prepared(self, purpose: str) -> list[Session]:

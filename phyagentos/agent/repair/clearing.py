@@ -11,13 +11,10 @@ from collections.abc import Iterator
 from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.goals.selector import Choice, find_lacks
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
-from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import find_free_spot, find_support
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.geometry import Vector, to_child
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
@@ -27,6 +24,7 @@ PURPOSE = "clear"
 CLEARED_MAX = 3  # things that are moved for one session
 _CHANCE = 0.7  # that moving it away works, and that it was the reason
 _CHANCE_NARROW = 0.5  # by a skill that must be exact: a push needs a straight way
+_FULL = "NO_FREE_SITE"  # the planner's code for a destination without room
 _EASY_M = 0.1  # a skill that may miss by so much finds a place
 _CHANCE_TRIED = 0.3  # it was moved before, and something is still in the way
 
@@ -37,7 +35,7 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
     cleared = case.find_prepared(PURPOSE)
     if case.cause is not Cause.NO_PLAN or world is None or len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
         return
-    blockers = [name for name in find_blockers(case.bundle, case.attempt) if name not in case.protected]
+    blockers = [name for name in find_blockers(case.miss) if name not in case.protected]
     for name in blockers:
         tried = {session.skill for session in cleared if session.parameters.get("object") == name}
         here = world.entities[name].pose.position_m
@@ -50,17 +48,17 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
             return
 
 
-def find_blockers(bundle: Bundle, attempt: Attempt) -> list[str]:
+def find_blockers(miss: Miss) -> list[str]:
     """Movable things that the planner met in the way, or that fill the destination; the commonest first."""
-    world, event = bundle.after, find_failed_leaf(bundle)
+    world, event = miss.world, miss.failed_leaf
     if world is None:
         return []
-    own = bundle.session.parameters.get("object")
+    own = miss.session.parameters.get("object")
     counted: Counter[str] = Counter()
     for pair, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
         counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
-    if "NO_FREE_SITE" in attempt.reason:
-        counted.update(_find_inside(world, str(bundle.session.parameters.get("destination", ""))))
+    if _FULL in miss.codes:
+        counted.update(_find_inside(world, str(miss.session.parameters.get("destination", ""))))
     movable = {name for name, entity in world.entities.items() if entity.movable and entity.visible and name != own}
     return [name for name, _ in sorted(counted.items(), key=lambda each: (-each[1], each[0])) if name in movable]
 
@@ -88,7 +86,7 @@ def _iter_ways(case: Case, world: Environment, name: str, spot: Vector, tried: s
             revision=Revision(
                 parent=case.latest.id,
                 strategy={},
-                reasons=(f"{case.cause}: {case.attempt.reason}", because),
+                reasons=(case.explanation, because),
                 choice=Choice(skill=skill.skill, target=case.session.target, parameters=parameters),
                 purpose=PURPOSE,
                 lead=1,

@@ -29,7 +29,8 @@ _UNTOLD = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN})
 def propose_looking(case: Case) -> Iterator[Alternative]:
     """One way, when what is unknown can be looked at."""
     looks = len(case.find_prepared(PURPOSE))
-    wanted = case.attempt.wants or ((name,) if (name := find_object(case.bundle, case.attempt.criteria)) else ())
+    named = find_object(case.session, case.miss.initial, case.miss.criteria)
+    wanted = case.miss.missing_evidence or ((named,) if named else ())
     if case.cause not in _UNTOLD or looks >= LOOKS_MAX or not wanted:
         return
     name = wanted[looks % len(wanted)]
@@ -47,7 +48,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
             parent=case.latest.id,
             strategy={},
             requires=(),  # it is there to find out
-            reasons=(f"{case.cause}: {case.attempt.reason}",),
+            reasons=(case.explanation,),
             choice=choice,
             purpose=PURPOSE,
             lead=LEAD,
@@ -60,7 +61,7 @@ def settle(bundle: Bundle, attempt: Attempt) -> Attempt:
 
     Args:
         bundle: What it rests on.
-        attempt: That still wants a look.
+        attempt: It still asks for a look.
     """
     diagnosis = diagnose_after_looking(bundle, attempt.criteria)
     return msgspec.structs.replace(
@@ -70,5 +71,5 @@ def settle(bundle: Bundle, attempt: Attempt) -> Attempt:
         kind=diagnosis.kind.value,
         support=diagnosis.support,
         reason=f"{attempt.reason} It was looked for {LOOKS_MAX} times: {diagnosis.fact}.",
-        wants=(),
+        missing_evidence=(),
     )

@@ -50,7 +50,7 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
                 parent=case.latest.id,
                 strategy={},
                 requires=tuple(dict.fromkeys((*requires, *keep_requires(case)))),
-                reasons=(f"{case.cause}: {case.attempt.reason}", because),
+                reasons=(case.explanation, because),
                 choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),
             ),
         )

@@ -37,8 +37,8 @@ def propose_other_target(case: Case) -> Iterator[Alternative]:
             revision=Revision(
                 parent=case.latest.id,
                 strategy=dict(case.session.strategy),
-                requires=revise_requires(case.bundle, find_of_skill(case.session, case.catalogue))[0],
-                reasons=(f"{case.cause}: {case.attempt.reason}", because),
+                requires=revise_requires(case.miss, find_of_skill(case.session, case.catalogue))[0],
+                reasons=(case.explanation, because),
                 choice=Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(because,)),
             ),
         )

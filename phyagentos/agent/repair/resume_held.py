@@ -47,7 +47,7 @@ def propose_remainder(case: Case) -> Iterator[Alternative]:
                 requires=tuple(
                     dict.fromkeys((*bind_requires(skill, parameters, case.session.target), *keep_requires(case)))
                 ),
-                reasons=(f"{case.cause}: {case.attempt.reason}", because),
+                reasons=(case.explanation, because),
                 choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),
                 lead=LEAD,
             ),

@@ -13,12 +13,11 @@ from phyagentos.agent.goals.selector import Choice, begins_with_holding
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import find_object
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
-from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.regressions import find_lost_preconditions
-from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.session import INTERRUPTED, Session
-from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.sessions.evidence import TraceEvent
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
@@ -50,7 +49,7 @@ _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts ha
 
 def propose_retry(case: Case) -> Iterator[Alternative]:
     """One way: the same skill, as its cause asks for."""
-    revision = revise(case.bundle, case.attempt, find_of_skill(case.session, case.catalogue))
+    revision = revise(case.miss, find_of_skill(case.session, case.catalogue))
     chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN ** case.count_same()
     if case.cause is Cause.NO_PLAN and any(case.session.strategy.get(key) for key in ("avoid_grasps", "avoid_sites")):
         chance = _CHANCE_OF_RETURN
@@ -69,21 +68,20 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     )
 
 
-def revise(bundle: Bundle, attempt: Attempt, of_skill: Collection[str] = ()) -> Revision:
+def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
     """The revision that answers a cause with the same skill.
 
     Args:
-        bundle: Evidence of the session that is continued.
-        attempt: Its judgement.
+        miss: Of the session that is continued.
         of_skill: What it requires because its skill does.
     """
-    parent, cause = bundle.session, Cause(attempt.cause)
+    parent, cause = miss.session, miss.cause
     strategy: dict[str, Any] = dict(parent.strategy)
-    reasons = [f"{cause.value}: {attempt.reason}"]
-    if cause in _AVOID_GRASP and (grasp := find_label(bundle, "plan_grasp")):
+    reasons = [f"{cause.value}: {miss.reason}"]
+    if cause in _AVOID_GRASP and (grasp := find_label(miss.trace, "plan_grasp")):
         strategy["avoid_grasps"] = _extend(strategy.get("avoid_grasps", ()), grasp)
         reasons.append(f"another grasp than {grasp}")
-    if cause in _AVOID_SITE and (label := find_label(bundle, "plan_place")):
+    if cause in _AVOID_SITE and (label := find_label(miss.trace, "plan_place")):
         site = label.partition(".")[0]  # the place is at fault, whichever way the hand was turned
         strategy["avoid_sites"] = _extend(strategy.get("avoid_sites", ()), site)
         reasons.append(f"another site than {site}")
@@ -93,20 +91,20 @@ def revise(bundle: Bundle, attempt: Attempt, of_skill: Collection[str] = ()) -> 
     if cause is Cause.NO_PLAN:
         given_up = [key for key in ("avoid_grasps", "avoid_sites") if strategy.pop(key, None)]
         reasons += [f"{key} given up: nothing else was found" for key in given_up]
-    requires, changes = revise_requires(bundle, of_skill)
+    requires, changes = revise_requires(miss, of_skill)
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
 
 
-def find_label(bundle: Bundle, planner: str) -> str | None:
+def find_label(trace: Sequence[TraceEvent], planner: str) -> str | None:
     """Label of the approach that was last carried out, of those that a planning leaf had found.
 
     Args:
-        bundle: Where the trace is.
+        trace: Of one session.
         planner: Type of the planning leaf (`plan_grasp`, `plan_place`).
     """
     found: set[str] = set()
     chosen = None
-    for event in bundle.trace:
+    for event in trace:
         if event.leaf == planner and event.status == "SUCCESS":
             found = set(event.numbers.get("labels", ()))
         elif event.numbers.get("label") in found:
@@ -114,21 +112,21 @@ def find_label(bundle: Bundle, planner: str) -> str | None:
     return chosen
 
 
-def revise_requires(bundle: Bundle, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Preconditions of the child, and why they changed: where things stood before no longer matters to the skill.
 
     What the node itself requires stays, and that the object is seen is required anew.
 
     Args:
-        bundle: Evidence of the session that is continued.
+        miss: Of the session that is continued.
         of_skill: What it requires because its skill does.
     """
-    session = bundle.session
-    lost = find_lost_preconditions(session, bundle.after) if bundle.after else ()
+    session = miss.session
+    lost = find_lost_preconditions(session, miss.world) if miss.world else ()
     dropped = tuple(predicate.text for predicate in lost if predicate.is_lasting and predicate.text in of_skill)
     reasons = [f"{text} is no longer required: it was true before the parent and is not now" for text in dropped]
     requires = [text for text in session.requires if text not in dropped]
-    name = find_object(bundle)
+    name = find_object(session, miss.initial)
     if name and f"visible({name})" not in requires:
         requires.append(f"visible({name})")
         reasons.append(f"visible({name}) is required: the child locates it anew")
@@ -138,7 +136,7 @@ def revise_requires(bundle: Bundle, of_skill: Collection[str]) -> tuple[tuple[st
 def keep_requires(case: Case) -> tuple[str, ...]:
     """Preconditions of the node that are still worth asking for, whatever skill comes next."""
     of_skill = find_of_skill(case.session, case.catalogue)
-    return tuple(text for text in revise_requires(case.bundle, of_skill)[0] if text not in of_skill)
+    return tuple(text for text in revise_requires(case.miss, of_skill)[0] if text not in of_skill)
 
 
 def find_of_skill(session: Session, catalogue: Catalogue) -> frozenset[str]:
@@ -171,7 +169,7 @@ def _continue(case: Case, revision: Revision) -> Revision:
         requires=keep_requires(case) if gives_back else revision.requires,
         reasons=revision.reasons,
         choice=None if gives_back else choice,
-        lead=LEAD if case.bundle.execution.ended in INTERRUPTED else 0,
+        lead=LEAD if case.miss.is_interrupted else 0,
     )
 
 

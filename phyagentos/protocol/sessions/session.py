@@ -227,7 +227,8 @@ class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
         claimed_by: Who holds it.
         execution: Present once it has left `running`.
         attempts: Judgements so far, those included that were added after the verdict.
-        reason: Why it was rejected, cancelled or lost.
+        reason: Why it was rejected, cancelled or lost, for people.
+        problems: Why it was rejected, for programs; empty in journals that kept the sentence alone.
         updated_at: Wall time of the latest record that changed its state, UTC.
     """
 
@@ -239,6 +240,7 @@ class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     execution: Execution | None = None
     attempts: tuple[Attempt, ...] = ()
     reason: str = ""
+    problems: tuple[Problem, ...] = ()
     updated_at: str = ""
 
     @property

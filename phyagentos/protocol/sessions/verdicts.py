@@ -82,7 +82,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         mode: What the judgement was for.
         judges: Who was asked, each with its version and configuration, in this order.
         found: What the criteria say; differs from the verdict only where the mode lets something else decide.
-        wants: What should be looked at again, because a criterion about it is unknown.
+        missing_evidence: Things that must be seen again, because a criterion about them is unknown.
         evidence: The files that were read.
         kind: Class of the cause (`grasp`, `external disturbance`), empty on success.
         support: The facts that the cause rests on.
@@ -98,7 +98,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     mode: VerificationMode = VerificationMode.RECOVERY
     judges: tuple[str, ...] = ()
     found: Verdict | None = None
-    wants: tuple[str, ...] = ()
+    missing_evidence: tuple[str, ...] = msgspec.field(default=(), name="wants")
     evidence: tuple[EvidenceReference, ...] = ()
     is_review: bool = False
     kind: str = ""

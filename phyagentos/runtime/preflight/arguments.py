@@ -101,6 +101,7 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
                 "true",
                 triggered_by=f"requires: {text}",
                 fix=evaluation.because,
+                subject=text,
             )
 
 

@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.stop_signals import Signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.cancellation import iter_cancellable
-from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal
+from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry
 from phyagentos.runtime.supervision.target_supervisor import Phase, TargetSupervisor
 from phyagentos.runtime.worker.orders import Pause, Resume
 
@@ -43,7 +43,7 @@ class OperatorSignals:
             if signal.kind == "cancel":
                 reason = signal.reason or f"asked for by {signal.by}"
                 for id, trigger in iter_cancellable(self._register.ledger, signal.session):
-                    self._register.try_commit(id, trigger, reason=reason)
+                    self._register.try_commit(make_entry(id, trigger, reason=reason))
             elif signal.kind in {"pause", "resume"}:
                 _pass_on(signal, posts)
             elif signal.kind == "estop":

@@ -18,6 +18,7 @@ from datetime import datetime
 from typing import NamedTuple
 
 from phyagentos.clock import Clock
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionId, SessionStatus
 from phyagentos.store.ledger import Ledger
@@ -51,11 +52,11 @@ class Turn:
 
     Attributes:
         session: It has left the queue and, unless refused, holds its resources.
-        refused: Why it cannot have them at all, with its code; empty when it has them.
+        refused: Why it cannot have them at all; None when it has them.
     """
 
     session: Session
-    refused: str = ""
+    refused: Problem | None = None
 
 
 class Queues:
@@ -181,7 +182,7 @@ class Queues:
             lost = next((name for name in session.resources if name in self._forsaken), None)
             if lost is not None:
                 why = f"{lost!r} is held by {self._forsaken[lost]!r}, which is broken"
-                yield Turn(session, f"{RESOURCE_UNAVAILABLE}: {why}")
+                yield Turn(session, Problem(code=RESOURCE_UNAVAILABLE, address=f"{session.id}: resources", found=why))
             elif promised.isdisjoint(session.resources) and self._holders.keys().isdisjoint(session.resources):
                 self.hold(session.target, session.resources)
                 yield Turn(session)

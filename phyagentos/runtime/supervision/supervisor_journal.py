@@ -5,6 +5,9 @@ Upstream: the journal, opened for the runtime. Downstream: the watchdog and its 
 
 from collections.abc import Callable
 
+import msgspec
+
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, SessionState
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.store.journal import Entry, Journal, Record
@@ -62,10 +65,10 @@ class SupervisorJournal:
         """Add one record of one session; raises as `record` does."""
         self.record(make_entry(session, trigger, epoch, **body))
 
-    def try_commit(self, session: SessionId, trigger: str, reason: str = "", *, durable: bool = True) -> bool:
-        """Record it, unless somebody else was faster; then the next turn of the loop decides anew."""
+    def try_commit(self, entry: Entry, *, durable: bool = True) -> bool:
+        """Record it, unless another writer was faster; then the next turn of the loop decides anew."""
         try:
-            self.record(make_entry(session, trigger, reason=reason), durable=durable)
+            self.record(entry, durable=durable)
         except IllegalTransition:
             self.follow()
             return False
@@ -80,6 +83,12 @@ class SupervisorJournal:
         """The claim under this epoch, where it is still to be recorded."""
         is_pending = self.get_state(session) is SessionState.PENDING
         return (Entry(session, "claim", epoch=epoch - 1),) if is_pending else ()
+
+
+def make_rejection(session: SessionId, *problems: Problem, epoch: int | None = None) -> Entry:
+    """The record of a rejection: a sentence for people, the problems for programs."""
+    reason = "; ".join(map(str, problems))
+    return make_entry(session, "reject", epoch, reason=reason, problems=msgspec.to_builtins(problems))
 
 
 def make_entry(session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> Entry:

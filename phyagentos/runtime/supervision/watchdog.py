@@ -17,6 +17,7 @@ from functools import partial
 import msgspec
 
 from phyagentos.clock import Clock
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, IllegalTransition, SessionState
 from phyagentos.protocol.sessions.session import Ended, Session, SessionId
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -27,7 +28,7 @@ from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
 from phyagentos.runtime.supervision.operator_signals import OperatorSignals
 from phyagentos.runtime.supervision.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
 from phyagentos.runtime.supervision.resets import compute_may_reset
-from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry
+from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_supervisor import FAILURES, REST_S, Lost, Phase, TargetSupervisor
 from phyagentos.runtime.supervision.workers import Worker, explain_failure
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
@@ -149,18 +150,19 @@ class Watchdog:
             elif post.is_free(self._register.ledger, self._clock.now_s()):
                 idle.append(target)
         for turn in self._queues.grant(idle):
-            if turn.refused:
-                self._register.try_commit(turn.session.id, "reject", reason=turn.refused)
+            if turn.refused is not None:
+                self._register.try_commit(make_rejection(turn.session.id, turn.refused))
             else:
                 self._check(self._posts[turn.session.target], turn.session)
 
     def _turn_away(self, target: str, post: TargetSupervisor | None) -> None:
         """Nobody serves this target."""
-        why = f"TARGET_UNKNOWN: no target {target!r} in TARGETS.md"
+        problem = Problem(code="TARGET_UNKNOWN", address=target, expected="a target of TARGETS.md")
         if post is not None:
-            why = f"TARGET_UNAVAILABLE: {explain_failure(self._workspace.logs, target, post.failures)}"
+            why = explain_failure(self._workspace.logs, target, post.failures)
+            problem = Problem(code="TARGET_UNAVAILABLE", address=target, found=why)
         while session := self._queues.take(target):
-            self._register.try_commit(session.id, "reject", reason=why)
+            self._register.try_commit(make_rejection(session.id, problem))
 
     def _check(self, post: TargetSupervisor, session: Session) -> None:
         """Have a session checked under the epoch that its claim will have."""
@@ -235,8 +237,7 @@ class Watchdog:
         elif any(problem.code == TARGET_LOST for problem in answer.problems) and post.lost_targets < STARTS:
             self._put_back(post, session)
         elif answer.plan is None:
-            reason = "; ".join(str(problem) for problem in answer.problems)
-            refused = make_entry(id, "reject", epoch, reason=reason, problems=msgspec.to_builtins(answer.problems))
+            refused = make_rejection(id, *answer.problems, epoch=epoch)
             self._register.record(*self._register.open_claim(session.id, post.epoch), refused)
             self._free(post)
         else:
@@ -328,13 +329,14 @@ class Watchdog:
     def _enforce_limits(self) -> None:
         now_s = self._clock.now_s()
         for overdue in self._queues.pop_overdue():
-            why = f"{QUEUE_TIMED_OUT}: it waited longer than {overdue.limits.queue_s} s"
-            self._register.try_commit(overdue.id, "reject", reason=why)
+            limit = f"a free target within {overdue.limits.queue_s} s"
+            late = Problem(code=QUEUE_TIMED_OUT, address=f"{overdue.id}: limits.queue_s", expected=limit)
+            self._register.try_commit(make_rejection(overdue.id, late))
         for post in self._posts.values():
             session = post.session
             state = self._register.get_state(session.id) if session is not None else None
             if state is SessionState.PENDING and session is not None and now_s - post.since_s > CLAIM_AFTER_S:
-                self._register.try_commit(session.id, "claim", durable=False)
+                self._register.try_commit(make_entry(session.id, "claim"), durable=False)
             due = find_due(post, state, now_s)
             if due is not None:
                 self._insist(partial(self._take_measure, post, due))
@@ -350,13 +352,13 @@ class Watchdog:
             post.worker.send(Stop(session=post.session.id, reason=due.ended))
             post.stop_by_s = self._clock.now_s() + STOP_GRACE_S
         elif post.session is not None:
-            self._refuse(post, post.session, f"{due.code}: {due.reason}")
+            self._refuse(post, post.session, Problem(code=due.code, address=str(post.session.id), found=due.reason))
 
-    def _refuse(self, post: TargetSupervisor, session: Session, reason: str) -> None:
+    def _refuse(self, post: TargetSupervisor, session: Session, problem: Problem) -> None:
         """Nothing was commanded, so there is nothing to look at."""
         post.worker.kill()
         if self._register.get_state(session.id) in _CHECKABLE:
-            refused = make_entry(session.id, "reject", post.epoch, reason=reason)
+            refused = make_rejection(session.id, problem, epoch=post.epoch)
             self._register.record(*self._register.open_claim(session.id, post.epoch), refused)
         self._free(post)
         self._replace(post)
