@@ -17,7 +17,6 @@ import argparse
 import contextlib
 import json
 import os
-import re
 import shutil
 import signal
 import sys
@@ -70,7 +69,6 @@ ASKED = {
     name: Ask(0, at_least=False)
     for name in ("double_executions", "violations", "left_open", "false_success", "unattributed", "left_over")
 }
-_CODE = re.compile(r"\b[A-Z]+(?:_[A-Z]+)+\b")
 
 
 @dataclass(slots=True)
@@ -190,8 +188,7 @@ def judge(case: Case, goal: GoalStatus | None, sessions: Sequence[SessionStatus]
             case.blame("left_open", f"{status.contract.id} is {status.state}")
         case.causes += find_causes(status)
     case.verdict = goal.verdict if goal is not None and goal.verdict else "none"
-    told = _CODE.findall(goal.reason) if goal is not None and goal.reason else []
-    known = [code for code in (*case.causes, *told) if code in CODES]
+    known = [code for code in case.causes if code in CODES]
     if case.verdict != "success" and not (case.verdict == "failure" and known):
         case.blame("unattributed", f"{case.verdict}: {goal.reason if goal else 'no goal'}; causes {case.causes}")
 
@@ -215,7 +212,8 @@ def find_causes(status: SessionStatus) -> list[str]:
     if status.state == SessionState.SUCCEEDED:
         return []
     coded = [attempt.cause for attempt in status.attempts if attempt.cause]
-    return coded or _CODE.findall(status.reason)
+    coded = coded or [problem.code for problem in status.problems]
+    return coded or ([status.execution.code] if status.execution is not None and status.execution.code else [])
 
 
 def judge_log(case: Case, root: Path) -> None:

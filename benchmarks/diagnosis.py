@@ -115,7 +115,7 @@ def run_case(workspace: Workspace, mission: Mission, case: Case, graph: Path, se
     status = next((each for each in reversed(statuses) if each.decision is not None), statuses[0])
     decision = status.decision
     if status.state == SessionState.REJECTED:
-        return Finding(case.name, case.kind, classify_refusal(status.reason).value, "refused", status.reason, 1)
+        return Finding(case.name, case.kind, classify_refusal(status.problems).value, "refused", status.reason, 1)
     if decision is None or status.state == SessionState.SUCCEEDED:
         return Finding(case.name, case.kind, "", "met", decision.reason if decision else status.reason, 0)
     return Finding(case.name, case.kind, decision.kind, decision.cause, decision.reason, len(decision.support))

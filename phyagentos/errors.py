@@ -6,11 +6,11 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+
+import msgspec
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
+class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One finding about one place of one authored file or contract.
 
     Attributes:
@@ -58,7 +58,7 @@ class DefinitionError(PhyAgentOSError):
 
 
 class ExecutionError(PhyAgentOSError):
-    """The world said no: a process, a target, a file system or a motor did not do what was asked.
+    """A process, a target, a file system or a motor did not do what was asked.
 
     Attributes:
         code: Stable name of the failure, upper case (`TARGET_LOST`, `PLANNER_LOST`).

@@ -7,7 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -91,7 +91,9 @@ class Examination:
     def _relocate(self, answer: Checked) -> Checked:
         """Addresses without the folder that will be gone."""
         folder = f"{self.workspace.root}/"
-        problems = tuple(replace(each, address=each.address.replace(folder, "")) for each in answer.problems)
+        problems = tuple(
+            msgspec.structs.replace(each, address=each.address.replace(folder, "")) for each in answer.problems
+        )
         return msgspec.structs.replace(answer, problems=problems)
 
     def _read_log(self, target: str) -> str:

@@ -97,7 +97,7 @@ def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem |
 
 
 def _to_plain(problem: "Problem") -> dict[str, str]:
-    from dataclasses import asdict
+    from msgspec.structs import asdict
 
     return asdict(problem)
 

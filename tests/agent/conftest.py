@@ -13,6 +13,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.clock import SystemClock
+from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, HOLDS, TRACE, TraceEvent, write_json, write_lines
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -205,6 +206,15 @@ def succeed(world: Environment, session: Session) -> Play:
     return Play(world=hold(put(world, name, site)), outputs={"place_site": list(site)})
 
 
+def make_unmet(text: str) -> Problem:
+    return Problem(code="PRECONDITION_UNMET", address="requires", found=f"{text} is false", subject=text)
+
+
+def make_rejection(session: Session, *problems: Problem) -> Entry:
+    body = {"reason": "; ".join(map(str, problems)), "problems": msgspec.to_builtins(problems)}
+    return Entry(session.id, "reject", body, 0)
+
+
 Script = dict[str, Callable[[Environment, Session], Play]]
 
 
@@ -215,7 +225,7 @@ class ScriptedRuntime:
         workspace: Where the bundles go.
         world: As it stands at the beginning.
         script: Session id without its goal (`red.r1`) -> what happens; anything else succeeds.
-        refuse: Node -> reason for which preflight rejects its sessions.
+        refuse: Node -> problem for which preflight rejects its sessions.
     """
 
     def __init__(
@@ -223,7 +233,7 @@ class ScriptedRuntime:
         workspace: Workspace,
         world: Environment,
         script: Script | None = None,
-        refuse: dict[str, str] | None = None,
+        refuse: dict[str, Problem] | None = None,
     ) -> None:
         self.world = world
         self.script = script or {}
@@ -247,9 +257,11 @@ class ScriptedRuntime:
     def _run(self, session: Session) -> None:
         id = session.id
         unmet = [text for text in session.requires if not self._is_true(text, self.world)]
-        reason = self.refuse.get(session.node) or (f"PRECONDITION_UNMET: {', '.join(unmet)}" if unmet else "")
-        if reason:
-            self._journal.commit([Entry(id, "reject", {"reason": reason}, 0)])
+        problems = [make_unmet(text) for text in unmet]
+        if problem := self.refuse.get(session.node):
+            problems = [problem]
+        if problems:
+            self._journal.commit([make_rejection(session, *problems)])
             return
         before = self.world
         self.ran.append(session)
@@ -321,7 +333,7 @@ def make_stage(tmp_path: Path, library: Library) -> Iterator[Callable[..., Stage
     stages: list[Stage] = []
 
     def make(
-        script: Script | None = None, world: Environment | None = None, refuse: dict[str, str] | None = None
+        script: Script | None = None, world: Environment | None = None, refuse: dict[str, Problem] | None = None
     ) -> Stage:
         workspace = Workspace.create(tmp_path / "workspace", library)
         stages.append(Stage(workspace, ScriptedRuntime(workspace, world or make_world(), script, refuse)))

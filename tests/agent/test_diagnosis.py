@@ -10,6 +10,7 @@ from phyagentos.agent.judging.causes import Cause, CauseClass, classify_refusal
 from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -214,16 +215,16 @@ def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():
 
 
 @pytest.mark.parametrize(
-    ("reason", "kind"),
+    ("code", "kind"),
     [
-        ("g.red: skill: ACTION_UNAVAILABLE: found 'x'", CauseClass.ADAPTER),
-        ("SENSOR_RATE: too slow", CauseClass.PERCEPTION),
-        ("dry run: TOO_WIDE: carton", CauseClass.PLANNING),
-        ("no code at all", CauseClass.OTHER),
+        ("ACTION_UNAVAILABLE", CauseClass.ADAPTER),
+        ("SENSOR_RATE", CauseClass.PERCEPTION),
+        ("TOO_WIDE", CauseClass.PLANNING),
     ],
 )
-def test_a_refusal_has_the_class_of_its_code(reason, kind):
-    assert classify_refusal(reason) is kind
+def test_a_refusal_has_the_class_of_its_code(code, kind):
+    assert classify_refusal([Problem(code=code, address="skill")]) is kind
+    assert classify_refusal(()) is CauseClass.OTHER
 
 
 def test_what_a_hand_still_held_as_the_session_began_is_neither_moved_nor_gone_when_it_falls():

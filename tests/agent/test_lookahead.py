@@ -7,13 +7,13 @@ import msgspec
 import pytest
 
 from phyagentos.agent.repair.foresight import LookaheadForesight
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
 from phyagentos.protocol.sessions.session import Session, SessionStatus
-from phyagentos.store.admission import Entry
 from tests.contracts import make_contract
 
-from .conftest import ScriptedRuntime
+from .conftest import ScriptedRuntime, make_rejection
 
 GRAPH = """
     goal: careful
@@ -113,8 +113,9 @@ class Foreseeing:
         folder = self.runtime._workspace.evidence_of(session.id)
         folder.mkdir(parents=True)
         write_json(folder / LOOKAHEAD, result)
-        reason = f"{session.id}: LOOKAHEAD_LOW: found {result.succeeded} of {result.samples}"
-        self.runtime._journal.commit([Entry(session.id, "reject", {"reason": reason}, 0)])
+        found = f"{result.succeeded} of {result.samples}"
+        low = Problem(code="LOOKAHEAD_LOW", address=session.id, found=found)
+        self.runtime._journal.commit([make_rejection(session, low)])
 
 
 def test_a_goal_whose_session_is_refused_is_met_by_its_child_and_no_replan_is_spent(make_stage, write_graph):

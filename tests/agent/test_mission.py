@@ -7,7 +7,7 @@ import pytest
 
 from phyagentos.agent.mission.mission import SYNC_AFTER_S, WAIT_S
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Verdict
@@ -17,6 +17,7 @@ from phyagentos.store.journal import Journal
 
 from .conftest import Play, hold, make_world, put, remove, succeed
 
+UNFIT = Problem(code="ACTION_UNAVAILABLE", address="joint_torque")
 TIDY = """
     goal: tidy
     objective: Red and green into their trays.
@@ -115,7 +116,7 @@ def test_a_failed_execution_that_met_the_objective_succeeds(make_stage, tidy):
 
 
 def test_a_refused_first_session_blocks_its_node_and_the_exit_code_says_so(make_stage, tidy):
-    report = make_stage(refuse={"red": "ACTION_UNAVAILABLE: joint_torque"}).pursue(tidy)
+    report = make_stage(refuse={"red": UNFIT}).pursue(tidy)
     assert (report.verdict, report.exit_code) == ("failure", 3)
     assert "ACTION_UNAVAILABLE" in report.reason
     assert report.nodes == {"red": "blocked", "green": "done"}
@@ -128,7 +129,7 @@ def test_a_goal_with_a_blocked_node_is_not_met_though_nothing_speaks_against_its
     graph = write_graph(TIDY.partition("    accept:")[0] + f"    accept: {accept}\n")
     done_already = put(make_world(), "red_cube", (0.55, 0.3, 0.03))
 
-    report = make_stage(world=done_already, refuse={"red": "ACTION_UNAVAILABLE: joint_torque"}).pursue(graph)
+    report = make_stage(world=done_already, refuse={"red": UNFIT}).pursue(graph)
 
     assert (report.verdict, report.nodes) == ("failure", {"red": "blocked", "green": "done"})
 
@@ -140,7 +141,7 @@ def test_a_thing_that_vanished_before_its_own_session_is_an_objective_not_met(ma
 
     report = make_stage({"red": take_green}).pursue(tidy)
     assert [session.state for session in report.sessions] == ["succeeded", "rejected"]
-    assert "PRECONDITION_UNMET: visible(green_cube)" in report.reason
+    assert "PRECONDITION_UNMET: found visible(green_cube)" in report.reason
     assert (report.verdict, report.exit_code) == ("failure", 1)
 
 
@@ -188,7 +189,7 @@ def test_outputs_flow_along_data_edges_and_fan_out_waits(make_stage, write_graph
 
 
 def test_nodes_behind_a_blocked_one_are_blocked_and_say_by_whom(make_stage, write_graph):
-    report = make_stage(refuse={"red": "no"}).pursue(write_graph(CHAIN))
+    report = make_stage(refuse={"red": Problem(code="NO", address="red")}).pursue(write_graph(CHAIN))
     assert set(report.nodes.values()) == {"blocked"}
     assert len(report.sessions) == 1
 

@@ -8,6 +8,7 @@ import pytest
 
 from phyagentos.agent.memory.advice import Advice
 from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, NoRetry
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import TraceEvent
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
@@ -294,7 +295,7 @@ def test_a_session_that_look_ahead_refused_is_revised_before_anything_moves(make
         def revise(self, refused, folder):
             return Advice(strategy={"speed": 0.5}, reasons=("slower",)) if not refused.contract.parent else None
 
-    stage = make_stage(refuse={"red": "LOOKAHEAD_LOW: 3 of 16 rollouts succeed"})
+    stage = make_stage(refuse={"red": Problem(code="LOOKAHEAD_LOW", address="look-ahead")})
     report = stage.make_mission(foresight=Foresight()).run(two, seed=7)
     red = [session for session in report.sessions if session.node == "red"]
     assert [(session.id, session.state) for session in red] == [

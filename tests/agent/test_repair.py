@@ -12,7 +12,7 @@ from phyagentos.agent.goals.spec import Budget
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import AlternativeKind
 from phyagentos.agent.repair.budget import Left, compute_left
-from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
 from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, GraphRepair, NoRetry
 from phyagentos.agent.repair.resume_held import propose_remainder
@@ -73,7 +73,8 @@ def make_contract(**more: Any) -> Session:
 def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
     session = more.pop("session", make_contract(**more.pop("contract", {})))
     world = more.pop("world", make_table_world(make_box("red_cube", (0.5, 0.0, 0.02))))
-    attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value, reason="r", wants=more.pop("wants", ()))
+    missing = more.pop("missing", ())
+    attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value, reason="r", missing_evidence=missing)
     bundle = Bundle(
         folder=Path("e"),
         session=session,
@@ -86,8 +87,7 @@ def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
     )
     status = SessionStatus(contract=session, state="verifying")
     facts: dict[str, Any] = {
-        "bundle": bundle,
-        "attempt": attempt,
+        "miss": Miss.of_execution(bundle, attempt),
         "choice": Choice(skill="pick_and_place", target="panda", parameters=session.parameters),
         "catalogue": catalogue,
         "lineage": (*more.pop("earlier", ()), status, *more.pop("later", ())),
@@ -227,7 +227,7 @@ def test_a_remainder_that_fails_gives_the_node_back_to_its_own_skill(shipped, ca
 
 
 def test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice(shipped):
-    case = make_case(shipped, Cause.EVIDENCE_MISSING, wants=("red_cube",))
+    case = make_case(shipped, Cause.EVIDENCE_MISSING, missing=("red_cube",))
     chosen = GraphRepair().choose(case).chosen
     assert (chosen.kind, chosen.revision.purpose, chosen.revision.choice.skill) == (
         AlternativeKind.LOOK,
@@ -241,7 +241,7 @@ def test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice(shipped):
         )
         for n in (1, 2)
     )
-    case = make_case(shipped, Cause.EVIDENCE_MISSING, wants=("red_cube",), later=looks)
+    case = make_case(shipped, Cause.EVIDENCE_MISSING, missing=("red_cube",), later=looks)
     assert GraphRepair().choose(case).chosen.kind is AlternativeKind.RETRY
 
 

@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.settings.verification import VerificationMode
 from tests.contracts import make_contract
 
-from .conftest import Play, add_skills, hold, make_world, put, succeed
+from .conftest import Play, add_skills, hold, make_unmet, make_world, put, succeed
 
 HEAD = """
     goal: again
@@ -218,8 +218,8 @@ def test_what_a_node_requires_and_one_before_it_had_achieved_is_restored_before_
 
 
 def test_a_refusal_that_no_restoration_mends_ends_the_node(make_stage, row):
-    told = "PRECONDITION_UNMET: inside(green_cube, green_tray)"
-    report = make_stage({"blue": take_out("green_cube")}, refuse={"red": told}).pursue(row)
+    refuse = {"red": make_unmet("inside(green_cube, green_tray)")}
+    report = make_stage({"blue": take_out("green_cube")}, refuse=refuse).pursue(row)
     assert report.verdict == "failure"
     assert [id for id, _ in tell(report)] == ["green", "blue", "red", "green.r1", "red.r1"]
 

@@ -103,7 +103,11 @@ def test_what_succeeded_is_no_success_when_nobody_judged(make_stage, write_graph
 def test_unknown_asks_to_look_at_what_was_not_seen():
     session = make_session(accept=("inside(red_cube, red_tray)", "upright(bottle)"))
     attempt = SessionVerifier().judge(make_bundle(perceive(DONE, red_cube=1), session=session), BUDGET)
-    assert (attempt.verdict, attempt.cause, attempt.wants) == (Verdict.REPLAN, "EVIDENCE_MISSING", ("red_cube",))
+    assert (attempt.verdict, attempt.cause, attempt.missing_evidence) == (
+        Verdict.REPLAN,
+        "EVIDENCE_MISSING",
+        ("red_cube",),
+    )
     assert "First look again at red_cube. Replan 1 of 2." in attempt.reason
 
 
@@ -111,24 +115,24 @@ def test_a_thing_that_is_missing_in_a_perceived_world_is_looked_for_before_it_is
     seen = perceive(DONE)
     seen = msgspec.structs.replace(seen, entities={n: e for n, e in seen.entities.items() if n != "red_cube"})
     attempt = SessionVerifier().judge(make_bundle(seen), BUDGET)
-    assert (attempt.cause, attempt.wants) == ("EVIDENCE_MISSING", ("red_cube",))
+    assert (attempt.cause, attempt.missing_evidence) == ("EVIDENCE_MISSING", ("red_cube",))
 
 
 def test_something_false_is_not_looked_at_again():
     session = make_session(accept=("inside(red_cube, red_tray)", "upright(bottle)"))
     attempt = SessionVerifier().judge(make_bundle(perceive(MISSED, bottle=1), session=session), BUDGET)
-    assert (attempt.wants, attempt.cause) == ((), "PLACED_WRONG")
+    assert (attempt.missing_evidence, attempt.cause) == ((), "PLACED_WRONG")
 
 
 def test_what_had_to_hold_all_through_cannot_be_seen_afterwards():
     session = make_session(hold=("upright(bottle)",))
     attempt = SessionVerifier().judge(make_bundle(DONE, session=session), BUDGET)
-    assert (attempt.cause, attempt.wants) == ("EVIDENCE_MISSING", ())
+    assert (attempt.cause, attempt.missing_evidence) == ("EVIDENCE_MISSING", ())
 
 
 def test_what_should_be_looked_at_is_told_even_when_the_budget_is_spent():
     attempt = SessionVerifier().judge(make_bundle(perceive(DONE, red_cube=1)), History(replans=2, max_replans=2))
-    assert (attempt.verdict, attempt.wants) == (Verdict.FAILURE, ("red_cube",))
+    assert (attempt.verdict, attempt.missing_evidence) == (Verdict.FAILURE, ("red_cube",))
 
 
 # -- costly judges -----------------------------------------------------------------------------------------------------

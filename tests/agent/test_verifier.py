@@ -11,6 +11,7 @@ from phyagentos.agent.judging.judges.holds import HoldJudge
 from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.agent.repair.case import Miss
 from phyagentos.agent.repair.retrying import find_label, revise
 from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
@@ -179,7 +180,7 @@ def test_a_violated_constraint_is_replanned_slower_when_the_world_has_recovered(
     attempt = SessionVerifier().judge(bundle, BUDGET)
     assert (attempt.verdict, attempt.cause) == (Verdict.REPLAN, Cause.CONSTRAINT_VIOLATED)
     assert "upright(bottle) was false at 2.50 s: it leans 40 degrees" in attempt.reason
-    assert revise(bundle, attempt).strategy == {"speed": 0.5}
+    assert revise(Miss.of_execution(bundle, attempt)).strategy == {"speed": 0.5}
 
 
 def test_judges_of_others_are_weighed_like_the_own_ones():
@@ -219,14 +220,15 @@ TRACE = (
 def _revise(cause: Cause, *, of_skill: tuple[str, ...] = (), **more: Any) -> Any:
     session = make_session(**more)
     bundle = make_bundle(put(make_world(), "red_cube", AWAY), session=session, trace=TRACE)
-    return revise(bundle, Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value), of_skill)
+    attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value)
+    return revise(Miss.of_execution(bundle, attempt), of_skill)
 
 
 def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
     bundle = make_bundle(make_world(), trace=TRACE)
-    assert find_label(bundle, "plan_grasp") == "yaw+090"
-    assert find_label(bundle, "plan_place") == "site1.yaw+000"
-    assert find_label(make_bundle(make_world()), "plan_grasp") is None
+    assert find_label(bundle.trace, "plan_grasp") == "yaw+090"
+    assert find_label(bundle.trace, "plan_place") == "site1.yaw+000"
+    assert find_label((), "plan_grasp") is None
 
 
 @pytest.mark.parametrize(

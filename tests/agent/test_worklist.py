@@ -6,6 +6,7 @@ from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.worklist import Worklist
 from phyagentos.protocol.sessions.tasks import iter_edges
 from tests.goal_graphs import assert_same_graph
+from phyagentos.errors import Problem
 
 from .conftest import Play, put, succeed
 from .test_mission import CHAIN, TIDY, slip
@@ -64,7 +65,7 @@ def test_a_begun_node_waits_for_what_is_done_again_two_nodes_before_it(make_stag
 
 
 def test_it_follows_nodes_that_are_blocked_one_behind_the_other(make_stage, write_graph, compare):
-    report = make_stage(refuse={"red": "no"}).pursue(write_graph(CHAIN))
+    report = make_stage(refuse={"red": Problem(code="NO", address="red")}).pursue(write_graph(CHAIN))
     assert set(report.nodes.values()) == {"blocked"}
     assert compare.count("node_blocked") == 4
 
@@ -78,7 +79,7 @@ def test_a_long_row_of_nodes_behind_a_blocked_one_is_blocked(make_stage, write_g
         )
     lines = "\n".join(f"  {line}" for line in sessions)
     graph = write_graph(f"goal: long\nobjective: A long way.\nscene: table\nsessions:\n{lines}\n")
-    stage = make_stage(refuse={"red": "no"})
+    stage = make_stage(refuse={"red": Problem(code="NO", address="red")})
     report = stage.pursue(graph)
     assert list(report.nodes.values()).count("blocked") == 61
 

@@ -89,7 +89,9 @@ def test_a_session_that_waits_longer_than_its_contract_allows_is_rejected(stand)
 
     stand.wait_for("g.b", "rejected")
 
-    assert stand.ledger.sessions["g.b"].reason == "QUEUE_TIMED_OUT: it waited longer than 0.1 s"
+    status = stand.ledger.sessions["g.b"]
+    assert [problem.code for problem in status.problems] == ["QUEUE_TIMED_OUT"]
+    assert status.reason.endswith("expected a free target within 0.1 s")
     assert [order.session.id for order in worker.orders if isinstance(order, Run)] == ["g.a"]
 
 
@@ -99,7 +101,8 @@ def test_a_check_that_takes_longer_than_the_contract_allows_is_given_up_and_noth
 
     stand.wait_for("g.a", "rejected")
 
-    assert stand.ledger.sessions["g.a"].reason == "PREFLIGHT_TIMED_OUT: it was checked for longer than 0.1 s"
+    (problem,) = stand.ledger.sessions["g.a"].problems
+    assert (problem.code, problem.found) == ("PREFLIGHT_TIMED_OUT", "it was checked for longer than 0.1 s")
     assert stand.events("g.a") == ["submit", "claim", "reject"]
     assert worker.kills == [False]
 

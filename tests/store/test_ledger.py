@@ -5,13 +5,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SESSION_TRANSITIONS, IllegalTransition, Side
-from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.session import Ended, Execution, read_sessions
 from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.views.sessions import render_sessions
 
 EXECUTION = Execution(ended=Ended.COMPLETED, evidence="evidence/s", outputs={"place_site": [0.1, 0.2, 0.3]}, ticks=600)
 ATTEMPT = Attempt(
@@ -58,7 +60,21 @@ def test_a_reason_is_kept(open_journal, submit, side, trigger):
     journal = open_journal(side)
     journal.commit([Entry("s", trigger, {"reason": "not today"})])
 
-    assert fold(journal).sessions["s"].reason == "not today"
+    status = fold(journal).sessions["s"]
+    assert (status.reason, status.problems) == ("not today", ())
+
+
+def test_the_problems_of_a_rejection_stay_typed_and_stand_in_the_view(open_journal, submit):
+    open_journal().commit([submit("s")])
+    journal = open_journal(Side.RUNTIME)
+    unmet = Problem(code="PRECONDITION_UNMET", address="requires", subject="visible(red_cube)")
+    plain = {"code": "TOO_WIDE", "address": "dry run", "found": "0.1 m", "expected": "", "hint": ""}
+    journal.commit([Entry("s", "reject", {"reason": "r", "problems": [msgspec.to_builtins(unmet), plain]})])
+    ledger = fold(journal)
+
+    problems = (unmet, Problem(code="TOO_WIDE", address="dry run", found="0.1 m"))
+    assert ledger.sessions["s"].problems == problems
+    assert read_sessions(render_sessions(ledger)).blocks["s"].problems == problems
 
 
 def test_who_waits_is_answered_by_target_priority_and_age(open_journal, submit):

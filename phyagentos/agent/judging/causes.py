@@ -3,9 +3,10 @@
 Upstream: nothing. Downstream: `diagnosis`, the repair, memory. Each cause is also an error code (see `codes`).
 """
 
+from collections.abc import Sequence
 from enum import StrEnum
 
-from phyagentos.codes import CODES
+from phyagentos.errors import Problem
 
 
 class Cause(StrEnum):
@@ -48,7 +49,7 @@ class Cause(StrEnum):
     TARGET_LOST = "TARGET_LOST"
     """The target no longer answered."""
     CANCELLED = "CANCELLED"
-    """Somebody asked for an end."""
+    """An end was asked for."""
     POLICY_FAILED = "POLICY_FAILED"
     """The policy gave no usable action."""
     ADAPTER_REFUSED = "ADAPTER_REFUSED"
@@ -69,23 +70,6 @@ class Cause(StrEnum):
     """The contract holds nothing that could be accepted."""
     UNKNOWN = "UNKNOWN"
     """None of the above."""
-
-
-_REFUSALS = {
-    "OBSERVATION_": "perception",
-    "SENSOR_": "perception",
-    "POLICY_": "policy",
-    "OUT_OF_REACH": "planning",
-    "TOO_WIDE": "planning",
-    "TOO_HEAVY": "planning",
-    "NO_SPACE": "planning",
-    "NO_FREE_SITE": "planning",
-    "START_OUTSIDE": "safety",
-    "LIMIT_": "safety",
-    "TARGET_UNAVAILABLE": "machine",
-    "TARGET_LOST": "machine",
-    "PRECONDITION_UNMET": "external disturbance",
-}
 
 
 class CauseClass(StrEnum):
@@ -130,10 +114,28 @@ _CLASSES = {
 CLASSES = {cause: kind for kind, causes in _CLASSES.items() for cause in causes}
 
 
-def classify_refusal(reason: str) -> CauseClass:
-    """The class of what preflight refused, by the first code in its reason; what does not fit is the adapters'."""
-    code = next((word.rstrip(":") for word in reason.split() if word.rstrip(":") in CODES), "")
+_REFUSALS = {
+    "OBSERVATION_": CauseClass.PERCEPTION,
+    "SENSOR_": CauseClass.PERCEPTION,
+    "POLICY_": CauseClass.POLICY,
+    "OUT_OF_REACH": CauseClass.PLANNING,
+    "TOO_WIDE": CauseClass.PLANNING,
+    "TOO_HEAVY": CauseClass.PLANNING,
+    "NO_SPACE": CauseClass.PLANNING,
+    "NO_FREE_SITE": CauseClass.PLANNING,
+    "START_OUTSIDE": CauseClass.SAFETY,
+    "LIMIT_": CauseClass.SAFETY,
+    "TARGET_UNAVAILABLE": CauseClass.MACHINE,
+    "TARGET_LOST": CauseClass.MACHINE,
+    "PRECONDITION_UNMET": CauseClass.DISTURBANCE,
+}
+"""Codes of preflight, or how they begin, and their class."""
+
+
+def classify_refusal(problems: Sequence[Problem]) -> CauseClass:
+    """The class of what preflight refused, by the first problem; what does not fit is the adapters'."""
+    code = problems[0].code if problems else ""
     for prefix, kind in _REFUSALS.items():
         if code.startswith(prefix):
-            return CauseClass(kind)
+            return kind
     return CauseClass.ADAPTER if code else CauseClass.OTHER

@@ -17,8 +17,8 @@ from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import Environment, Status
-from phyagentos.protocol.world.predicates.predicate import find_entities, find_things, parse_predicate
-from phyagentos.protocol.world.predicates.syntax import Call
+from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
+from phyagentos.protocol.world.predicates.syntax import Call, Formula
 from phyagentos.protocol.world.truth import Truth
 
 MOVED_M = 0.015  # as the predicate `moved`
@@ -276,15 +276,14 @@ def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: Mani
     if bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
     wanted = [criterion.text for criterion in criteria if criterion.truth is Truth.FALSE]
-    if any(_asks_for_holding(text) for text in wanted):
+    if any(_is_holding(find_formula(text)) for text in wanted):
         return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
     if moved_m > MOVED_M:
         return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"
     return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {bundle.execution.ticks} commands"
 
 
-def _asks_for_holding(text: str) -> bool:
-    formula = parse_predicate(text).formula
+def _is_holding(formula: Formula | None) -> bool:
     return isinstance(formula, Call) and formula.name == "holding"
 
 

@@ -9,9 +9,8 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.predicate import find_formula
 from phyagentos.protocol.world.predicates.syntax import And, Formula, Not, render
 from phyagentos.protocol.world.truth import Truth
 
@@ -67,8 +66,7 @@ def _is_unanswered(criterion: Criterion) -> bool:
 
 def _iter_demands(text: str) -> Iterator[Formula]:
     """The parts of a criterion that must all be true."""
-    try:
-        formula = parse_predicate(text).formula
-    except DefinitionError:
+    formula = find_formula(text)
+    if formula is None:
         return  # its judge has called it unknown, and says why
     yield from formula.parts if isinstance(formula, And) else (formula,)

@@ -78,8 +78,10 @@ class Recovery:
         if self.prepares(status):
             return self._follow_preparation(status, bundle, attempt)
         may_look = attempt.mode is VerificationMode.RECOVERY and attempt.missing_evidence
-        if attempt.verdict is Verdict.FAILURE and may_look and (
-            entries := self._look_once_more(node, Miss.of_execution(bundle, attempt))
+        if (
+            attempt.verdict is Verdict.FAILURE
+            and may_look
+            and (entries := self._look_once_more(node, Miss.of_execution(bundle, attempt)))
         ):
             why = f"{attempt.reason} To look again costs no replan."
             return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries

@@ -5,7 +5,9 @@ plan for the runner, or every problem at once.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+
+import msgspec
 
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.capabilities.action_spaces import describe_target_space
@@ -210,9 +212,9 @@ def _tell_of_space(skill: SkillRuntime, problem: Problem) -> Problem:
     side, _, field = problem.address.rpartition(".")
     whose = "target" if side == "target" else "skill"
     by = f"skill {skill.skill}: action_space"
-    return replace(problem, address=f"{whose}.action_space.{field}", triggered_by=by)
+    return msgspec.structs.replace(problem, address=f"{whose}.action_space.{field}", triggered_by=by)
 
 
 def locate(session: Session, problems: Iterable[Problem]) -> list[Problem]:
     """The same problems, each with this session's address."""
-    return [replace(problem, address=f"{session.id}: {problem.address}") for problem in problems]
+    return [msgspec.structs.replace(problem, address=f"{session.id}: {problem.address}") for problem in problems]

@@ -5,7 +5,8 @@ rejection. Nothing is commanded and no target is asked.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+
+import msgspec
 
 from phyagentos.errors import Problem
 from phyagentos.runtime.channel import Channel
@@ -28,5 +29,5 @@ def serve_refusals(control: Channel, problems: Sequence[Problem]) -> None:
         if not isinstance(order, Check):
             return
         id = order.session.id
-        told = tuple(replace(problem, address=f"{id}: {problem.address}") for problem in problems)
+        told = tuple(msgspec.structs.replace(problem, address=f"{id}: {problem.address}") for problem in problems)
         send(control, Checked(session=id, plan=None, tools=None, problems=told))

@@ -178,6 +178,12 @@ def find_entities(text: str) -> tuple[str, ...]:
     return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
 
 
+def find_formula(text: str) -> Formula | None:
+    """The formula of a text; None when it is no predicate, as what a model says."""
+    predicate, findings = _parse(text, False)
+    return predicate.formula if predicate is not None and not findings else None
+
+
 def find_things(text: str, world: Environment) -> tuple[str, ...]:
     """What a text speaks of: the names that it mentions, and every movable thing when it says `*`."""
     movable = [name for name, entity in world.entities.items() if entity.movable] if "*" in text else []
