@@ -75,7 +75,13 @@ def describe(definition: dict[str, Any], kind: type) -> None:
     summary, attributes = _read_docstring(kind)
     if summary:
         definition["description"] = summary
-    for field, text in attributes.items():
+    keys = (
+        {each.name: each.encode_name for each in msgspec.structs.fields(kind)}
+        if issubclass(kind, msgspec.Struct)
+        else {}
+    )
+    for name, text in attributes.items():
+        field = keys.get(name, name)
         if field in definition.get("properties", {}):
             definition["properties"][field]["description"] = text
 
