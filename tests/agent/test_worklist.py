@@ -4,9 +4,9 @@ import pytest
 
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.worklist import Worklist
+from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.tasks import iter_edges
 from tests.goal_graphs import assert_same_graph
-from phyagentos.errors import Problem
 
 from .conftest import Play, put, succeed
 from .test_mission import CHAIN, TIDY, slip
