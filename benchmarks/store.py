@@ -25,7 +25,7 @@ from store_parts.transitions import measure_transitions
 from phyagentos.bench.report import Ask, format_outcome
 
 ASKED = {
-    "cpu_ms_per_session": Ask(0.15, at_least=False),
+    "cpu_ms_per_session": Ask(0.35, at_least=False),
     "waits_per_session": Ask(3, at_least=False),
     "transition_p50_in_waits": Ask(2, at_least=False),
     "transition_p50_growth": Ask(1.2, at_least=False),

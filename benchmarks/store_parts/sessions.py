@@ -1,4 +1,4 @@
-"""Sessions to store: a contract of some 650 bytes, and its six records from submission to verdict."""
+"""Sessions to store: a contract of some 650 bytes, and its eight records from submission to verdict."""
 
 import tempfile
 from collections.abc import Iterator
@@ -78,30 +78,30 @@ def claim(id: str) -> Entry:
     return Entry(id, "claim")
 
 
-def start(id: str) -> Entry:
-    """The third."""
-    return Entry(id, "start", _PLAN, 1)
+def start(id: str) -> list[Entry]:
+    """The third and the fourth."""
+    return [Entry(id, "check", epoch=1), Entry(id, "start", _PLAN, 1)]
 
 
-def finish(id: str) -> Entry:
-    """The fourth."""
-    return Entry(id, "finish", {"execution": _EXECUTION}, 1)
+def finish(id: str) -> list[Entry]:
+    """The fifth and the sixth."""
+    return [Entry(id, "halt", epoch=1), Entry(id, "finish", {"execution": _EXECUTION}, 1)]
 
 
 def verdict(id: str) -> list[Entry]:
-    """The fifth and the sixth."""
+    """The seventh and the eighth."""
     return [Entry(id, "verify", None, 1), Entry(id, "accept", {"attempt": _ATTEMPT}, 1)]
 
 
 def prepare_life(agent: Journal, runtime: Journal, id: str) -> list[tuple[Journal, list[Entry], bool]]:
-    """One session as the two planes record it: six records, four commits, three of them durable.
+    """One session as the two planes record it: eight records, four commits, three of them durable.
 
-    The watchdog records a claim together with the start that it leads to (see `runtime.supervision.watchdog`).
+    The watchdog records claim and check together with the start that it leads to (see `runtime.supervision.watchdog`).
     """
     return [
         (agent, [submit(id)], True),
-        (runtime, [claim(id), start(id)], True),
-        (runtime, [finish(id)], False),
+        (runtime, [claim(id), *start(id)], True),
+        (runtime, finish(id), False),
         (agent, verdict(id), True),
     ]
 
@@ -113,8 +113,9 @@ def store_many(root: Path, count: int, *, name: str = "s") -> None:
     for first in range(0, count, BATCH):
         ids = [f"{name}{number}" for number in range(first, min(first + BATCH, count))]
         agent.commit([submit(id) for id in ids])
-        for step in (claim, start, finish):
-            runtime.commit([step(id) for id in ids])
+        runtime.commit([claim(id) for id in ids])
+        for step in (start, finish):
+            runtime.commit([entry for id in ids for entry in step(id)])
         agent.commit([entry for id in ids for entry in verdict(id)])
         for record in runtime.read_new():
             ledger.apply(record)

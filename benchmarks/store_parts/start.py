@@ -25,17 +25,13 @@ print(json.dumps({"bytes": pages * __import__("os").sysconf("SC_PAGE_SIZE"), "se
 """
 _LIVE = """
 import gc
-from phyagentos.protocol.sessions.lifecycle import build_machine
+from phyagentos.protocol.sessions.lifecycle import SessionEvent, build_statechart
 def measure():
     gc.collect()
     return int(Path("/proc/self/statm").read_text().split()[1]) * __import__("os").sysconf("SC_PAGE_SIZE")
-class Model:
-    __slots__ = ("state",)
-    def __init__(self):
-        self.state = "pending"
-claim = build_machine().events["claim"]
+claim = build_statechart().machine.events["claim"]
 before = measure()
-models = [Model() for _ in range(int(sys.argv[3]))]
+models = [SessionEvent("s", "pending", 0, "claim", "runtime") for _ in range(int(sys.argv[3]))]
 for model in models:
     claim.trigger(model)
 assert {model.state for model in models} == {"claimed"}

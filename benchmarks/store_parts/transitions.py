@@ -31,8 +31,7 @@ class Stage:
             [
                 (agent, submit(id)),
                 (runtime, claim(id)),
-                (runtime, start(id)),
-                (runtime, finish(id)),
+                *((runtime, entry) for entry in (*start(id), *finish(id))),
                 *((agent, entry) for entry in verdict(id)),
             ]
             for id in (f"new{number}" for number in itertools.count())

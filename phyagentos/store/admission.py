@@ -16,9 +16,10 @@ from phyagentos.protocol.sessions.lifecycle import (
     FINAL_STATES,
     REVIEW,
     IllegalTransition,
+    SessionEvent,
     SessionState,
     Side,
-    compute_next_state,
+    fire,
 )
 from phyagentos.protocol.sessions.session import Amendment, Limits, Session
 from phyagentos.store.records import JOURNAL_ID, Record
@@ -84,24 +85,6 @@ class Entry(msgspec.Struct, frozen=True):
     epoch: int | None = None
 
 
-class Fenced(PhyAgentOSError):
-    """Somebody who no longer holds a session tried to speak for it.
-
-    Attributes:
-        session_id: The session.
-        trigger: What was asked.
-        epoch: The token it came with.
-        current: The token in force.
-    """
-
-    def __init__(self, session_id: str, trigger: str, epoch: int, current: int) -> None:
-        self.session_id, self.trigger, self.epoch, self.current = session_id, trigger, epoch, current
-        super().__init__(
-            f"session {session_id}: {trigger!r} came with epoch {epoch}, but epoch {current} is in force. "
-            "Somebody else holds it now; whoever sent this must stop."
-        )
-
-
 class IllegalEvent(PhyAgentOSError):
     """A goal or node event that cannot be recorded.
 
@@ -135,9 +118,11 @@ class Admission:
 
     Args:
         recall: Finds a session or goal (`goal:<goal id>`) that was forgotten, None when it never was.
+        is_past: Whether the records were admitted already, and are only checked: by the rows of their day.
     """
 
-    def __init__(self, recall: Callable[[str], Known | None] = lambda _: None) -> None:
+    def __init__(self, recall: Callable[[str], Known | None] = lambda _: None, *, is_past: bool = False) -> None:
+        self._is_past = is_past
         self._known: dict[str, Known] = {}
         self._staged: dict[str, Known] = {}
         self._recall = recall
@@ -233,7 +218,7 @@ class Admission:
     def _check_submit(self, entry: Entry, side: Side) -> Session:
         known = self._find(entry.id)
         if known is not None:
-            compute_next_state(entry.id, known.state, entry.ev, side)  # refuses, and says what would be possible
+            self._fire(entry, known, side)  # refuses, and says what would be possible
         if side is _RUNTIME or entry.id == JOURNAL_ID:
             state = known.state if known else _UNKNOWN
             raise IllegalTransition(entry.id, state, entry.ev, side, ("submit, by the agent or an operator",))
@@ -244,14 +229,25 @@ class Admission:
         known = self._find(entry.id)
         if known is None:
             raise IllegalTransition(entry.id, _UNKNOWN, entry.ev, side, ("submit",))
-        if side is _RUNTIME and entry.epoch is not None and entry.epoch != known.epoch:
-            raise Fenced(entry.id, entry.ev, entry.epoch, known.epoch)
-        to = compute_next_state(entry.id, known.state, entry.ev, side)
+        fired = self._fire(entry, known, side)
         if entry.ev == "amend":
             _check_amendment(entry)
         elif entry.ev == REVIEW:
             _check_review(entry)
-        return known.state, to, known.epoch + (entry.ev == "claim")
+        return known.state, fired.state, fired.epoch
+
+    def _fire(self, entry: Entry, known: Known, side: Side) -> SessionEvent:
+        return fire(
+            SessionEvent(
+                session_id=entry.id,
+                state=known.state,
+                epoch=known.epoch,
+                trigger=entry.ev,
+                side=side.value,
+                token=entry.epoch,
+                is_past=self._is_past,
+            )
+        )
 
     def _check_contract(self, entry: Entry, side: Side) -> Session:
         session = _convert(entry, Session)

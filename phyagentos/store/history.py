@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, compile_table
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, list_triggers
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent
 from phyagentos.store.index import HistoryIndex, RecordPosition
@@ -158,7 +158,7 @@ def _find_kin(of_node: Sequence[Record]) -> set[str]:
 
 def _is_closed(latest: Record) -> bool:
     """Whether nothing can follow: a session that is over may still be judged once more."""
-    is_final = latest.to in FINAL_STATES and (str(latest.to), REVIEW) not in compile_table()
+    is_final = latest.to in FINAL_STATES and REVIEW not in list_triggers(str(latest.to))
     return is_final or latest.ev == GoalEvent.GOAL_VERDICT
 
 

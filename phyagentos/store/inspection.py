@@ -140,7 +140,7 @@ class _Replay:
     """
 
     def __init__(self, checkpoint: Checkpoint | None) -> None:
-        self._admission = Admission()
+        self._admission = Admission(is_past=True)
         self._checkpoint = checkpoint
         self._ledger = Ledger()
         self._is_other: bool | None = None  # whether the checkpoint holds another state than the records before it

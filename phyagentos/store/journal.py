@@ -9,11 +9,11 @@ losing it in a power cut is harmless, or when a durable one follows before anybo
 waits at most:
 
 - `submit` (agent), before anybody is told that it was accepted;
-- `start` (runtime), before the first command: it covers `claim` and `check`;
-- the verdict (agent): it covers `finish` and `verify`. While sessions follow one another closely, the `start` of the
-  next one covers it, and the submission beside it; the mission waits by itself when nothing follows, and at its end,
-  before anybody is told. Without them, after a power cut, the session is taken for
-  running; the watchdog observes the world anew and the same evidence is judged.
+- `start` (runtime), before the first command: it covers `claim` and `check`, which stand in its batch;
+- the verdict (agent): it covers `halt`, `finish` and `verify`. While sessions follow one another closely, the `start`
+  of the next one covers it, and the submission beside it; the mission waits by itself when nothing follows, and at its
+  end, before the report. Without them, after a power cut, the session is taken for running; the watchdog observes the
+  world anew and the same evidence is judged.
 """
 
 import contextlib
@@ -24,8 +24,8 @@ from pathlib import Path
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.body_codec import prepare_body, render_body
-from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.admission import Entry, Fenced, IllegalEvent
+from phyagentos.protocol.sessions.lifecycle import Fenced, Side
+from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.checkpoint import (
     find_checkpoint,
     find_seen_seq,

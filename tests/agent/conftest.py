@@ -283,7 +283,9 @@ class ScriptedRuntime:
         self._journal.commit(
             [
                 Entry(id, "claim", None, 0),
+                Entry(id, "check"),
                 Entry(id, "start", None, 1),
+                Entry(id, "halt"),
                 Entry(id, "finish", {"execution": msgspec.to_builtins(execution)}, 1),
             ]
         )

@@ -85,6 +85,7 @@ class Run:
 
     def execute(self, id: str, ended: Ended = Ended.SKILL_FAILED) -> None:
         self.write(Side.RUNTIME, id, "claim")
+        self.write(Side.RUNTIME, id, "check", 1)
         self.write(Side.RUNTIME, id, "start", 1)
         execution = Execution(
             ended=ended,
@@ -93,6 +94,7 @@ class Run:
             leaf="pick_and_place/place/lower",
             sim_time_s=6.5,
         )
+        self.write(Side.RUNTIME, id, "halt", 1)
         self.write(Side.RUNTIME, id, "finish", 1, execution=msgspec.to_builtins(execution))
 
     def judge(self, id: str, verdict: Verdict, truth: Truth) -> None:

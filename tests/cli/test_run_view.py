@@ -42,13 +42,14 @@ def test_depth_is_the_longest_way():
 
 
 def test_wall_time_of_a_session_begins_with_its_claim(replanned):
-    assert replanned.fold.rows()[0].wall_s == pytest.approx(4.0)  # claim, then four records a second apart
+    assert replanned.fold.rows()[0].wall_s == pytest.approx(6.0)  # claim, then six records a second apart
 
 
 def test_the_active_leaf_and_its_time_are_shown(run):
     run.begin()
     id = run.submit("red")
     run.write(Side.RUNTIME, id, "claim")
+    run.write(Side.RUNTIME, id, "check", 1)
     run.write(Side.RUNTIME, id, "start", 1)
     beat = Heartbeat(target="panda", pid=1, session=id, sim_time_s=3.24, leaf="pick/lift", phase="executing")
     write_heartbeat(run.workspace.heartbeats, beat)
@@ -123,6 +124,7 @@ def test_a_goal_that_preflight_rejected_has_its_own_code(run):
     run.begin()
     id = run.submit("red")
     run.write(Side.RUNTIME, id, "claim")
+    run.write(Side.RUNTIME, id, "check", 1)
     run.write(Side.RUNTIME, id, "reject", 1, reason="UNKNOWN_SKILL")
     run.end("failure")
     assert compute_exit_code(run.fold) is ExitCode.REJECTED

@@ -25,7 +25,7 @@ def test_a_whole_journal_is_said_to_be_whole(paos, replanned):
     done = paos("store", "check", replanned.workspace.root)
 
     assert (done.code, done.out) == (0, "")
-    assert "1 segments, 16 records, whole" in done.err
+    assert "1 segments, 20 records, whole" in done.err
     assert paos("store", "repair", replanned.workspace.root).out == "nothing to repair\n"
 
 
@@ -44,13 +44,13 @@ def test_every_problem_is_told_with_its_place_and_the_exit_code_is_1(paos, repla
     assert [(each["code"], each["offset"]) for each in facts["findings"]] == [
         ("RECORD_DAMAGED", place) for place in places
     ]
-    assert (facts["is_whole"], facts["records"]) == (False, 14)
+    assert (facts["is_whole"], facts["records"]) == (False, 18)
 
 
 def test_a_torn_end_is_cut_without_asking(paos, replanned):
     path = segment_of(replanned)
     with path.open("ab") as file:
-        file.write(b"<!-- phy1 0000000017 000900 00000000 -->\n- half of")
+        file.write(b"<!-- phy1 0000000021 000900 00000000 -->\n- half of")
     assert paos("store", "check", replanned.workspace.root).code == 0
 
     done = paos("store", "repair", replanned.workspace.root)
@@ -58,7 +58,7 @@ def test_a_torn_end_is_cut_without_asking(paos, replanned):
     assert done.code == 0
     assert "50 bytes" in done.out
     assert "a torn end, which was never acknowledged" in done.out
-    assert json.loads(paos("store", "stats", replanned.workspace.root, "--json").out)["seq"] == 17
+    assert json.loads(paos("store", "stats", replanned.workspace.root, "--json").out)["seq"] == 21
 
 
 def test_damage_is_mended_only_when_the_loss_is_accepted(paos, replanned, read_with_node):
@@ -112,10 +112,10 @@ def test_what_nothing_needs_is_archived(paos, replanned, read_with_node):
     done = paos("store", "compact", replanned.workspace.root)
     again = paos("store", "compact", replanned.workspace.root, "--json")
 
-    assert "1 segments archived; checkpoint at record 17" in done.out
+    assert "1 segments archived; checkpoint at record 21" in done.out
     assert json.loads(again.out)["archived"] == []
     facts = json.loads(paos("store", "stats", replanned.workspace.root, "--json").out)
-    assert (facts["segments"], facts["archived_segments"], facts["checkpoint_seq"]) == (1, 1, 17)
+    assert (facts["segments"], facts["archived_segments"], facts["checkpoint_seq"]) == (1, 1, 21)
     assert facts["seq"] == before[0]["seq"] + 1
     assert paos("store", "check", replanned.workspace.root).code == 0
     assert read_with_node(replanned.workspace.root)[0]["sha256"] == facts["sha256"]

@@ -52,8 +52,8 @@ def pens(tmp_path):
 
 def run_session(pens, id, attempt, *consequences):
     execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
-    pens[Side.RUNTIME].commit([Entry(id, "claim"), Entry(id, "start", epoch=1)])
-    pens[Side.RUNTIME].commit([Entry(id, "finish", {"execution": execution}, 1)])
+    pens[Side.RUNTIME].commit([Entry(id, "claim"), Entry(id, "check"), Entry(id, "start", epoch=1)])
+    pens[Side.RUNTIME].commit([Entry(id, "halt"), Entry(id, "finish", {"execution": execution}, 1)])
     verdict = {Verdict.REPLAN: "replan", Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse"}[attempt.verdict]
     pens[Side.AGENT].commit([Entry(id, "verify"), Entry(id, verdict, {"attempt": attempt}), *consequences])
 
@@ -200,4 +200,4 @@ def test_a_session_of_which_nothing_new_is_told_has_no_line(pens):
         if describe_record(record, ledger) is None:
             silent.append(record.ev)
 
-    assert silent == ["verify"]
+    assert silent == ["check", "halt", "verify"]

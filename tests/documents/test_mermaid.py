@@ -181,8 +181,13 @@ def workspace(tmp_path):
             submit("g.first"),
         ]
     )
-    runtime.commit([Entry("g.first", "claim"), Entry("g.first", "start", epoch=1)])
-    runtime.commit([Entry("g.first", "finish", {"execution": {"ended": "completed", "evidence": "evidence/g"}}, 1)])
+    runtime.commit([Entry("g.first", "claim"), Entry("g.first", "check"), Entry("g.first", "start", epoch=1)])
+    runtime.commit(
+        [
+            Entry("g.first", "halt"),
+            Entry("g.first", "finish", {"execution": {"ended": "completed", "evidence": "evidence/g"}}, 1),
+        ]
+    )
     agent.commit([Entry("g.first", "verify"), Entry("g.first", "replan", {"reason": "why | not"})])
     agent.commit([submit("g.first.r1", parent="g.first", attempt=1)])
     views = Views(place, agent.folder, clock)

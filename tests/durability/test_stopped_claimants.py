@@ -114,7 +114,7 @@ def test_every_command_of_a_claimant_that_was_replaced_is_fenced(memory, claiman
             told["commands"] += 1
             told["fenced"] += answer.get("error") == "Fenced"
             told["before_the_stop"] += answer.get("seq", taken.seq) < taken.seq
-        heir.commit([Entry(session, "start", None, taken.epoch)])  # whoever holds it now goes on
+        heir.commit([Entry(session, "check"), Entry(session, "start", None, taken.epoch)])  # the new claim goes on
     figures(**told)
     assert told["fenced"] + told["before_the_stop"] == told["commands"] > 7 * told["stops"]
     check_epochs(heir.read_new())
@@ -122,10 +122,12 @@ def test_every_command_of_a_claimant_that_was_replaced_is_fenced(memory, claiman
 
 def take_over(heir, session):
     """What a watchdog does when a lease is over: the session may be claimed, checked, or not be claimed yet."""
-    try:
-        heir.commit([Entry(session, "release", {"reason": "lease over"})])
-    except IllegalTransition:  # the claimant was stopped before it came so far
-        heir.commit([Entry(session, "claim"), Entry(session, "release", {"reason": "a claim of its own"})])
+    for before in ((), ("check",), ("claim", "check")):
+        try:
+            heir.commit([*(Entry(session, event) for event in before), Entry(session, "release", {"reason": "over"})])
+            break
+        except IllegalTransition:  # the claimant was stopped before it came so far
+            continue
     return heir.commit([Entry(session, "claim")])[0]
 
 

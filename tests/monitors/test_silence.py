@@ -38,6 +38,7 @@ class Story:
     def start(self, id="g.a") -> None:
         self.record(Side.AGENT, "submit", body=make_contract(id=id), id=id)
         self.record(Side.RUNTIME, "claim", 0, id=id)
+        self.record(Side.RUNTIME, "check", 1, id=id)
         self.record(Side.RUNTIME, "start", 1, id=id)
 
     def receive(self, *lines, after_s=1.0) -> None:
@@ -78,6 +79,7 @@ def running(story):
 
 
 def finish(story) -> None:
+    story.record(Side.RUNTIME, "halt", 1)
     story.record(Side.RUNTIME, "finish", 1, {"execution": {"ended": "completed", "evidence": "x"}})
 
 

@@ -152,11 +152,11 @@ def test_a_wall_clock_that_jumps_ends_no_lease_and_no_session(stand, monkeypatch
 def test_the_claim_of_a_dead_watchdog_is_taken_over_at_once_whatever_the_clock_says(stand):  # noqa: F811
     stand.submit(make_session())
     dead = Journal(stand.workspace.root, side=Side.RUNTIME, by="dead", clock=Jumping())
-    dead.commit([Entry("g.a", "claim"), Entry("g.a", "start")])
+    dead.commit([Entry("g.a", "claim"), Entry("g.a", "check"), Entry("g.a", "start")])
     dead.close()
 
     stand.watch(worker := ScriptedWorker(), clock=Jumping())
 
     stand.wait_for("g.a", "awaiting_verification")
-    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
     assert not [order for order in worker.orders if isinstance(order, Run)]

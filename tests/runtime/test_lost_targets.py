@@ -63,7 +63,7 @@ def test_a_target_lost_in_a_run_is_replaced_and_the_world_observed(stand):  # no
 
     stand.wait_for("g.a", "awaiting_verification")
 
-    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile]
     assert worker.orders[-1].ended is Ended.TARGET_LOST
     assert worker.kills[0] is True
@@ -128,7 +128,7 @@ def test_a_session_that_nobody_can_look_after_ends_with_the_code_of_that(stand):
     execution = stand.ledger.sessions["g.a"].execution
     assert (execution.ended, execution.code) == (Ended.TARGET_LOST, "TARGET_UNAVAILABLE")
     assert worker.restarts == 6
-    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
 
 
 class StartsLate(ScriptedWorker):
@@ -146,7 +146,7 @@ def test_a_worker_whose_start_fails_has_a_rest_before_the_next(stand):  # noqa: 
     stand.wait_for("g.a", "awaiting_verification")
 
     assert worker.restarts == 2
-    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "halt", "finish"]
 
 
 @pytest.mark.parametrize("answer", [b"\xc1", b"\x81\xa4type\xa4Step"])

@@ -45,9 +45,11 @@ class Past:
 def test_between_goals_means_once_the_other_goal_has_its_verdict(stand):  # noqa: F811
     past = Past(stand)
     assert past.may_reset()  # nothing of it has begun
-    past.runtime.commit([Entry("g.a", "claim"), Entry("g.a", "start")])
+    past.runtime.commit([Entry("g.a", "claim"), Entry("g.a", "check"), Entry("g.a", "start")])
     assert not past.may_reset()
-    past.runtime.commit([Entry("g.a", "finish", {"execution": {"ended": "completed", "evidence": "e"}})])
+    past.runtime.commit(
+        [Entry("g.a", "halt"), Entry("g.a", "finish", {"execution": {"ended": "completed", "evidence": "e"}})]
+    )
     stand.agent.commit([Entry("g.a", "verify"), Entry("g.a", "accept")])
     assert not past.may_reset()  # another node may build on it
     stand.agent.commit([Entry("goal:g", "goal_verdict", {"verdict": "success", "reason": "r"})])
@@ -58,7 +60,7 @@ def test_between_goals_means_once_the_other_goal_has_its_verdict(stand):  # noqa
 
 def test_a_goal_that_was_cancelled_keeps_nobody_waiting(stand):  # noqa: F811
     past = Past(stand)
-    past.runtime.commit([Entry("g.a", "claim"), Entry("g.a", "start")])
+    past.runtime.commit([Entry("g.a", "claim"), Entry("g.a", "check"), Entry("g.a", "start")])
     stand.agent.commit([Entry("goal:g", "goal_cancelled", {"reason": "r"}), Entry("g.a", "request_cancel")])
     assert not past.may_reset()  # it is being brought to rest
     past.runtime.commit([Entry("g.a", "confirm_cancel")])

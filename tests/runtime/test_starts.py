@@ -44,7 +44,7 @@ def test_every_session_is_checked_once(stand):  # noqa: F811
 
     assert tell(worker) == [(kind, f"g.{name}") for name in "abc" for kind in ("Check", "Run")]
     for name in "abc":
-        assert stand.events(f"g.{name}") == ["submit", "claim", "start", "finish"]
+        assert stand.events(f"g.{name}") == ["submit", "claim", "check", "start", "halt", "finish"]
 
 
 def test_a_session_is_recorded_as_finished_before_the_next_one_starts(stand):  # noqa: F811

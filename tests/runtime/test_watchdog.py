@@ -163,7 +163,7 @@ def test_a_session_is_claimed_checked_run_and_left_for_the_verifier(stand):
 
     stand.wait_for("g.a", "awaiting_verification")
 
-    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "halt", "finish"]
     assert [type(order) for order in worker.orders] == [Check, Run]
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.COMPLETED
 
@@ -217,7 +217,7 @@ def test_a_worker_that_dies_is_replaced_and_its_session_observed_not_repeated(st
 
     stand.wait_for("g.a", "awaiting_verification")
 
-    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile]
     assert worker.orders[-1].epoch > worker.orders[0].epoch
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.RUNNER_LOST
@@ -285,13 +285,13 @@ def test_a_cancellation_by_the_agent_reaches_the_worker(stand):
 def test_a_new_watchdog_observes_what_an_earlier_one_held(stand):
     earlier = Journal(stand.workspace.root, side=Side.RUNTIME, by="earlier", clock=SystemClock())
     stand.submit(make_session())
-    earlier.commit([Entry("g.a", "claim"), Entry("g.a", "start")])
+    earlier.commit([Entry("g.a", "claim"), Entry("g.a", "check"), Entry("g.a", "start")])
     earlier.close()
 
     stand.watch(worker := ScriptedWorker())
 
     stand.wait_for("g.a", "awaiting_verification")
-    assert stand.events("g.a") == ["submit", "claim", "start", "lose", "reconcile"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
     assert [type(order) for order in worker.orders] == [Reconcile]
 
 
@@ -301,18 +301,18 @@ def test_a_quick_check_leaves_claim_and_start_in_one_batch(stand):
     stand.wait_for("g.a", "awaiting_verification")
     claim, start = [record for record in stand.records if record.ev in {"claim", "start"}]
 
-    assert (claim.ev, claim.more, start.ev, start.more) == ("claim", 1, "start", 0)
+    assert (claim.ev, claim.more, start.ev, start.more) == ("claim", 2, "start", 0)
     assert (claim.epoch, start.epoch) == (1, 1)
 
 
-def test_a_check_that_takes_long_shows_as_a_claim(stand):
+def test_a_check_that_takes_long_shows_as_preflight(stand):
     stand.watch(worker := ScriptedWorker(on_check=lambda order: None))
     stand.submit(make_session())
-    stand.wait_for("g.a", "claimed")
+    stand.wait_for("g.a", "preflight")
     send(worker._theirs, Checked(session="g.a", plan=PLAN, tools=TOOLS))
     stand.wait_for("g.a", "awaiting_verification")
 
-    assert stand.events("g.a") == ["submit", "claim", "start", "finish"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "start", "halt", "finish"]
 
 
 def test_a_session_cancelled_while_it_is_checked_is_never_started(stand):
@@ -352,7 +352,7 @@ def test_a_worker_that_dies_while_it_checks_leaves_a_claim_and_its_loss(stand):
     stand.submit(make_session())
     stand.wait_for("g.a", "awaiting_verification")
 
-    assert stand.events("g.a") == ["submit", "claim", "lose", "reconcile"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "lose", "reconcile"]
 
 
 def grant(order):

@@ -103,7 +103,7 @@ def test_a_check_that_takes_longer_than_the_contract_allows_is_given_up_and_noth
 
     (problem,) = stand.ledger.sessions["g.a"].problems
     assert (problem.code, problem.found) == ("PREFLIGHT_TIMED_OUT", "it was checked for longer than 0.1 s")
-    assert stand.events("g.a") == ["submit", "claim", "reject"]
+    assert stand.events("g.a") == ["submit", "claim", "check", "reject"]
     assert worker.kills == [False]
 
 
@@ -163,7 +163,7 @@ def test_the_tray_of_a_lost_session_is_free_only_when_somebody_has_looked(stand)
 def test_a_new_watchdog_keeps_what_a_lost_session_may_still_hold(stand):  # noqa: F811
     stand.submit(need(make_session("g.a", "left"), "tray"), need(make_session("g.b", "right"), "tray"))
     earlier = Journal(stand.workspace.root, side=Side.RUNTIME, by="earlier", clock=stand.clock)
-    earlier.commit([Entry("g.a", "claim"), Entry("g.a", "start")])
+    earlier.commit([Entry("g.a", "claim"), Entry("g.a", "check"), Entry("g.a", "start")])
     earlier.close()
 
     stand.watch({"left": ScriptedWorker(), "right": ScriptedWorker()})

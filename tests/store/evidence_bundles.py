@@ -61,6 +61,7 @@ class Store:
     def begin(self, id):
         self.pens[Side.AGENT].commit([self.submit(id)])
         self.write(Side.RUNTIME, id, "claim")
+        self.write(Side.RUNTIME, id, "check", 1)
         self.write(Side.RUNTIME, id, "start", 1)
         folder = self.workspace.evidence_of(id)
         folder.mkdir()
@@ -78,6 +79,7 @@ class Store:
 
     def end(self, id, verdict=Verdict.SUCCESS, *, seal=True):
         execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
+        self.write(Side.RUNTIME, id, "halt", 1)
         self.write(Side.RUNTIME, id, "finish", 1, execution=msgspec.to_builtins(execution))
         if seal:
             self.sealer.seal(self.workspace.evidence_of(id))

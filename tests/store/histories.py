@@ -18,7 +18,7 @@ BODIES = {
     "review": {"attempt": ATTEMPT | {"verdict": "failure", "is_review": True}},
     "cancel": {"reason": "enough"},
 }
-LIFE = ("claim", "start", "finish", "verify", "accept")
+LIFE = ("claim", "check", "start", "halt", "finish", "verify", "accept")
 SIDES = {row.trigger: row.by[0] for row in SESSION_TRANSITIONS}
 
 _NUMBERS = st.integers(0, 4)

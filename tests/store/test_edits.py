@@ -67,9 +67,10 @@ def test_a_limit_or_the_priority_of_a_pending_session_is_amended(stand, old, new
 
 def test_a_session_is_cancelled_with_its_reason(stand, submit):
     stand.commit("runtime", Entry("b", "claim"))
+    stand.commit("runtime", Entry("b", "check"))
     stand.settle()
     text = stand.text.replace("state: pending\n", "state: cancelled\nreason: no more cubes\n", 1)
-    stand.save(text.replace("state: claimed\n", "state: cancel\n", 1))
+    stand.save(text.replace("state: preflight\n", "state: cancel\n", 1))
     stand.settle()
 
     assert events(stand) == [("a", "cancel", "operator"), ("b", "request_cancel", "operator")]

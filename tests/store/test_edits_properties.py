@@ -72,7 +72,9 @@ def advance(bench, id, steps, text):
     )
     story = [
         (Side.RUNTIME, Entry(id, "claim")),
+        (Side.RUNTIME, Entry(id, "check")),
         (Side.RUNTIME, Entry(id, "start", epoch=1)),
+        (Side.RUNTIME, Entry(id, "halt")),
         (Side.RUNTIME, Entry(id, "finish", {"execution": execution}, 1)),
         (Side.AGENT, Entry(id, "verify")),
         (Side.AGENT, Entry(id, "refuse", {"attempt": attempt})),
@@ -82,7 +84,7 @@ def advance(bench, id, steps, text):
 
 
 @FAST
-@given(objective=TEXTS, steps=st.tuples(*[st.integers(0, 5)] * 3), text=TEXTS)
+@given(objective=TEXTS, steps=st.tuples(*[st.integers(0, 7)] * 3), text=TEXTS)
 def test_what_was_rendered_asks_for_nothing(open_bench, objective, steps, text):
     bench = open_bench(objective)
     for id, count in zip(IDS, steps, strict=True):

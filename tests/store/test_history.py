@@ -21,7 +21,8 @@ def lane(open_journal, submit):
     for name in NAMES:
         agent.commit([submit(name, goal="")])
     for name in NAMES:
-        runtime.commit([Entry(name, "claim"), Entry(name, "reject", {"reason": f'- {{"id":"s1","ev" of {name}'})])
+        reason = f'- {{"id":"s1","ev" of {name}'
+        runtime.commit([Entry(name, "claim"), Entry(name, "check"), Entry(name, "reject", {"reason": reason})])
     return agent.folder
 
 
@@ -66,7 +67,7 @@ def test_the_index_can_be_deleted_damaged_or_of_another_journal(lane, open_journ
 
 def test_two_processes_extend_one_index(lane, open_journal, submit):
     with Histories(lane) as one, Histories(lane) as two:
-        assert len(one.find("s1")) == len(two.find("s1")) == 3
+        assert len(one.find("s1")) == len(two.find("s1")) == 4
         agent = open_journal(segment_bytes=5000)
         for number in range(COUNT):
             agent.commit([submit(f"more{number}", goal="")])

@@ -22,19 +22,23 @@ def test_a_session_goes_from_submit_to_verdict(open_journal, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
 
     agent.commit([submit("s")])
-    (claim, start) = runtime.commit([Entry("s", "claim"), Entry("s", "start", epoch=1)])
-    runtime.commit([Entry("s", "finish", {"execution": {"ended": "completed", "evidence": "evidence/s"}}, 1)])
+    (claim, _, start) = runtime.commit([Entry("s", "claim"), Entry("s", "check"), Entry("s", "start", epoch=1)])
+    runtime.commit(
+        [Entry("s", "halt"), Entry("s", "finish", {"execution": {"ended": "completed", "evidence": "evidence/s"}}, 1)]
+    )
     agent.commit([Entry("s", "verify"), Entry("s", "accept")])
 
-    assert (claim.source, claim.to, claim.epoch, claim.more) == ("pending", "claimed", 1, 1)
-    assert (start.source, start.to, start.epoch, start.more) == ("claimed", "running", 1, 0)
+    assert (claim.source, claim.to, claim.epoch, claim.more) == ("pending", "claimed", 1, 2)
+    assert (start.source, start.to, start.epoch, start.more) == ("preflight", "running", 1, 0)
     assert [(r.seq, r.ev, r.to) for r in agent.read_new()] == [
         (1, "submit", "pending"),
         (2, "claim", "claimed"),
-        (3, "start", "running"),
-        (4, "finish", "awaiting_verification"),
-        (5, "verify", "verifying"),
-        (6, "accept", "succeeded"),
+        (3, "check", "preflight"),
+        (4, "start", "running"),
+        (5, "halt", "halting"),
+        (6, "finish", "awaiting_verification"),
+        (7, "verify", "verifying"),
+        (8, "accept", "succeeded"),
     ]
 
 
@@ -81,7 +85,7 @@ def test_a_batch_with_one_illegal_entry_leaves_no_byte(open_journal, submit):
     before = read_segment(agent).read_bytes()
 
     with pytest.raises(
-        IllegalTransition, match=r"session s: runtime asked for 'finish' in state 'claimed'. Possible: .*start"
+        IllegalTransition, match=r"session s: runtime asked for 'finish' in state 'claimed'. Possible: check"
     ):
         runtime.commit([Entry("s", "claim"), Entry("s", "finish")])
 
@@ -125,14 +129,21 @@ def test_a_contract_that_is_none_is_refused(open_journal, submit):
 def test_a_claimant_of_an_earlier_epoch_is_fenced(open_journal, submit):
     agent, old, new = open_journal(), open_journal(Side.RUNTIME, "old"), open_journal(Side.RUNTIME, "new")
     agent.commit([submit("s")])
-    old.commit([Entry("s", "claim")])
-    new.commit([Entry("s", "release", epoch=1), Entry("s", "claim", epoch=1), Entry("s", "start", epoch=2)])
+    old.commit([Entry("s", "claim"), Entry("s", "check")])
+    new.commit(
+        [
+            Entry("s", "release", epoch=1),
+            Entry("s", "claim", epoch=1),
+            Entry("s", "check"),
+            Entry("s", "start", epoch=2),
+        ]
+    )
 
     with pytest.raises(Fenced, match="'finish' came with epoch 1, but epoch 2 is in force") as caught:
-        old.commit([Entry("s", "finish", epoch=1)])
+        old.commit([Entry("s", "halt"), Entry("s", "finish", epoch=1)])
 
     assert (caught.value.epoch, caught.value.current) == (1, 2)
-    assert new.commit([Entry("s", "finish", epoch=2)])[0].to == "awaiting_verification"
+    assert new.commit([Entry("s", "halt"), Entry("s", "finish", epoch=2)])[-1].to == "awaiting_verification"
 
 
 @pytest.mark.parametrize(

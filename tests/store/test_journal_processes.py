@@ -45,7 +45,8 @@ RELEASE_FOREVER = (
     + """
 session, epoch = "s" + name, 0
 while True:
-    records = journal.commit([Entry(session, "claim"), Entry(session, "release", {"reason": "x" * 3000}, epoch + 1)])
+    release = Entry(session, "release", {"reason": "x" * 3000}, epoch + 1)
+    records = journal.commit([Entry(session, "claim"), Entry(session, "check"), release])
     epoch += 1
     os.write(1, f"{records[-1].seq}\\n".encode())
 """

@@ -41,8 +41,8 @@ def fold(journal, ledger=None):
 def test_a_session_carries_what_its_records_said(open_journal, contract, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME, "watchdog")
     agent.commit([submit("s")])
-    runtime.commit([Entry("s", "claim"), Entry("s", "start", {"plan": {"bridges": []}}, 1)])
-    runtime.commit([Entry("s", "finish", {"execution": EXECUTION}, 1)])
+    runtime.commit([Entry("s", "claim"), Entry("s", "check"), Entry("s", "start", {"plan": {"bridges": []}}, 1)])
+    runtime.commit([Entry("s", "halt"), Entry("s", "finish", {"execution": EXECUTION}, 1)])
     agent.commit([Entry("s", "verify"), Entry("s", "replan", {"attempt": ATTEMPT})])
 
     status = fold(agent).sessions["s"]
@@ -80,7 +80,7 @@ def test_the_problems_of_a_rejection_stay_typed_and_stand_in_the_view(open_journ
 def test_who_waits_is_answered_by_target_priority_and_age(open_journal, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
     agent.commit([submit("a"), submit("b", target="ur5e"), submit("c", priority=2), submit("d")])
-    runtime.commit([Entry("a", "claim"), Entry("a", "release", epoch=1)])
+    runtime.commit([Entry("a", "claim"), Entry("a", "check"), Entry("a", "release", epoch=1)])
     ledger = fold(agent)
 
     assert [status.contract.id for status in ledger.iter_pending("panda")] == ["c", "a", "d"]
@@ -92,7 +92,15 @@ def test_who_waits_is_answered_by_target_priority_and_age(open_journal, submit):
 def test_who_waits_for_a_verdict_is_alive(open_journal, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
     agent.commit([submit("a"), submit("b"), submit("c")])
-    runtime.commit([Entry("b", "claim"), Entry("b", "start"), Entry("b", "finish", {"execution": EXECUTION})])
+    runtime.commit(
+        [
+            Entry("b", "claim"),
+            Entry("b", "check"),
+            Entry("b", "start"),
+            Entry("b", "halt"),
+            Entry("b", "finish", {"execution": EXECUTION}),
+        ]
+    )
     runtime.commit([Entry("c", "reject", {"reason": "no"})])
     ledger = fold(agent)
 

@@ -136,10 +136,11 @@ def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_c
     agent.commit([make_submit("b")])
     for id in ("a", "b"):
         runtime.commit([Entry(id, "claim")])
+        runtime.commit([Entry(id, "check")])
         runtime.commit([Entry(id, "start", epoch=1)])
     (path,) = segments_of(agent)
     spoil(path, 1)
-    spoil(path, 5)
+    spoil(path, 6)
 
     repair = mend(agent.folder)
 

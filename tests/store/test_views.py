@@ -61,8 +61,8 @@ def run(open_journal, submit):
             submit(),
         ]
     )
-    runtime.commit([Entry("tidy-7.red", "claim"), Entry("tidy-7.red", "start", epoch=1)])
-    runtime.commit([Entry("tidy-7.red", "finish", {"execution": EXECUTION}, 1)])
+    runtime.commit([Entry("tidy-7.red", "claim"), Entry("tidy-7.red", "check"), Entry("tidy-7.red", "start", epoch=1)])
+    runtime.commit([Entry("tidy-7.red", "halt"), Entry("tidy-7.red", "finish", {"execution": EXECUTION}, 1)])
     child = {"child": "tidy-7.red.r1", "parent": "tidy-7.red", "reason": "the cube slipped"}
     agent.commit(
         [
@@ -104,7 +104,7 @@ def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger)
     ):
         assert fact in section
     assert "**Revises:** `tidy-7.red`; differently: avoid grasps yaw+000 and yaw+090, speed 0.5" in text
-    assert text.startswith("---\nphy: sessions/1\nview: 12\n---\n")
+    assert text.startswith("---\nphy: sessions/1\nview: 14\n---\n")
     assert text.count("stateDiagram-v2") == 1
     assert text.endswith("<!-- end of view -->\n")
 

@@ -5,21 +5,15 @@ import pytest
 from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, IllegalTransition, Side
 from phyagentos.store.admission import Entry, GoalEvent, IllegalEvent
 
-PATHS = {
-    "pending": (),
-    "claimed": (("claim", Side.RUNTIME),),
-    "preflight": (("claim", Side.RUNTIME), ("check", Side.RUNTIME)),
-    "running": (("claim", Side.RUNTIME), ("start", Side.RUNTIME)),
-    "halting": (("claim", Side.RUNTIME), ("start", Side.RUNTIME), ("halt", Side.RUNTIME)),
-    "awaiting_verification": (("claim", Side.RUNTIME), ("start", Side.RUNTIME), ("finish", Side.RUNTIME)),
-    "verifying": (
-        ("claim", Side.RUNTIME),
-        ("start", Side.RUNTIME),
-        ("finish", Side.RUNTIME),
-        ("verify", Side.AGENT),
-    ),
-    "cancelling": (("claim", Side.RUNTIME), ("request_cancel", Side.OPERATOR)),
-    "outcome_unknown": (("claim", Side.RUNTIME), ("lose", Side.RUNTIME)),
+_LIFE = (
+    *((trigger, Side.RUNTIME) for trigger in ("claim", "check", "start", "halt", "finish")),
+    ("verify", Side.AGENT),
+)
+_STATES = ("pending", "claimed", "preflight", "running", "halting", "awaiting_verification", "verifying")
+PATHS = {state: _LIFE[:number] for number, state in enumerate(_STATES)}
+PATHS |= {
+    "cancelling": (*PATHS["running"], ("request_cancel", Side.OPERATOR)),
+    "outcome_unknown": (*PATHS["running"], ("lose", Side.RUNTIME)),
 }
 PATHS |= {
     state: (*PATHS["verifying"], (trigger, Side.AGENT))

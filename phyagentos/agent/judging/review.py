@@ -9,7 +9,7 @@ import msgspec
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.sessions.lifecycle import REVIEW, compile_table
+from phyagentos.protocol.sessions.lifecycle import REVIEW, list_triggers
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -30,7 +30,7 @@ def review_session(workspace: Workspace, journal: Journal, status: SessionStatus
         DefinitionError: `NOT_JUDGED` when it has no verdict yet, or was never executed.
     """
     id = status.contract.id
-    if (status.state, REVIEW) not in compile_table() or status.execution is None:
+    if REVIEW not in list_triggers(status.state) or status.execution is None:
         hint = "'paos judge' judges what waits for a verdict." if status.execution is not None else ""
         raise DefinitionError(
             Problem(

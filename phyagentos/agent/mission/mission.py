@@ -29,11 +29,11 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import read_yaml, validate
-from phyagentos.protocol.sessions.lifecycle import IllegalTransition, find_cancel
+from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition, find_cancel
 from phyagentos.protocol.sessions.session import GoalId, check_goal_id
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.admission import Entry, Fenced, GoalEvent, IllegalEvent
+from phyagentos.store.admission import Entry, GoalEvent, IllegalEvent
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger

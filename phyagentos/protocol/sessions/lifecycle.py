@@ -1,18 +1,17 @@
 """The session's statechart: one table is the code, the documentation and the test model. Paper section 3.5.
 
-`transitions` compiles the table once, without auto transitions; sessions are never registered as models. Each row names
-the side that may fire it, and a trigger from the wrong side is refused.
+Upstream: admission, which fires every event before it is recorded. Downstream: `statechart`. The conditions stand in
+the machine: each row names the sides that may fire it, a record of the runtime carries the epoch of its claim, and a
+final state is never left.
 """
 
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import Any
 
 from phyagentos.errors import PhyAgentOSError
-
-if TYPE_CHECKING:
-    from transitions import Machine
+from phyagentos.protocol.sessions.statechart import Condition, Row, Statechart, render_rows
 
 
 class SessionState(StrEnum):
@@ -33,7 +32,7 @@ class SessionState(StrEnum):
     VERIFYING = "verifying"
     """The verifier is judging."""
     CANCELLING = "cancelling"
-    """An end was asked for; the target is being brought to rest."""
+    """Cancellation was requested; the target is being brought to rest."""
     OUTCOME_UNKNOWN = "outcome_unknown"
     """The runner or the target was lost; only a fresh observation leads on."""
     SUCCEEDED = "succeeded"
@@ -70,45 +69,47 @@ class Side(StrEnum):
     OPERATOR = "operator"
 
 
+CLAIM = "claim"  # begins a new epoch
 REVIEW = "review"  # adds a judgement to a session that has its verdict, and changes nothing else
 
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One row of the table: `trigger` leads from each of `sources` to `dest`, fired by one of `by`."""
-
-    trigger: str
-    sources: tuple[SessionState, ...]
-    dest: SessionState
-    by: tuple[Side, ...]
-
-
 _S = SessionState
-_HELD = (_S.CLAIMED, _S.PREFLIGHT, _S.RUNNING, _S.HALTING)
+_HELD = (_S.PREFLIGHT, _S.RUNNING, _S.HALTING)
 _JUDGED = (_S.SUCCEEDED, _S.FAILED, _S.REPLANNED, _S.UNVERIFIED)  # final, and there is evidence to judge again
 _ANY = (Side.AGENT, Side.RUNTIME, Side.OPERATOR)
 
 SESSION_TRANSITIONS: tuple[Row, ...] = (
     Row("amend", (_S.PENDING,), _S.PENDING, (Side.OPERATOR,)),
-    Row("claim", (_S.PENDING,), _S.CLAIMED, (Side.RUNTIME,)),
-    Row("release", (_S.CLAIMED, _S.PREFLIGHT), _S.PENDING, (Side.RUNTIME,)),
+    Row(CLAIM, (_S.PENDING,), _S.CLAIMED, (Side.RUNTIME,)),
     Row("check", (_S.CLAIMED,), _S.PREFLIGHT, (Side.RUNTIME,)),
-    Row("reject", (_S.PENDING, _S.CLAIMED, _S.PREFLIGHT), _S.REJECTED, (Side.RUNTIME,)),
-    Row("start", (_S.CLAIMED, _S.PREFLIGHT), _S.RUNNING, (Side.RUNTIME,)),
+    Row("release", (_S.PREFLIGHT,), _S.PENDING, (Side.RUNTIME,)),
+    Row("reject", (_S.PENDING, _S.PREFLIGHT), _S.REJECTED, (Side.RUNTIME,)),
+    Row("start", (_S.PREFLIGHT,), _S.RUNNING, (Side.RUNTIME,)),
     Row("halt", (_S.RUNNING,), _S.HALTING, (Side.RUNTIME,)),
-    Row("finish", (_S.RUNNING, _S.HALTING), _S.AWAITING_VERIFICATION, (Side.RUNTIME,)),
+    Row("finish", (_S.HALTING,), _S.AWAITING_VERIFICATION, (Side.RUNTIME,)),
     Row("verify", (_S.AWAITING_VERIFICATION,), _S.VERIFYING, (Side.AGENT,)),
     Row("accept", (_S.VERIFYING,), _S.SUCCEEDED, (Side.AGENT,)),
     Row("refuse", (_S.VERIFYING,), _S.FAILED, (Side.AGENT,)),
     Row("replan", (_S.VERIFYING,), _S.REPLANNED, (Side.AGENT,)),
     Row("skip", (_S.VERIFYING,), _S.UNVERIFIED, (Side.AGENT,)),
     *(Row(REVIEW, (state,), state, (Side.AGENT,)) for state in _JUDGED),
-    Row("cancel", (_S.PENDING, _S.AWAITING_VERIFICATION, _S.VERIFYING), _S.CANCELLED, _ANY),
+    Row("cancel", (_S.PENDING, _S.AWAITING_VERIFICATION), _S.CANCELLED, _ANY),
     Row("request_cancel", _HELD, _S.CANCELLING, _ANY),
     Row("confirm_cancel", (_S.CANCELLING,), _S.CANCELLED, (Side.RUNTIME,)),
     Row("lose", (*_HELD, _S.CANCELLING), _S.OUTCOME_UNKNOWN, (Side.RUNTIME,)),
     Row("reconcile", (_S.OUTCOME_UNKNOWN,), _S.AWAITING_VERIFICATION, (Side.RUNTIME,)),
 )
+
+_RECORDED_EARLIER = "recorded earlier"
+EARLIER_TRANSITIONS: tuple[Row, ...] = (
+    Row("release", (_S.CLAIMED,), _S.PENDING, (Side.RUNTIME,), _RECORDED_EARLIER),
+    Row("reject", (_S.CLAIMED,), _S.REJECTED, (Side.RUNTIME,), _RECORDED_EARLIER),
+    Row("start", (_S.CLAIMED,), _S.RUNNING, (Side.RUNTIME,), _RECORDED_EARLIER),
+    Row("finish", (_S.RUNNING,), _S.AWAITING_VERIFICATION, (Side.RUNTIME,), _RECORDED_EARLIER),
+    Row("cancel", (_S.VERIFYING,), _S.CANCELLED, _ANY, _RECORDED_EARLIER),
+    Row("request_cancel", (_S.CLAIMED,), _S.CANCELLING, _ANY, _RECORDED_EARLIER),
+    Row("lose", (_S.CLAIMED,), _S.OUTCOME_UNKNOWN, (Side.RUNTIME,), _RECORDED_EARLIER),
+)
+"""Rows of journals before `preflight` and `halting` were entered: read and checked, never recorded again."""
 
 
 class IllegalTransition(PhyAgentOSError):
@@ -124,73 +125,115 @@ class IllegalTransition(PhyAgentOSError):
 
     def __init__(self, session_id: str, state: str, trigger: str, side: str, allowed: tuple[str, ...]) -> None:
         self.session_id, self.state, self.trigger, self.side, self.allowed = session_id, state, trigger, side, allowed
-        is_final = state in FINAL_STATES
         possible = ", ".join(allowed) or "none"
-        possible += ", the state is final" if is_final else ""
+        if state in FINAL_STATES:
+            possible += ", the state is final. A change of mind about a final session is a new child session"
         super().__init__(
-            f"session {session_id}: {side} asked for {trigger!r} in state {state!r}. Possible: {possible}. "
-            "A change of mind about a final session is a new child session."
+            f"session {session_id}: {side} asked for {trigger!r} in state {state!r}. Possible: {possible}."
         )
 
 
+class Fenced(PhyAgentOSError):
+    """A trigger with a stale epoch: another claim holds the session.
+
+    Attributes:
+        session_id: The session.
+        trigger: What was asked.
+        epoch: The token it came with.
+        current: The token in force.
+    """
+
+    def __init__(self, session_id: str, trigger: str, epoch: int, current: int) -> None:
+        self.session_id, self.trigger, self.epoch, self.current = session_id, trigger, epoch, current
+        super().__init__(
+            f"session {session_id}: {trigger!r} came with epoch {epoch}, but epoch {current} is in force. "
+            "Another claim holds it now; the sender of this must stop."
+        )
+
+
+@dataclass(slots=True)
+class SessionEvent:
+    """One event of one session: what the machine fires on.
+
+    Attributes:
+        session_id: The session.
+        state: Where it stands; after `fire`, where the event led.
+        epoch: Fencing token in force; after `fire`, the one from now on.
+        trigger: What is asked.
+        side: Who asks.
+        token: Epoch under which the caller acts; None where there is none.
+        is_past: Whether it was recorded already, and is only checked.
+    """
+
+    session_id: str
+    state: str
+    epoch: int
+    trigger: str
+    side: str
+    token: int | None = None
+    is_past: bool = False
+
+    def has_epoch(self) -> bool:
+        """Whether it comes under the claim in force; only the runtime holds claims."""
+        return self.side != Side.RUNTIME or self.token is None or self.token == self.epoch
+
+
+def _is_fenced_in(event: Any) -> bool:
+    return bool(event.model.has_epoch())
+
+
+def _keeps_final_state(event: Any) -> bool:
+    return event.state.name not in FINAL_STATES or event.transition.dest == event.state.name
+
+
+def _is_past(event: Any) -> bool:
+    return bool(event.model.is_past)
+
+
+def _find_conditions(row: Row) -> list[Condition]:
+    sides = frozenset(side.value for side in row.by)
+    conditions: list[Condition] = [_is_fenced_in, lambda event: event.model.side in sides, _keeps_final_state]
+    return [*conditions, _is_past] if row.when == _RECORDED_EARLIER else conditions
+
+
+def _count_claim(event: Any) -> None:
+    event.model.epoch += event.event.name == CLAIM
+
+
 @cache
-def build_machine() -> "Machine":
-    """The one shared `transitions` machine; it holds no model."""
-    from transitions import Machine  # late: who only reads needs no machine
-
-    return Machine(
-        model=None,
-        states=[state.value for state in SessionState],
-        transitions=[
-            {"trigger": row.trigger, "source": [source.value for source in row.sources], "dest": row.dest.value}
-            for row in SESSION_TRANSITIONS
-        ],
-        initial=SessionState.PENDING.value,
-        auto_transitions=False,
-        send_event=True,
-        queued=False,
-    )
+def build_statechart() -> Statechart:
+    """The one machine of all sessions."""
+    return Statechart(SessionState, (*SESSION_TRANSITIONS, *EARLIER_TRANSITIONS), _find_conditions, _count_claim)
 
 
-@cache
-def compile_table() -> dict[tuple[str, str], str]:
-    """`(source, trigger) -> dest`, read from the machine, for admission checks and replay."""
-    return {
-        (source, name): str(transition.dest)
-        for name, event in build_machine().events.items()
-        for source, transitions in event.transitions.items()
-        for transition in transitions
-    }
-
-
-@cache
-def _sides() -> dict[str, frozenset[str]]:
-    return {row.trigger: frozenset(side.value for side in row.by) for row in SESSION_TRANSITIONS}
-
-
-def compute_next_state(session_id: str, state: str, trigger: str, side: str) -> str:
-    """Where `trigger`, fired by `side`, leads from `state`.
+def fire(event: SessionEvent) -> SessionEvent:
+    """Fire one event; its state and epoch become those that it leads to.
 
     Raises:
-        IllegalTransition: When the table has no such row, or not for this side.
+        Fenced: It carries a stale epoch.
+        IllegalTransition: The table has no such row, or not for this side.
     """
-    dest = compile_table().get((state, trigger))
-    if dest is None or side not in _sides()[trigger]:
-        allowed = tuple(sorted(name for source, name in compile_table() if source == state))
-        raise IllegalTransition(session_id, state, trigger, side, allowed)
-    return dest
+    if build_statechart().fire(event, event.trigger):
+        return event
+    if not event.has_epoch():
+        raise Fenced(event.session_id, event.trigger, event.token or 0, event.epoch)
+    raise IllegalTransition(event.session_id, event.state, event.trigger, event.side, list_triggers(event.state))
+
+
+@cache
+def list_triggers(state: str) -> tuple[str, ...]:
+    """Triggers that are possible from a state, for any side; sorted."""
+    return tuple(sorted(row.trigger for row in SESSION_TRANSITIONS if state in row.sources))
 
 
 def find_cancel(state: str) -> str | None:
     """The trigger that asks for an end: at once, or once the target is at rest; None where neither is possible."""
-    return next((trigger for trigger in ("cancel", "request_cancel") if (state, trigger) in compile_table()), None)
+    return next((trigger for trigger in ("cancel", "request_cancel") if trigger in list_triggers(state)), None)
 
 
 def render_mermaid() -> str:
     """The statechart as a Mermaid diagram; each arrow carries its trigger and who may fire it."""
     lines = ["stateDiagram-v2", f"    [*] --> {SessionState.PENDING}: submit (agent, operator)"]
-    for row in SESSION_TRANSITIONS:
-        sides = ", ".join(side.value for side in row.by)
-        lines += [f"    {source} --> {row.dest}: {row.trigger} ({sides})" for source in row.sources]
+    lines += render_rows(SESSION_TRANSITIONS)
     lines += [f"    {state} --> [*]" for state in SessionState if state in FINAL_STATES]
     return "\n".join(lines) + "\n"

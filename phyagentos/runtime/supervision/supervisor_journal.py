@@ -79,10 +79,16 @@ class SupervisorJournal:
         status = self.ledger.sessions.get(session)
         return SessionState(status.state) if status is not None else SessionState.CANCELLED  # forgotten: long over
 
-    def open_claim(self, session: SessionId, epoch: int) -> tuple[Entry, ...]:
-        """The claim under this epoch, where it is still to be recorded."""
-        is_pending = self.get_state(session) is SessionState.PENDING
-        return (Entry(session, "claim", epoch=epoch - 1),) if is_pending else ()
+    def open_check(self, session: SessionId, epoch: int) -> tuple[Entry, ...]:
+        """The claim under this epoch and its check, as far as they are still to be recorded."""
+        state = self.get_state(session)
+        claim = (Entry(session, "claim", epoch=epoch - 1),) if state is SessionState.PENDING else ()
+        is_open = state in {SessionState.PENDING, SessionState.CLAIMED}
+        return (*claim, Entry(session, "check", epoch=epoch)) if is_open else ()
+
+    def open_halt(self, session: SessionId, epoch: int) -> tuple[Entry, ...]:
+        """The halt of a session that runs, as far as it is still to be recorded."""
+        return (Entry(session, "halt", epoch=epoch),) if self.get_state(session) is SessionState.RUNNING else ()
 
 
 def make_rejection(session: SessionId, *problems: Problem, epoch: int | None = None) -> Entry:

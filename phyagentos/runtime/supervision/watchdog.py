@@ -5,9 +5,10 @@ life of a session and never touches an observation or a command. One loop, no th
 waited for together.
 
 Only `start` waits for the disk before anything moves: no target is commanded on the strength of a record that a power
-cut could take back; meanwhile the worker makes ready what comes before the first command (`Prepare`). The `claim`
-stands in the same batch, unless the check takes long enough for a person to wonder; until then nothing has moved, and
-whoever else claims the session first simply has it. `finish` is covered by the verdict, which rests on it; after a
+cut could take back; meanwhile the worker makes ready what comes before the first command (`Prepare`). `claim`
+and `check` stand in the same batch, unless the check takes long enough for a person to wonder; until then nothing has
+moved, and another watchdog may claim the session first. `halt` stands in the batch of `finish`, unless the watchdog
+orders the stop. `finish` is covered by the verdict, which rests on it; after a
 power cut in between, the session is taken for running, and the world is observed anew.
 """
 
@@ -18,7 +19,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import Problem
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, IllegalTransition, SessionState
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Fenced, IllegalTransition, SessionState
 from phyagentos.protocol.sessions.session import Ended, Session, SessionId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.event_poller import EventPoller
@@ -32,7 +33,7 @@ from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal,
 from phyagentos.runtime.supervision.target_supervisor import FAILURES, REST_S, Lost, Phase, TargetSupervisor
 from phyagentos.runtime.supervision.workers import Worker, explain_failure
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorker, Prepare, Ready, Run, Stop
-from phyagentos.store.journal import Entry, Fenced, Journal, Record
+from phyagentos.store.journal import Entry, Journal, Record
 from phyagentos.store.watch import Watch
 
 POLL_S = 0.5  # limits, heartbeats and the signal folder are looked at this often when nothing happens
@@ -132,7 +133,8 @@ class Watchdog:
         for status in list(self._register.ledger.live_sessions()):
             session = status.contract
             if SessionState(status.state) in {*_HELD, SessionState.CANCELLING}:
-                self._register.commit(session.id, "lose", reason="the watchdog that held it is gone")
+                lost = make_entry(session.id, "lose", reason="the watchdog that held it is gone")
+                self._register.record(*self._register.open_check(session.id, status.epoch), lost)
             if self._register.get_state(session.id) is SessionState.OUTCOME_UNKNOWN:
                 post = self._get_post(session.target)
                 if post is not None:
@@ -238,7 +240,7 @@ class Watchdog:
             self._put_back(post, session)
         elif answer.plan is None:
             refused = make_rejection(id, *answer.problems, epoch=epoch)
-            self._register.record(*self._register.open_claim(session.id, post.epoch), refused)
+            self._register.record(*self._register.open_check(session.id, post.epoch), refused)
             self._free(post)
         else:
             self._launch(post, answer, epoch)
@@ -246,7 +248,7 @@ class Watchdog:
     def _launch(self, post: TargetSupervisor, checked: Checked, epoch: int) -> None:
         """Start a session that passed its check."""
         id = SessionId(checked.session)
-        start = (*self._register.open_claim(id, epoch), Entry(id, "start", checked.tell_grant(), epoch))
+        start = (*self._register.open_check(id, epoch), Entry(id, "start", checked.tell_grant(), epoch))
         self._register.record(*start, durable=False)
         post.session = self._register.ledger.sessions[id].contract  # limits may have been amended until the claim
         post.epoch, post.lost_targets = epoch, 0
@@ -275,7 +277,8 @@ class Watchdog:
         elif state is SessionState.OUTCOME_UNKNOWN:
             self._register.commit(session.id, "reconcile", post.epoch, execution=execution)
         elif state not in FINAL_STATES:
-            self._register.record(Entry(session.id, "finish", {"execution": execution}, post.epoch), durable=False)
+            finish = Entry(session.id, "finish", {"execution": execution}, post.epoch)
+            self._register.record(*self._register.open_halt(session.id, post.epoch), finish, durable=False)
         self._free(post)
         if answer.is_target_lost:
             self._replace(post)
@@ -307,7 +310,7 @@ class Watchdog:
         if session is not None and self._register.get_state(session.id) not in FINAL_STATES:
             if self._register.get_state(session.id) is not SessionState.OUTCOME_UNKNOWN:
                 self._register.record(
-                    *self._register.open_claim(session.id, post.epoch),
+                    *self._register.open_check(session.id, post.epoch),
                     make_entry(session.id, "lose", post.epoch, reason=reason),
                 )
             if post.lost is None or ended is Ended.TARGET_LOST:  # what was lost first is what it is told as
@@ -336,7 +339,7 @@ class Watchdog:
             session = post.session
             state = self._register.get_state(session.id) if session is not None else None
             if state is SessionState.PENDING and session is not None and now_s - post.since_s > CLAIM_AFTER_S:
-                self._register.try_commit(make_entry(session.id, "claim"), durable=False)
+                self._insist(partial(self._show_check, post, session))
             due = find_due(post, state, now_s)
             if due is not None:
                 self._insist(partial(self._take_measure, post, due))
@@ -349,17 +352,26 @@ class Watchdog:
         elif due.measure is Measure.REPLACE:
             self._replace(post)
         elif post.session is not None and due.measure is Measure.STOP:
+            halt = self._register.open_halt(post.session.id, post.epoch)
+            if halt:
+                self._register.record(*halt, durable=False)
             post.worker.send(Stop(session=post.session.id, reason=due.ended))
             post.stop_by_s = self._clock.now_s() + STOP_GRACE_S
         elif post.session is not None:
             self._refuse(post, post.session, Problem(code=due.code, address=str(post.session.id), found=due.reason))
+
+    def _show_check(self, post: TargetSupervisor, session: Session) -> None:
+        """Record that a session is being checked, as long as no other watchdog holds it."""
+        status = self._register.ledger.sessions.get(session.id)
+        if status is not None and status.state == SessionState.PENDING and status.epoch == post.epoch - 1:
+            self._register.record(*self._register.open_check(session.id, post.epoch), durable=False)
 
     def _refuse(self, post: TargetSupervisor, session: Session, problem: Problem) -> None:
         """Nothing was commanded, so there is nothing to look at."""
         post.worker.kill()
         if self._register.get_state(session.id) in _CHECKABLE:
             refused = make_rejection(session.id, problem, epoch=post.epoch)
-            self._register.record(*self._register.open_claim(session.id, post.epoch), refused)
+            self._register.record(*self._register.open_check(session.id, post.epoch), refused)
         self._free(post)
         self._replace(post)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, Side, compute_next_state, find_cancel
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, find_cancel
 from phyagentos.protocol.sessions.session import Amendment, Session, SessionId, SessionStatus, apply_amendment
 from phyagentos.store.admission import Entry
 
@@ -98,7 +98,6 @@ def plan_cancel(id: SessionId, reason: str, sessions: Mapping[SessionId, Session
     trigger = find_cancel(status.state)
     if trigger is None:
         raise Impossible(f"session {id} is {status.state}", "wait until its target was observed, then cancel")
-    compute_next_state(id, status.state, trigger, Side.OPERATOR)
     return Entry(id, trigger, {"reason": reason or "asked for by hand"})
 
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
+from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition, Side
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.admission import Entry, Fenced, IllegalEvent
+from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.edits.changes import Accepted, Impossible, Refused
 from phyagentos.store.edits.inbox import Inbox, plan_request
 from phyagentos.store.edits.merge import Merge, merge

@@ -48,7 +48,7 @@ _PLAIN = {
     GoalEvent.BUDGET_SPENT.value: "a replan was paid for",
     GoalEvent.GOAL_CANCELLED.value: "cancelled",
 }
-_SILENT = frozenset({"check", "verify"})
+_SILENT = frozenset({"check", "halt", "verify"})
 _NODE_ENDS = frozenset({GoalEvent.NODE_DONE.value, GoalEvent.NODE_BLOCKED.value})
 _CHILD_OF = GoalEvent.CHILD_OF.value
 

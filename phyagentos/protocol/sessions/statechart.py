@@ -1,0 +1,94 @@
+"""Statecharts as tables: the rows are the code, the documentation and the test model.
+
+Upstream: the session's lifecycle and the phases of a target. Downstream: `transitions`, which fires every event. The
+machine holds no model: each event is fired on a model of its own, so one machine serves every session and thread.
+Rejected: a dictionary compiled from the table, which leaves conditions to its callers.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Protocol
+
+
+class Model(Protocol):
+    """What an event is fired on; the machine changes its state."""
+
+    state: str
+
+
+Condition = Callable[[Any], bool]  # of the `EventData` of transitions
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row of a table: `trigger` leads from each of `sources` to `dest`.
+
+    Attributes:
+        by: Sides that may fire it; empty where only one process does.
+        when: Condition that must hold, by name; empty for none.
+    """
+
+    trigger: str
+    sources: tuple[StrEnum, ...]
+    dest: StrEnum
+    by: tuple[StrEnum, ...] = ()
+    when: str = ""
+
+
+class Statechart:
+    """A table, compiled by `transitions` without auto transitions.
+
+    Args:
+        states: In the order of the documentation.
+        rows: The table.
+        find_conditions: Conditions of a row; all must hold.
+        entered: Called with each `EventData` after its transition.
+    """
+
+    def __init__(
+        self,
+        states: type[StrEnum],
+        rows: Sequence[Row],
+        find_conditions: Callable[[Row], Sequence[Condition]],
+        entered: Callable[[Any], None] | None = None,
+    ) -> None:
+        from transitions import Machine, MachineError  # late: a process that only reads records needs no machine
+
+        self._refusal = MachineError
+        self.machine = Machine(
+            model=None,
+            states=[state.value for state in states],
+            transitions=[
+                {
+                    "trigger": row.trigger,
+                    "source": [source.value for source in row.sources],
+                    "dest": row.dest.value,
+                    "conditions": list(find_conditions(row)),
+                }
+                for row in rows
+            ],
+            initial=next(iter(states)).value,
+            after_state_change=entered,
+            auto_transitions=False,
+            send_event=True,
+            queued=False,
+        )
+
+    def fire(self, model: Model, trigger: str) -> bool:
+        """Fire one event; False when no row of the table allows it, and then the model stays as it was."""
+        event = self.machine.events.get(trigger)
+        try:
+            return event is not None and bool(event.trigger(model))
+        except self._refusal:
+            return False
+
+
+def render_rows(rows: Sequence[Row]) -> list[str]:
+    """The arrows of a Mermaid statechart; each carries its trigger, and who may fire it or when."""
+    arrows = []
+    for row in rows:
+        label = f" ({', '.join(row.by)})" if row.by else ""
+        label += f" [{row.when}]" if row.when else ""
+        arrows += [f"    {source} --> {row.dest}: {row.trigger}{label}" for source in row.sources]
+    return arrows
