@@ -20,7 +20,7 @@ from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.truth import TruthPerception
+from phyagentos.runtime.perception.true_world import TrueWorld
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -127,7 +127,7 @@ def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFi
         runner = SessionRunner(
             handle=handle,
             planner=planner,
-            perception=TruthPerception(robot.profile.target),
+            world=TrueWorld(robot.profile.target, handle),
             registry=build_registry(robot.library),
             library=robot.library,
             profile=robot.profile,

@@ -31,7 +31,8 @@ from phyagentos.runtime.channel import Channel, Link
 if TYPE_CHECKING:
     from phyagentos.runtime.actions.handle import TargetSessionHandle
     from phyagentos.runtime.perception.detection.detector import Detector
-    from phyagentos.runtime.perception.port import Perception
+    from phyagentos.runtime.perception.look import Eyes
+    from phyagentos.runtime.perception.world_model import WorldModel
     from phyagentos.runtime.preflight.settings import Settings
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
@@ -137,11 +138,11 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
-    perception = open_perception(workspace, target, profile, handle, settings)
+    world = open_world_model(workspace, target, profile, handle, settings)
     runner = SessionRunner(
         handle=handle,
         planner=planner,
-        perception=perception,
+        world=world,
         registry=registry,
         library=library,
         profile=profile,
@@ -161,7 +162,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         ),
     )
     oracle = RehearsalProcess(make_command(workspace.root, target))
-    gate = LookaheadGate(oracle=oracle, handle=handle, perception=perception, evidence=workspace.evidence)
+    gate = LookaheadGate(oracle=oracle, world=world, evidence=workspace.evidence)
     collect_rarely()
     if settings.contract.world_mode is WorldMode.REALTIME:
         ask_for_precedence()
@@ -171,14 +172,14 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         examiner=Examiner(
             preflight=Preflight(skills=skills, profile=profile, settings=settings, ask_policy=ask_policy),
             handle=handle,
-            perception=perception,
+            world=world,
             planner=planner,
             library=library,
             registry=registry,
             clock=clock,
         ),
         runner=runner,
-        perception=perception,
+        world=world,
         heartbeat=HeartbeatWriter(workspace.heartbeats, target, clock),
         workspace=workspace,
         clock=clock,
@@ -188,20 +189,20 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     planner.close()
 
 
-def open_perception(
-    workspace: Workspace, target: str, profile: TargetProfile, handle: "TargetSessionHandle", settings: "Settings"
-) -> "Perception":
-    """The pipeline that perception.yaml chooses; what has no model cannot be told from the things in a picture."""
-    from phyagentos.runtime.perception.truth import TruthPerception
+def open_world_model(
+    workspace: Workspace, target: str, profile: TargetProfile, handle: "Eyes", settings: "Settings"
+) -> "WorldModel":
+    """What perception.yaml chooses; what has no model cannot be told from the things in a picture."""
+    from phyagentos.runtime.perception.true_world import TrueWorld
 
     if settings.perception.sensing is Sensing.TRUTH or not profile.model:
-        return TruthPerception(target)
-    from phyagentos.runtime.perception.embedded import EmbeddedPerception
+        return TrueWorld(target, handle)
+    from phyagentos.runtime.perception.perceived_world import PerceivedWorld
     from phyagentos.runtime.perception.robot_mask import RobotMask
 
     library = workspace.library()
     cameras = settings.sensors.cameras.items()
-    return EmbeddedPerception(
+    return PerceivedWorld(
         target,
         handle,
         library,

@@ -211,7 +211,7 @@ def examine(
             skills=skills, profile=profile, settings=settings, kinds=case.kinds, ask_policy=_make_server(skills, case)
         ),
         handle=RecordedHandle(live),  # type: ignore[arg-type]
-        perception=RecordedPerception(world),
+        world=RecordedWorld(world),
         planner=planner or NoPlanner(),
         library=workspace.library(),
         registry=build_registry(workspace.library()),
@@ -247,13 +247,16 @@ class RecordedHandle:
         return None
 
 
-class RecordedPerception:
+class RecordedWorld:
     """Believes what was recorded."""
 
     def __init__(self, world: Environment) -> None:
         self._world = world
 
-    def perceive(self, observation: object, scene: object) -> Environment:
+    def enter(self, scene: object) -> None:
+        """One scene was recorded."""
+
+    def observe(self, need: object) -> Environment:
         return self._world
 
 

@@ -7,6 +7,7 @@ A test compares the files with the simulator. Upstream: `MujocoDriver`. Downstre
 
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 
@@ -44,10 +45,12 @@ def get_file(scene: str) -> Path:
 
 def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recorded:
     """Ask a simulated world, as the world process would hold it."""
+
     from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
     from phyagentos.runtime.models.robot import read_profile
-    from phyagentos.runtime.perception.truth import TruthPerception
+    from phyagentos.runtime.perception.true_world import TrueWorld
+    from phyagentos.runtime.perception.world_model import WORLD
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
 
@@ -61,8 +64,9 @@ def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recor
         world.close()
     assert isinstance(description, wire.Description), description
     assert isinstance(observation, wire.Observation), observation
-    where = Scene(name=scene, seed=seed, episode=EPISODE)
-    return Recorded(description=description, environment=TruthPerception(target).perceive(observation, where))
+    truth = TrueWorld(target, SimpleNamespace(latest=None, observe=lambda: observation))
+    truth.enter(Scene(name=scene, seed=seed, episode=EPISODE))
+    return Recorded(description=description, environment=truth.observe(WORLD))
 
 
 def main() -> None:

@@ -25,7 +25,7 @@ from phyagentos.runtime.motion.requests import (
     Timing,
     Trajectory,
 )
-from phyagentos.runtime.perception.truth import TruthPerception
+from phyagentos.runtime.perception.true_world import TrueWorld
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.worker.runner import SessionRunner
 
@@ -301,7 +301,7 @@ class Bench:
         self.runner = SessionRunner(
             handle=self.handle,
             planner=planner,
-            perception=TruthPerception("panda"),
+            world=TrueWorld("panda", self.handle),
             registry=registry,
             library=library,
             profile=profile,

@@ -54,7 +54,7 @@ class Employed:
             handle=bench.handle,
             examiner=Grants(),
             runner=bench.runner,
-            perception=bench.runner._perception,
+            world=bench.runner._world,
             heartbeat=HeartbeatWriter(workspace.heartbeats, "panda", self.clock),
             workspace=workspace,
             clock=self.clock,

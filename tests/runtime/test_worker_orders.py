@@ -61,13 +61,13 @@ class Steps:
     def permit(self, operations) -> None:
         """Nothing is forbidden."""
 
-    def perceive(self, *_, **__):
-        raise ExecutionError("TARGET_LOST", "nobody looks")
+    def enter(self, scene) -> None:
+        pass
 
     def load(self, scene, **_) -> None:
         self.time_s = 7.0
 
-    def observe(self):
+    def observe(self, *_):
         if self.time_s is None:
             raise ExecutionError("TARGET_LOST", "nobody looks")
         return SimpleNamespace(time_s=self.time_s)
@@ -93,7 +93,7 @@ class Place:
             handle=self.steps,
             examiner=self.steps,
             runner=self.steps,
-            perception=self.steps,
+            world=self.steps,
             heartbeat=HeartbeatWriter(workspace.heartbeats, "panda", SystemClock()),
             workspace=workspace,
             clock=SystemClock(),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
+from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class ChooseNearest(Leaf):
@@ -14,7 +15,7 @@ class ChooseNearest(Leaf):
     OUTPUT_PORTS = {"object": PortInformation(str, description="Its name.")}
 
     def on_start(self) -> Status:
-        environment = self.context.environment()
+        environment = self.context.world.observe(BELIEF)
         tool = environment.targets[self.context.session.target].tcp.position_m
         found = [
             (math.dist(tool, thing.pose.position_m), thing.name)

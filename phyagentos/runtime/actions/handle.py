@@ -145,7 +145,7 @@ class TargetSessionHandle:
         )
         return observation
 
-    def believe(self, world: Environment) -> None:
+    def guard_against(self, world: Environment) -> None:
         """From now on the guard holds commanded postures against what stands fixed in this world."""
         if self._collision is not None:
             self._collision.update(world.entities.values(), np.asarray(self.step.target.q_rad, dtype=np.float64))
@@ -155,6 +155,11 @@ class TargetSessionHandle:
         """The world after the latest command of this session."""
         if self._step is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
+        return self._step
+
+    @property
+    def latest(self) -> wire.Step | None:
+        """As `step`; None where no session has begun."""
         return self._step
 
     @property

@@ -11,6 +11,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import Leaf
+from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class SimulatedTimeout(Decorator):
@@ -58,7 +59,7 @@ class Condition(Leaf):
         """Substitute, parse, evaluate."""
         target = self.context.session.target
         text = substitute(self._text, self._read_keys())
-        view = View(now=self.context.environment(), initial=self.context.situation.initial, target=target)
+        view = View(now=self.context.world.observe(BELIEF), initial=self.context.initial, target=target)
         evaluation = parse_predicate(text).evaluate(view)
         if evaluation.truth is Truth.TRUE:
             return self.succeed(text)

@@ -5,8 +5,10 @@ every report of the target is looked at, which holds the greatest force since th
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 from phyagentos.protocol.sessions.evidence import HOLDS
+from phyagentos.protocol.sessions.looks import LookRole
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import (
@@ -19,10 +21,20 @@ from phyagentos.protocol.world.predicates.predicate import (
     worse,
 )
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.runtime.perception.look import Look
+from phyagentos.runtime.perception.world_model import BELIEF, WORLD, Need
 from phyagentos.runtime.targets.wire import Step
 
 SAMPLE_PERIODS = 5  # control periods between samples, where nobody says
 PEAK_FORCE = "peak_force_n"
+
+
+@dataclass(frozen=True, slots=True)
+class HoldSample:
+    """What one sample was perceived from, and what the target had measured by then."""
+
+    look: Look
+    metrics: dict[str, float]
 
 
 class HoldMonitor:
@@ -35,7 +47,8 @@ class HoldMonitor:
         every: Control periods from one sample to the next.
 
     Attributes:
-        names: Of the things and places that the conditions are about.
+        need: What a sample has to show.
+        samples: What the worst sample and the first unknown one of each condition were perceived from.
     """
 
     def __init__(self, texts: Sequence[str], initial: Environment, target: str, every: int = SAMPLE_PERIODS) -> None:
@@ -45,32 +58,41 @@ class HoldMonitor:
         self._seen = tuple(each for each in self._predicates if each not in self._felt)
         self._initial = initial
         self._target = target
-        self.names = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
+        names = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
+        self.need = Need(things=names) if names else WORLD
         self._peaks: dict[str, float] = {}
         self._worst: dict[str, tuple[Evaluation, float]] = {}
+        self.samples: dict[tuple[str, LookRole], HoldSample] = {}
 
     def is_due(self, tick: int) -> bool:
         """Whether the sample of this command tick is to be taken."""
         return bool(self._seen) and tick % self._every == 0
 
-    def feel(self, step: Step, recall: Callable[[], Environment]) -> Criterion | None:
+    def feel(self, step: Step, observe: Callable[[Need], Environment]) -> Criterion | None:
         """Take in the contact force of a report; returns the first condition on it that is false.
 
         Args:
             step: The report.
-            recall: The present world as it is believed; asked only when the force is greater than ever.
+            observe: The present world; asked only when the force is greater than ever.
         """
         force_n = step.contact_force_n
         if not self._predicates or force_n is None or force_n <= self._peaks.get(PEAK_FORCE, -1.0):
             return None
         self._peaks[PEAK_FORCE] = force_n
-        return self._evaluate(self._felt, recall()) if self._felt else None
+        return self._evaluate(self._felt, observe(BELIEF)) if self._felt else None
 
-    def sample(self, now: Environment) -> Criterion | None:
-        """Evaluate what can be seen; returns the first that is false."""
-        return self._evaluate(self._seen, now)
+    def sample(self, now: Environment, look: Look | None = None) -> Criterion | None:
+        """Evaluate what can be seen; returns the first that is false.
 
-    def _evaluate(self, predicates: Iterable[tuple[str, Predicate]], now: Environment) -> Criterion | None:
+        Args:
+            now: The present world, observed with `need`.
+            look: What it was perceived from; None where nothing is perceived.
+        """
+        return self._evaluate(self._seen, now, look)
+
+    def _evaluate(
+        self, predicates: Iterable[tuple[str, Predicate]], now: Environment, look: Look | None = None
+    ) -> Criterion | None:
         violated: Criterion | None = None
         view = View(now=now, initial=self._initial, target=self._target, metrics=self._peaks)
         for text, predicate in predicates:
@@ -78,9 +100,16 @@ class HoldMonitor:
             before = self._worst.get(text)
             if before is None or worse(before[0], evaluation) is evaluation:
                 self._worst[text] = (evaluation, now.time_s)
+                self._keep(text, LookRole.WORST, look)
+            if evaluation.truth is Truth.UNKNOWN and (text, LookRole.UNKNOWN) not in self.samples:
+                self._keep(text, LookRole.UNKNOWN, look)
             if evaluation.truth is Truth.FALSE and violated is None:
                 violated = _to_criterion(text, evaluation, now.time_s)
         return violated
+
+    def _keep(self, text: str, role: LookRole, look: Look | None) -> None:
+        if look is not None:
+            self.samples[text, role] = HoldSample(look, dict(self._peaks))
 
     def read_worst(self) -> tuple[Criterion, ...]:
         """The worst sample of each, in the order of the contract.
@@ -88,7 +117,7 @@ class HoldMonitor:
         Of a session that ended before the first sample was due, the snapshot before it is the whole course.
         """
         if not self._worst:
-            self.sample(self._initial)
+            self._evaluate(self._seen, self._initial)
         return tuple(_to_criterion(text, *self._worst[text]) for text, _ in self._predicates if text in self._worst)
 
 

@@ -138,13 +138,13 @@ class SessionLoop:
             context.note(
                 "intervention", each.code, where=each.where, row=each.row, before=each.before, after=each.after
             )
-        context.situation.advance(step)
+        context.world.advance(step)
         self.ticks += 1
         for observer in self._observers:
             observer.on_step(points, step)
-        violated = self._holds.feel(step, context.situation.environment)
+        violated = self._holds.feel(step, context.world.observe)
         if violated is None and self._holds.is_due(self.ticks):
-            violated = self._holds.sample(context.situation.glance(self._holds.names))
+            violated = self._holds.sample(context.world.observe(self._holds.need), context.world.latest_look)
         self.ms["apply"] += 1e3 * (applied_s - began_s)
         self.ms["record"] += 1e3 * (now_s() - applied_s)
         if violated is None:

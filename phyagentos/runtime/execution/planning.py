@@ -10,6 +10,7 @@ from phyagentos.runtime.execution.leaf import Leaf, Status
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
 from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
+from phyagentos.runtime.perception.world_model import BELIEF
 
 MOVED = ("object", "drawer")  # parameters that name what a skill moves; elsewhere contents are in the way
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
@@ -63,7 +64,7 @@ class PlanningLeaf(Leaf):
 
     def world(self) -> World:
         """The believed world, as the planner takes it: what is in a vessel that is moved goes with it, no obstacle."""
-        environment = self.context.environment()
+        environment = self.context.world.observe(BELIEF)
         entities, parameters = environment.entities.values(), self.context.session.parameters
         moved = {parameters.get(name) for name in MOVED}
         vessels = [each for each in entities if each.interior is not None and (each.held_by or each.name in moved)]

@@ -11,9 +11,8 @@ from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.lookahead.process import LOOKAHEAD_FAILED, ForecastService, Rehearse
-from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 
 LOOKAHEAD_LOW = "LOOKAHEAD_LOW"
 
@@ -23,15 +22,12 @@ class LookaheadGate:
 
     Args:
         oracle: Answers.
-        handle: To the target; nothing but observing is asked of it.
-        perception: Makes the estimate.
+        world: Makes the estimate.
         evidence: Folder of all bundles.
     """
 
-    def __init__(
-        self, *, oracle: ForecastService, handle: TargetSessionHandle, perception: Perception, evidence: Path
-    ) -> None:
-        self._oracle, self._handle, self._perception = oracle, handle, perception
+    def __init__(self, *, oracle: ForecastService, world: WorldModel, evidence: Path) -> None:
+        self._oracle, self._world = oracle, world
         self._evidence = evidence
         self._result: LookaheadResult | None = None
 
@@ -51,7 +47,8 @@ class LookaheadGate:
             expected = "a skill that is a tree, on a target with a model"
             return (Problem(code=LOOKAHEAD_FAILED, address=address, found=repr(session.skill), expected=expected),)
         try:
-            estimate = self._perception.perceive(self._handle.observe(), session.scene)
+            self._world.enter(session.scene)
+            estimate = self._world.observe(WORLD)
             question = Rehearse(session=session, request=session.lookahead, tree=tree, environment=estimate)
             result = self._oracle.ask(question, should_stop)
         except ExecutionError as error:

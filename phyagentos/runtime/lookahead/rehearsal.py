@@ -31,12 +31,12 @@ from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.lookahead.estimate import Array, ImaginedWorld, believe_scene, settle_estimate
 from phyagentos.runtime.motion.process import Planner
-from phyagentos.runtime.perception.truth import TruthPerception
-from phyagentos.runtime.perception.world_model import WorldModel
+from phyagentos.runtime.perception.true_world import TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
-from phyagentos.runtime.targets.wire import FaultStruck, Observation
+from phyagentos.runtime.targets.wire import FaultStruck
 
 STATE_STEPS = 25  # between two states on tape
 REST_S = 0.3  # as a session is observed: released things come to rest within this; simulated time
@@ -126,7 +126,7 @@ class Stage:
         self.handle.load(self.scene)
         self.start = settle_estimate(self.physics, environment, profile)
         self._snapshot = world.snapshot().data
-        self._perception = TruthPerception(profile.target)
+        self.world = TrueWorld(profile.target, self.handle)
 
     @property
     def physics(self) -> Physics:
@@ -142,14 +142,10 @@ class Stage:
         """Back to the estimate."""
         self.handle.load(self.scene, self._snapshot)
 
-    @property
-    def senses(self) -> WorldModel:
-        """What a rehearsed session may ask about the imagined world."""
-        return WorldModel(self.handle, self._perception, self.scene)
-
-    def perceive(self, observation: Observation | None = None) -> Environment:
+    def observe(self) -> Environment:
         """The imagined world as it is now; its truth is a belief already."""
-        return self._perception.perceive(observation or self.handle.observe(), self.scene)
+        self.world.enter(self.scene)
+        return self.world.observe(WORLD)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -189,17 +185,16 @@ class Rehearser:
         """Carry out a session's tree on a stage, from the estimate on."""
         stage.reset()
         handle = stage.handle
-        observation = handle.begin(session.id, stage.open_epoch())
-        initial = stage.perceive(observation)
+        handle.begin(session.id, stage.open_epoch())
+        initial = stage.observe()
         context = open_context(
             session,
             profile=self.profile,
             limits=self.limits,
             description=handle.describe(),
             planner=self.planner,
-            step=handle.step,
             initial=initial,
-            senses=stage.senses,
+            world=stage.world,
         )
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
         tape = self._get_tape()

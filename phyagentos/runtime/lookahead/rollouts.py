@@ -104,7 +104,7 @@ def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Course:
 
 def _look(state: Array, stage: Stage) -> Environment:
     mujoco.mj_setState(stage.physics.model, stage.physics.data, state, _FULL)
-    return stage.perceive()
+    return stage.observe()
 
 
 def find_cause(course: Course, nominal: Course, rehearsal: Rehearsal) -> str:

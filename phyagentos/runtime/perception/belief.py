@@ -1,6 +1,6 @@
 """From one set of frames and the belief before it to the belief after it: the core of the pipeline, a pure function.
 
-Upstream: `embedded` (live), or whoever senses recorded frames again. Downstream: everything that reads an Environment.
+Upstream: `pipeline`. Downstream: everything that reads an Environment.
 Fixed things are looked for near their nominal places, held things follow the hand, the others are found by colour and
 form. What is not found is hidden where its place cannot be seen, and gone where its place is seen and empty.
 """
@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping
 import msgspec
 import numpy as np
 
+from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.association import Match, associate
 from phyagentos.runtime.perception.drawers import place_drawers
@@ -218,7 +219,8 @@ def _point_at(eye: CameraView, seen: Cloud, index: int) -> str:
     """Where a thing is in one picture."""
     pixels = seen.pixels[seen.eyes == index]
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
-    return f"{eye.camera}@{eye.time_s:.3f}:{left},{top},{right - left + 1},{bottom - top + 1}"
+    box = (eye.origin_px[0] + left, eye.origin_px[1] + top, right - left + 1, bottom - top + 1)
+    return format_pointer(eye.camera, eye.time_s, box)
 
 
 def _miss(thing: ObjectModel, entity: Entity, eyes: tuple[CameraView, ...]) -> Entity:

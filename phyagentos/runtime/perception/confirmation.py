@@ -8,6 +8,7 @@ fit (`fitting`) leave the pose where it is.
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.fitting import FREE, refine
 from phyagentos.runtime.perception.inventory import ObjectModel
@@ -98,7 +99,7 @@ def _point_at(
     left, top = round(cx - frame.cx * every), round(cy - frame.cy * every)
     u, v = int(columns.min()), int(rows.min())
     width, height = every * (int(columns.max()) - u + 1), every * (int(rows.max()) - v + 1)
-    return f"{frame.camera}@{frame.time_s:.3f}:{left + every * u},{top + every * v},{width},{height}"
+    return format_pointer(frame.camera, frame.time_s, (left + every * u, top + every * v, width, height))
 
 
 def _has_color(labels: NDArray[np.uint8], colors: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -1,10 +1,10 @@
 """The embedded pipeline as a function: frames, the robot's own state and the belief before give the belief after.
 
-Upstream: `embedded` in a live session, and whoever senses the frames of a recorded state again. No learned weights:
-colour, form, geometry. Paper section 4.1.
+Upstream: `perceived_world`, live or from recorded looks. No learned weights: colour, form, geometry. Paper section 4.1.
 """
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 
 import msgspec
 
@@ -19,7 +19,7 @@ from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.sensor_health import assess
-from phyagentos.runtime.perception.views import Segmenter, look
+from phyagentos.runtime.perception.views import CameraView, Segmenter, look
 from phyagentos.runtime.targets.wire import Frames
 
 MAX_AGE_S = 0.3  # of a frame: its latency, and half a dozen lost ones
@@ -81,6 +81,7 @@ class Pipeline:
         robots = tuple(self._robot.pose(find_state(each.time_s) if find_state else state) for each in believed)
         try:
             eyes, cloud = look(believed, self.inventory, self._segmenter, robots)
+            eyes = tuple(_place_crop(eye, known) for eye in eyes) if focus else eyes
         except ExecutionError as error:  # of a detector: what nobody has segmented nobody has seen
             blind = {"status": "unread", "detail": str(error)}
             health = {name: msgspec.structs.replace(each, **blind) for name, each in health.items()}
@@ -154,3 +155,11 @@ class Pipeline:
         """The target's state with what it holds as perceived: what its fingers touch is not told by touch."""
         held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
         return msgspec.structs.replace(state, holding=held)
+
+
+def _place_crop(eye: CameraView, before: Environment | None) -> CameraView:
+    """A view that says where in the whole picture its crop begins, by the middle of the latest whole picture."""
+    health = before.sensors.get(eye.camera) if before is not None else None
+    if health is None:
+        return eye
+    return replace(eye, origin_px=(round(health.focal_px[2] - eye.focal[2]), round(health.focal_px[3] - eye.focal[3])))

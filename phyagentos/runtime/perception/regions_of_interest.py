@@ -1,6 +1,6 @@
 """Which part of which picture shows a thing: so that a hold condition costs a glance and not a look around.
 
-Upstream: the belief and where the cameras stood at the last look. Downstream: `embedded`, which asks for these windows.
+Upstream: the belief and where the cameras stood at the last look. Downstream: `perceived_world`, which asks for them.
 """
 
 from collections.abc import Iterable, Mapping
@@ -40,20 +40,20 @@ class Extrinsics:
         )
 
 
-def find_windows(
+def find_regions_of_interest(
     names: Iterable[str],
     entities: Mapping[str, Entity],
     inventory: Inventory,
-    stands: Mapping[str, Extrinsics],
+    cameras: Mapping[str, Extrinsics],
     most: int,
 ) -> dict[str, Crop]:
-    """A window around all these things in each of the cameras that saw them best.
+    """One region around all these things in each of the cameras that saw them best.
 
     Args:
         names: Of things.
         entities: Where they are believed.
         inventory: Of the scene.
-        stands: Cameras that may be asked.
+        cameras: Those that may be asked.
         most: How many cameras a thing is worth.
     """
     boxes: dict[str, list[tuple[float, float, float, float]]] = {}
@@ -61,22 +61,22 @@ def find_windows(
         entity, thing = entities.get(name), inventory.things.get(name)
         if entity is None or thing is None:
             continue
-        for camera in _rank(entity, stands)[:most]:
-            box = _project(entity, thing.diameter_m / 2 * MARGIN, thing.solids.center_m, stands[camera])
+        for camera in _rank(entity, cameras)[:most]:
+            box = _project(entity, thing.diameter_m / 2 * MARGIN, thing.solids.center_m, cameras[camera])
             if box is not None:
                 boxes.setdefault(camera, []).append(box)
-    windows = {camera: _bound(found, stands[camera]) for camera, found in boxes.items()}
-    return {camera: window for camera, window in windows.items() if window is not None}
+    regions = {camera: _bound(found, cameras[camera]) for camera, found in boxes.items()}
+    return {camera: region for camera, region in regions.items() if region is not None}
 
 
 def is_overlapping(one: Crop, other: Crop) -> bool:
-    """Whether two windows of one picture have pixels in common."""
+    """Whether two regions of one picture have pixels in common."""
     return all(one[axis] < other[axis] + other[axis + 2] and other[axis] < one[axis] + one[axis + 2] for axis in (0, 1))
 
 
-def _rank(entity: Entity, stands: Mapping[str, Extrinsics]) -> list[str]:
+def _rank(entity: Entity, cameras: Mapping[str, Extrinsics]) -> list[str]:
     """Cameras by how large the thing was in their pictures; those that never saw it last."""
-    areas = dict.fromkeys(stands, 0)
+    areas = dict.fromkeys(cameras, 0)
     for pointer in entity.evidence:
         camera, _, rest = pointer.partition("@")
         if camera in areas:
@@ -86,19 +86,19 @@ def _rank(entity: Entity, stands: Mapping[str, Extrinsics]) -> list[str]:
 
 
 def _project(
-    entity: Entity, radius_m: float, center: Array, stand: Extrinsics
+    entity: Entity, radius_m: float, center: Array, camera: Extrinsics
 ) -> tuple[float, float, float, float] | None:
     middle = compute_rotation(entity.pose.quaternion_wxyz) @ center + np.array(entity.pose.position_m)
-    x, y, z = (stand.rotation.T @ (middle - stand.position_m)).tolist()
+    x, y, z = (camera.rotation.T @ (middle - camera.position_m)).tolist()
     if z < 2 * radius_m:
         return None
-    fx, fy, cx, cy = stand.focal
+    fx, fy, cx, cy = camera.focal
     u, v = x / z * fx + cx, y / z * fy + cy
     return u - radius_m / z * fx, v - radius_m / z * fy, u + radius_m / z * fx, v + radius_m / z * fy
 
 
-def _bound(boxes: list[tuple[float, float, float, float]], stand: Extrinsics) -> Crop | None:
+def _bound(boxes: list[tuple[float, float, float, float]], camera: Extrinsics) -> Crop | None:
     left, top = max(0, int(min(box[0] for box in boxes))), max(0, int(min(box[1] for box in boxes)))
-    right = min(stand.width, int(max(box[2] for box in boxes)) + 2)
-    bottom = min(stand.height, int(max(box[3] for box in boxes)) + 2)
+    right = min(camera.width, int(max(box[2] for box in boxes)) + 2)
+    bottom = min(camera.height, int(max(box[3] for box in boxes)) + 2)
     return (left, top, right - left, bottom - top) if right - left > 2 and bottom - top > 2 else None

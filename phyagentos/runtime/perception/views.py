@@ -38,6 +38,7 @@ class CameraView:
         position_m: (3,) of the camera.
         rotation: (3, 3) `world_T_camera`.
         focal: (fx, fy, cx, cy) [pixels].
+        origin_px: Column and row of the whole picture at which the frame begins.
         nearest_m: (h, w) least depth around each pixel; infinite where nothing was measured.
         farthest_m: (h, w) greatest depth around each pixel; infinite where nothing was measured.
     """
@@ -49,6 +50,7 @@ class CameraView:
     focal: tuple[float, float, float, float]
     nearest_m: NDArray[np.float32]
     farthest_m: NDArray[np.float32]
+    origin_px: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,39 +1,133 @@
-"""What one session asks of perception, in the words that its leaves use.
+"""The world as one target perceives it, and the one verb that asks for it: `observe`, with what is needed.
 
-Upstream: the runner, which builds it. Downstream: the handle for observations, a pipeline for what they mean.
+Upstream: preflight, runner, leaves, hold conditions. Downstream: the handle for steps, observations and frames. What
+was answered stays valid until a command is carried out: the world is looked at once a step at most.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.looks import get_picture
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.perception.look import Eyes, Look
 from phyagentos.runtime.targets.wire import Step
 
 
 @dataclass(frozen=True, slots=True)
-class WorldModel:
-    """A pipeline and a handle, for one scene."""
+class Need:
+    """What an answer about the world has to contain.
 
-    handle: TargetSessionHandle
-    perception: Perception
-    scene: Scene
+    Attributes:
+        everything: The whole scene, looked at now.
+        things: These things, looked at now.
+        only_hand: Only what the gripper holds; entities may be missing.
+    """
 
-    def note(self, step: Step) -> None:
-        """Told of every step."""
-        self.perception.note(step.time_s, step.target)
+    everything: bool = False
+    things: frozenset[str] = frozenset()
+    only_hand: bool = False
 
-    def recall(self) -> Environment:
-        """What is believed."""
-        return self.perception.recall(self.handle.observe(), self.scene)
+    @property
+    def is_look(self) -> bool:
+        """Whether anything has to be looked at."""
+        return self.everything or bool(self.things)
 
-    def look(self, names: Collection[str]) -> Environment:
-        """Observe and perceive these things, everything when none is named."""
-        told = self.handle.step if names and not self.perception.needs_observation else self.handle.observe()
-        return self.perception.perceive(told, self.scene, names)
 
-    def find_held(self, step: Step) -> tuple[str, ...]:
-        """Names of the things between the fingers."""
-        return self.perception.find_held(step.target, step.time_s)
+WORLD = Need(everything=True)
+BELIEF = Need()
+"""What is believed now: what is held has moved with the hand, nothing is looked at anew."""
+HAND = Need(only_hand=True)
+
+
+class WorldModel(ABC):
+    """Perception of one target.
+
+    Args:
+        target: Name of the target.
+        handle: Gives steps, observations and frames.
+
+    Attributes:
+        looks: The looks at everything since `enter`, after the latest one before it; empty where nothing is perceived.
+        latest_look: The latest look, at everything or at some things.
+    """
+
+    def __init__(self, target: str, handle: Eyes) -> None:
+        self._target, self._handle = target, handle
+        self._current_scene: Scene | None = None
+        self._step: Step | None = None
+        self._present: Environment | None = None
+        self._is_looked_at = False
+        self.looks: list[Look] = []
+        self.latest_look: Look | None = None
+        self._pictures: dict[str, list[Look]] = {}  # camera@time -> looks that hold that picture
+
+    def enter(self, scene: Scene) -> None:
+        """Observe this scene from now on; of earlier looks only the latest is kept."""
+        self._current_scene, self._present, self._step = scene, None, self._handle.latest
+        del self.looks[:-1]
+
+    def observe(self, need: Need) -> Environment:
+        """The present world, with at least what is needed.
+
+        Raises:
+            ExecutionError: `NO_SCENE` before `enter`; `TARGET_LOST`.
+        """
+        if self._present is None or (need.is_look and not self._is_looked_at):
+            answer = self._answer(need)
+            if need.only_hand:
+                return answer
+            self._present, self._is_looked_at = answer, need.everything
+        return self._present
+
+    @property
+    def step(self) -> Step:
+        """The latest step of the session that has authority, or had it last."""
+        return self._step or self._handle.step
+
+    def advance(self, step: Step) -> None:
+        """A command was carried out: the present is past."""
+        self._step, self._present = step, None
+
+    def restore(self, belief: Environment, looks: Collection[Look] = ()) -> None:
+        """Continue from a recorded belief.
+
+        Args:
+            belief: As it was recorded.
+            looks: What it was perceived from, where that was kept.
+        """
+        self._present, self.looks, self._pictures = None, [], {}
+        for look in looks:
+            self._keep(look, belief)
+
+    def find_looks(self, world: Environment) -> list[Look]:
+        """The looks in which what this world's entities point at can be seen, as far as they are known."""
+        pointers = {pointer for entity in world.entities.values() for pointer in entity.evidence}
+        found: dict[int, Look] = {}
+        for pointer in sorted(pointers):
+            looks = reversed(self._pictures.get(get_picture(pointer), []))
+            if look := next((look for look in looks if look.shows(pointer)), None):
+                found[id(look)] = look
+        return list(found.values())
+
+    def _keep(self, look: Look, belief: Environment) -> None:
+        """Remember a look; of earlier pictures, those at which the belief still points."""
+        self.latest_look = look
+        for picture in look.iter_pictures():
+            self._pictures.setdefault(picture, []).append(look)
+        if not look.things:
+            self.looks.append(look)
+            pointed = {get_picture(each) for entity in belief.entities.values() for each in entity.evidence}
+            self._pictures = {name: looks for name, looks in self._pictures.items() if name in pointed}
+
+    @property
+    def _scene(self) -> Scene:
+        if self._current_scene is None:
+            raise ExecutionError("NO_SCENE", "no scene is observed; call enter() first")
+        return self._current_scene
+
+    @abstractmethod
+    def _answer(self, need: Need) -> Environment:
+        """The world at this moment, with at least what is needed."""

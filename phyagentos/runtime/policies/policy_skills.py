@@ -61,7 +61,7 @@ class Policies:
                 sensors=self.sensors,
                 handle=self.handle,
                 late_max_s=self.late_max_s,
-                health=context.situation.initial.sensors,
+                health=context.initial.sensors,
             ),
             client=PolicyClient(skill.policy.endpoint, session.limits.policy_s),
             is_realtime=self.is_realtime,

@@ -18,7 +18,7 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.motion.process import Planner
-from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 from phyagentos.runtime.preflight.compatibility import Preflight, locate
 from phyagentos.runtime.preflight.dry_run import ANSWER_S, SHARE, DryRun, Grasp, find_motions, make_trial_problem
@@ -54,7 +54,7 @@ class Examiner:
     Attributes:
         preflight: The documents.
         handle: To the target.
-        perception: Looks at the world.
+        world: Looks at the world.
         planner: Idle between sessions.
         library: Where trees and scenes are.
         registry: Where leaves are.
@@ -63,7 +63,7 @@ class Examiner:
 
     preflight: Preflight
     handle: TargetSessionHandle
-    perception: Perception
+    world: WorldModel
     planner: Planner
     library: Library
     registry: LeafRegistry
@@ -120,7 +120,8 @@ class Examiner:
         """Problems of the world as it stands, and the dry run in it."""
         is_first = session.scene.episode != self._episode and not is_repeated
         self._episode = session.scene.episode
-        now = self.perception.perceive(self.handle.observe(), session.scene)
+        self.world.enter(session.scene)
+        now = self.world.observe(WORLD)
         problems = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
         if not thorough and not (is_first and session.attempt == 0):
             return problems, ()

@@ -30,8 +30,7 @@ from phyagentos.runtime.execution.open_criteria import find_undecided
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
-from phyagentos.runtime.perception.port import Perception
-from phyagentos.runtime.perception.world_model import WorldModel
+from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 from phyagentos.runtime.policies.policy_skills import Policies
 from phyagentos.runtime.targets.wire import FaultStruck, Step
 from phyagentos.runtime.worker.recorder import Contract, Recorder
@@ -96,7 +95,7 @@ class SessionRunner:
     Args:
         handle: The door to the target; the session's scene is loaded already.
         planner: Answers motion requests; stays warm between sessions.
-        perception: Turns observations into snapshots.
+        world: Perceives what the target observes.
         registry: Leaves for trees.
         library: Where trees are found.
         profile: The target.
@@ -114,7 +113,7 @@ class SessionRunner:
         *,
         handle: TargetSessionHandle,
         planner: "Planner",
-        perception: Perception,
+        world: WorldModel,
         registry: LeafRegistry,
         library: Library,
         profile: TargetProfile,
@@ -129,7 +128,7 @@ class SessionRunner:
         self._handle = handle
         self._sample_every = max(1, round(1.0 / (sampling_hz * profile.control_period_s)))
         self._planner = planner
-        self._perception = perception
+        self._world = world
         self._registry = registry
         self._library = library
         self._profile = profile
@@ -215,6 +214,7 @@ class SessionRunner:
         self._handle.begin(session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
+        self._world.enter(session.scene)
         outcome = Outcome(ended=ended, code=code or ended.upper(), message=reason)
         return self._close_unmoved(session, outcome, recorder, evidence)
 
@@ -224,8 +224,9 @@ class SessionRunner:
         """Take authority, observe, record, build the skill."""
         handle = self._handle
         observation = handle.begin(session.id, epoch)
-        initial = self._perception.perceive(observation, session.scene)
-        handle.believe(initial)
+        self._world.enter(session.scene)
+        initial = self._world.observe(WORLD)
+        handle.guard_against(initial)
         self._provide_model(session, recorder)
         recorder.write_initial(observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
@@ -235,9 +236,8 @@ class SessionRunner:
             limits=self._limits,
             description=handle.describe(),
             planner=self._planner,
-            step=handle.step,
             initial=initial,
-            senses=WorldModel(handle, self._perception, session.scene),
+            world=self._world,
         )
         skill = self._make_skill(session, plan, context)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
@@ -272,7 +272,7 @@ class SessionRunner:
             run.recorder.on_rest(self._handle.halt())
             settled = self._handle.settle(SETTLE_S)
             run.recorder.on_rest(settled)
-            run.context.situation.advance(settled)
+            run.context.world.advance(settled)
         except ExecutionError as error:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         return None
@@ -310,10 +310,10 @@ class SessionRunner:
     ) -> tuple[FaultStruck, ...]:
         """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
         observation = self._handle.observe(snapshot=True)
-        after = self._perception.perceive(observation, session.scene)
+        after = self._world.observe(WORLD)
         recorder.write_terminal(observation, after)
         if holds is not None:
-            holds.sample(after)
+            holds.sample(after, self._world.latest_look)
         self._undecided = find_undecided(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults

@@ -25,7 +25,7 @@ from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandl
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.execution.loop import LEASE_LOST
 from phyagentos.runtime.lookahead.gate import LookaheadGate
-from phyagentos.runtime.perception.port import Perception
+from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
 from phyagentos.runtime.worker.orders import (
@@ -73,7 +73,7 @@ class WorkerLoop:
         handle: To the world.
         examiner: Checks sessions.
         runner: Carries them out.
-        perception: Looks at the world for ENVIRONMENT.md.
+        world: Looks at the world for ENVIRONMENT.md.
         heartbeat: Says what is going on.
         workspace: Where ENVIRONMENT.md is published.
         clock: For the rate of publishing.
@@ -87,7 +87,7 @@ class WorkerLoop:
         handle: TargetSessionHandle,
         examiner: Examiner,
         runner: SessionRunner,
-        perception: Perception,
+        world: WorldModel,
         heartbeat: HeartbeatWriter,
         workspace: Workspace,
         clock: Clock,
@@ -97,7 +97,7 @@ class WorkerLoop:
         self._handle = handle
         self._examiner = examiner
         self._runner = runner
-        self._perception = perception
+        self._world = world
         self._heartbeat = heartbeat
         self._workspace = workspace
         self._sealer = Sealer(workspace.evidence)
@@ -164,7 +164,7 @@ class WorkerLoop:
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
         if belief := _read_belief(order.restore):
-            self._perception.restore(belief)
+            self._world.restore(belief)
         found = self._examiner.examine(
             session, snapshot=_read_snapshot(order.restore), thorough=order.thorough, may_reset=order.may_reset
         )
@@ -236,8 +236,8 @@ class WorkerLoop:
             return
         self._unpublished, self._published_at_s = None, now_s
         with contextlib.suppress(ExecutionError):
-            environment = self._perception.perceive(self._handle.observe(), scene)
-            publish(self._workspace.environment, render_environment(environment))
+            self._world.enter(scene)
+            publish(self._workspace.environment, render_environment(self._world.observe(WORLD)))
 
     def _seal(self, evidence: str) -> None:
         """Record the hashes of a bundle, once nobody waits for it; what fails here is done by the next clean-up."""
@@ -285,7 +285,7 @@ class WorkerLoop:
         with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
             belief = _read_belief(str(self._workspace.root / order.evidence / BEFORE))
         if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
-            self._perception.restore(belief)
+            self._world.restore(belief)
 
     def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
         """Under an epoch that the target has not seen yet: whoever was observing before may have been lost too."""

@@ -55,7 +55,7 @@ def feel(monitor, *forces_n):
     for number, force_n in enumerate(forces_n):
         time_s = 0.02 * number
         step = Step(time_s=time_s, target=state, tracking_error_rad=0.0, contact_force_n=force_n)
-        if violated := monitor.feel(step, lambda time_s=time_s: build_world(time_s, 0.0)):
+        if violated := monitor.feel(step, lambda _, time_s=time_s: build_world(time_s, 0.0)):
             return violated
     return None
 

@@ -26,7 +26,8 @@ from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.truth import TruthPerception
+from phyagentos.runtime.perception.true_world import TrueWorld
+from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
@@ -57,7 +58,9 @@ def environment(library, profile, limits):
     handle = TargetSessionHandle(Loopback(ServedTarget(driver, ReceiveLog(None))), limits, sees_truth=True)
     scene = Scene(name=WAITER, seed=SEED, episode="e")
     handle.load(scene)
-    return TruthPerception("panda").perceive(handle.observe(), scene)
+    truth = TrueWorld("panda", handle)
+    truth.enter(scene)
+    return truth.observe(WORLD)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +162,7 @@ def test_the_imagined_world_is_the_same_whatever_the_true_one_weighs(library, en
     assert coins[0] == coins[1]
     assert (coins[0].mass_kg, coins[0].grip) == pytest.approx((0.055, 0.09))
     stage.reset()
-    imagined = stage.perceive().entities["coin"].pose.position_m
+    imagined = stage.observe().entities["coin"].pose.position_m
     assert np.allclose(imagined, environment.entities["coin"].pose.position_m, atol=5e-4)
 
 
@@ -236,7 +239,7 @@ def test_a_coin_that_is_seen_on_its_rim_and_within_the_coaster_is_believed_to_li
     rim = msgspec.structs.replace(coin, pose=Pose((x, y, z - 0.003), (0.70710678, 0.70710678, 0.0, 0.0)))
     seen = msgspec.structs.replace(environment, entities={**environment.entities, "coin": rim})
 
-    believed = rehearser.open_stage(seen).perceive().entities["coin"].pose
+    believed = rehearser.open_stage(seen).observe().entities["coin"].pose
 
     assert np.allclose(believed.position_m, coin.pose.position_m, atol=1e-3)
     assert abs(Rotation.from_quat(np.roll(believed.quaternion_wxyz, -1)).apply((0.0, 0.0, 1.0))[2]) > 0.999

@@ -26,10 +26,10 @@ class Oracle:
 
 
 class Eye:
-    def observe(self):
-        return None
+    def enter(self, scene):
+        pass
 
-    def perceive(self, observation, scene, focus=()):
+    def observe(self, need):
         return WORLD
 
 
@@ -48,7 +48,7 @@ def careful(build_session):
 def open_gate(tmp_path):
     def open_gate(answer):
         eye = Eye()
-        return LookaheadGate(oracle=Oracle(answer), handle=eye, perception=eye, evidence=tmp_path)
+        return LookaheadGate(oracle=Oracle(answer), world=eye, evidence=tmp_path)
 
     return open_gate
 

@@ -15,7 +15,8 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.wire import Frames
+from phyagentos.runtime.perception.world_model import WORLD, Need
+from phyagentos.runtime.targets.wire import Frames, Step
 
 SCENE = """
 scene: test/twins
@@ -119,6 +120,13 @@ class Stage:
         """(3,) where a thing really is."""
         self.physics.look()
         return np.array(self.physics.seen.xpos[self.physics.model.body(name).id])
+
+
+def observe_now(world, stage, things=(), state=None):
+    """What is perceived of a stage at its present time."""
+    world._handle.latest = Step(time_s=stage.time_s, target=state or stage.state, tracking_error_rad=0.0)
+    world.enter(stage.scene)
+    return world.observe(Need(things=frozenset(things)) if things else WORLD)
 
 
 def redate(frames, time_s):

@@ -11,10 +11,10 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.confirmation import confirm, is_settled
-from phyagentos.runtime.perception.embedded import EmbeddedPerception
+from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.wire import Frames, Step
-from tests.runtime.perception.conftest import Stage
+from phyagentos.runtime.targets.wire import Frames
+from tests.runtime.perception.conftest import Stage, observe_now
 
 pytestmark = pytest.mark.sim
 GLANCE_S = 0.1
@@ -24,7 +24,7 @@ class CountingHandle:
     """Gives what the cameras of a stage show, and keeps what was asked for: how thinned, and how many pixels came."""
 
     def __init__(self, stage):
-        self.stage, self.asked, self.looks = stage, [], 0
+        self.stage, self.asked, self.looks, self.latest = stage, [], 0, None
 
     def capture(self, cameras=(), crops=None, every=1):
         stage, crops = self.stage, crops or {}
@@ -49,24 +49,23 @@ def looked(stage, twins_library):
     """What watches the stage, and what it believes after three looks around."""
     profile, folder = read_profile(twins_library.get_target("panda"))
     handle = CountingHandle(stage)
-    perception = EmbeddedPerception("panda", handle, twins_library, RobotMask(profile, folder))
+    world = PerceivedWorld("panda", handle, twins_library, RobotMask(profile, folder))
 
     def glance(*names):
         stage.time_s += GLANCE_S
-        told = Step(time_s=stage.time_s, target=stage.state, tracking_error_rad=0.0)
-        return perception.perceive(told, stage.scene, names)
+        return observe_now(world, stage, names)
 
     for _ in range(3):
         belief = glance()
-    return perception, handle, glance, belief, (stage.time_s, stage.physics.data.qpos.copy())
+    return world, handle, glance, belief, (stage.time_s, stage.physics.data.qpos.copy())
 
 
 @pytest.fixture
 def watched(stage, looked):
     """The stage as it was after these looks, its handle, and a glance at a thing."""
-    perception, handle, glance, belief, (stage.time_s, qpos) = looked
+    world, handle, glance, belief, (stage.time_s, qpos) = looked
     stage.physics.data.qpos[:] = qpos
-    perception.restore(belief)
+    world.restore(belief)
     handle.asked.clear()
     return stage, handle, glance
 

@@ -9,10 +9,12 @@ import pytest
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
 from phyagentos.runtime.models.robot import read_profile
-from phyagentos.runtime.perception.embedded import PULSE_S, EmbeddedPerception
+from phyagentos.runtime.perception.perceived_world import PULSE_S, PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.sensor_health import assess, feel_pulses, find_pulses
-from phyagentos.runtime.targets.wire import Frame, Frames, Observation
+from phyagentos.runtime.perception.world_model import HAND
+from phyagentos.runtime.targets.wire import Frame, Frames, Observation, Step
+from tests.runtime.perception.conftest import observe_now
 
 
 def expose(seed, time_s, crop=None):
@@ -80,7 +82,7 @@ class FreezingHandle:
     """Gives what the cameras of a stage show; from a moment on what they showed then, noise and all, newly stamped."""
 
     def __init__(self, stage):
-        self.stage, self.frozen_qpos, self.asked = stage, None, []
+        self.stage, self.frozen_qpos, self.asked, self.latest = stage, None, [], None
 
     def freeze(self):
         self.frozen_qpos = self.stage.physics.data.qpos.copy()
@@ -124,13 +126,12 @@ def observe(stage):
 def test_pictures_taken_after_the_observation_are_believed_where_time_goes_on_by_itself(twins, twins_library, lag_s):
     profile, folder = read_profile(twins_library.get_target("panda"))
     handle = LaggingHandle(twins, lag_s)
-    perception = EmbeddedPerception("panda", handle, twins_library, RobotMask(profile, folder))
-    belief = perception.perceive(observe(twins), twins.scene)
+    world = PerceivedWorld("panda", handle, twins_library, RobotMask(profile, folder))
+    belief = observe_now(world, twins)
     assert {health.status for health in belief.sensors.values()} == {"live"}
     assert belief.time_s == belief.entities["can"].observed_at_s == twins.time_s - lag_s
-    glanced = perception.perceive(
-        msgspec.structs.replace(observe(twins), time_s=twins.time_s + 0.1), twins.scene, ("can",)
-    )
+    twins.time_s += 0.1
+    glanced = observe_now(world, twins, ("can",))
     assert glanced.entities["can"].observed_at_s > belief.time_s
 
 
@@ -138,24 +139,26 @@ def test_pictures_taken_after_the_observation_are_believed_where_time_goes_on_by
 def test_a_restored_belief_is_felt_though_nothing_has_been_looked_at_since(twins, twins_library):
     profile, folder = read_profile(twins_library.get_target("panda"))
     first, second = (
-        EmbeddedPerception("panda", FreezingHandle(twins), twins_library, RobotMask(profile, folder)) for _ in range(2)
+        PerceivedWorld("panda", FreezingHandle(twins), twins_library, RobotMask(profile, folder)) for _ in range(2)
     )
-    belief = first.perceive(observe(twins), twins.scene)
+    belief = observe_now(first, twins)
     second.restore(belief)
-    assert second.perceive(observe(twins), twins.scene).revision == belief.revision
+    assert observe_now(second, twins).revision == belief.revision
     can = Pose(belief.entities["can"].pose.position_m, (0.0, 1.0, 0.0, 0.0))
     gripping = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, fingers_touching=2)
-    assert second.find_held(gripping, twins.time_s) == ("can",)
+    second._handle.latest = Step(time_s=twins.time_s, target=gripping, tracking_error_rad=0.0)
+    second.advance(second._handle.latest)
+    assert second.observe(HAND).targets["panda"].holding == ("can",)
 
 
 @pytest.mark.sim
 def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_meanwhile(twins, twins_library):
     profile, folder = read_profile(twins_library.get_target("panda"))
     handle = FreezingHandle(twins)
-    perception = EmbeddedPerception("panda", handle, twins_library, RobotMask(profile, folder))
+    world = PerceivedWorld("panda", handle, twins_library, RobotMask(profile, folder))
 
-    def perceive(*focus):
-        return perception.perceive(observe(twins), twins.scene, focus)
+    def perceive(*things):
+        return observe_now(world, twins, things)
 
     seen = perceive().entities["can"]
     handle.freeze()
@@ -163,7 +166,7 @@ def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_mea
     frozen_s = twins.time_s
     for _ in range(round(2.5 * PULSE_S / 0.02)):
         twins.time_s += 0.02
-        perception.note(twins.time_s, twins.state)
+        world.advance(Step(time_s=twins.time_s, target=twins.state, tracking_error_rad=0.0))
     belief = perceive()
     asked = len(handle.asked)
     glanced = perceive("can")

@@ -13,7 +13,7 @@ from phyagentos.protocol.world.environment import Environment, Pose
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
-from phyagentos.runtime.perception.embedded import EmbeddedPerception
+from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -53,7 +53,7 @@ def run_session(build_bench, build_session, library, profile):
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
         world = ServedTarget(kind(profile, folder, library, sensors=sensors), ReceiveLog(None))
         bench = build_bench(target=world, planner=LocalPlanner(planner), clock=SystemClock())
-        bench.runner._perception = EmbeddedPerception(
+        bench.runner._world = PerceivedWorld(
             "panda", bench.handle, library, RobotMask(profile, folder), moving=("wrist",)
         )
         session = build_session(

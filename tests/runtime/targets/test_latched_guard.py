@@ -68,7 +68,7 @@ def test_a_posture_that_reaches_into_what_stands_fixed_is_refused_by_the_guard_o
     shape = Shape(kind=ShapeKind.BOX, size_m=(0.3, 0.02, 0.4))
     wall = Entity(name="screen", kind="wall", pose=Pose((0.45, 0.3, 0.45)), shapes=(shape,), movable=False)
     scene = {"scene": "s", "episode": "e", "revision": 1, "sensing": "perceived"}
-    handle.believe(Environment(time_s=0.0, entities={"screen": wall}, **scene))
+    handle.guard_against(Environment(time_s=0.0, entities={"screen": wall}, **scene))
     with pytest.raises(CommandRefused) as refused:
         swing(handle, start, periods=75)
     assert (refused.value.by, refused.value.violation.code) == ("guard", "COLLISION")

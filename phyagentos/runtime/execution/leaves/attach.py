@@ -4,6 +4,7 @@ from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
 from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose
 from phyagentos.runtime.motion.requests import Payload
+from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class Attach(Leaf):
@@ -15,7 +16,7 @@ class Attach(Leaf):
     def on_start(self) -> Status:
         """Measure once."""
         name = self.read("object")
-        environment = self.context.environment()
+        environment = self.context.world.observe(BELIEF)
         entity = environment.entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)

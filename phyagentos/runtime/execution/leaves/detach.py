@@ -2,6 +2,7 @@
 
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class Detach(Leaf):
@@ -17,7 +18,7 @@ class Detach(Leaf):
         name = self.read("object")
         if self.context.is_holding(name):
             return self.fail(FailureCode.STILL_HELD, f"{name} is still between the fingers", object=name)
-        entity = self.context.environment().entities.get(name)
+        entity = self.context.world.observe(BELIEF).entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
         self.write("site", entity.pose.position_m)

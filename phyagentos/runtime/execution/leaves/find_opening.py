@@ -6,6 +6,7 @@ from phyagentos.protocol.world.environment import Entity, Mechanism
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
 from phyagentos.runtime.motion.poses import Array, compute_matrix, compute_pose
+from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class FindOpening(Leaf):
@@ -25,7 +26,7 @@ class FindOpening(Leaf):
 
     def on_start(self) -> Status:
         """Compute once."""
-        entities = self.context.environment().entities
+        entities = self.context.world.observe(BELIEF).entities
         found: list[Entity] = []
         for name in (self.read("object"), self.read("part")):
             entity = entities.get(name)

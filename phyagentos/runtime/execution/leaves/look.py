@@ -3,6 +3,7 @@
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.perception.world_model import WORLD
 
 
 class Look(Leaf):
@@ -30,7 +31,7 @@ class Look(Leaf):
             self.context.commands.hold()
             return Status.RUNNING
         name = self.read("object")
-        entity = self.context.look().entities.get(name)
+        entity = self.context.world.observe(WORLD).entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
         if not entity.visible:

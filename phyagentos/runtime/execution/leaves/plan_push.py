@@ -8,6 +8,7 @@ from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.poses import Array, compute_matrix, compute_pose, point_tool_down, raise_pose
 from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionAnswer, MotionRequest, NoPlan
+from phyagentos.runtime.perception.world_model import BELIEF
 
 FINGER_HALF_M = 0.009  # half thickness of the closed fingers in the direction of a push
 STAND_OFF_M = 0.03  # gap between fingers and object before the push
@@ -39,7 +40,7 @@ class PlanPush(PlanningLeaf):
     def compose(self) -> MotionRequest | Status:
         """Waypoints of the tool, from the object's pose and the goal."""
         name = self.read("object")
-        entity = self.context.environment().entities.get(name)
+        entity = self.context.world.observe(BELIEF).entities.get(name)
         if entity is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
         goal = np.asarray(self.read("to"), dtype=np.float64)

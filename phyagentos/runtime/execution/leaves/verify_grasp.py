@@ -2,6 +2,7 @@
 
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.perception.world_model import HAND
 
 
 class VerifyGrasp(Leaf):
@@ -19,7 +20,7 @@ class VerifyGrasp(Leaf):
         """Judge the latest step."""
         name = self.read("object")
         step = self.context.step
-        held = self.context.situation.find_held()
+        held = self.context.world.observe(HAND).targets[self.context.session.target].holding
         if name in held:
             return self.succeed("", object=name, width_m=step.target.gripper_width_m)
         code = FailureCode.GRASP_MISSED if self.read("after") == "close" else FailureCode.GRASP_LOST

@@ -1,0 +1,167 @@
+"""What perception looked at, as the evidence bundle holds it: pictures, depths, belief before, the robot's state.
+
+Upstream: the recorder. Downstream: `paos evidence verify`, `paos verify --from-frames`, the judge of pictures. A look
+is one zip file `look-<hash>.zip`, readable without this package: a PNG and an array of depths for each picture, and
+`look.json`, which says what they are. `looks.json` names the looks of a session and what each was for.
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.environment import Environment, Pose, TargetState
+
+LOOKS = "looks.json"  # list of LookEntry
+LOOK = "look.json"  # within a look's file: StoredLook
+PREFIX = "look-"
+TIME_TOLERANCE_S = 0.00051  # pointers tell times to the millisecond
+
+Window = tuple[int, int, int, int]
+"""Left, top, width, height [pixels] of a camera's whole picture."""
+Moment = tuple[float, TargetState]
+
+
+class LookRole(StrEnum):
+    """What a look was for."""
+
+    START = "start"
+    """The world before the first command."""
+    LOOK = "look"
+    """A skill looked at everything."""
+    END = "end"
+    """The world at rest after the last command."""
+    WORST = "worst"
+    """The worst sample of a hold condition."""
+    UNKNOWN = "unknown"
+    """The first sample of a hold condition that was unknown."""
+    POINTED = "pointed"
+    """A snapshot points at one of its pictures."""
+
+
+class LookEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One look of a session.
+
+    Attributes:
+        file: Its file in the bundle.
+        sha256: Of that file.
+        role: What it was for.
+        time_s: When it was asked for, the target's time [s].
+        text: The hold condition of a sample.
+        metrics: What the target had measured by then, for a hold condition that asks for it.
+    """
+
+    file: str
+    sha256: str
+    role: LookRole
+    time_s: float
+    text: str = ""
+    metrics: dict[str, float] = {}
+
+
+class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """One picture with depth; pixel (u, v) with depth z lies at z * ((u - cx) / fx, (v - cy) / fy, 1).
+
+    Attributes:
+        time_s: The moment that the sensor claims to show [s].
+        window: Pixels of the whole picture that it shows.
+        world_T_camera: OpenCV's convention: z forward, x right, y down.
+        picture: Name of the PNG, 8 bits RGB.
+        depth: Name of the `.npy`, float32 (height, width) along z; NaN where nothing was measured.
+    """
+
+    camera: str
+    time_s: float
+    width: int
+    height: int
+    window: Window
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_T_camera: Pose
+    picture: str
+    depth: str
+
+
+class StoredCapture(msgspec.Struct, frozen=True, kw_only=True):
+    """What was asked of the cameras at once, and what they gave.
+
+    Attributes:
+        cameras: Names, empty for all.
+        crops: Windows that were asked for, by camera.
+        every: Of so many rows and columns one was read out.
+        missing: A code for each camera that gave nothing.
+    """
+
+    cameras: tuple[str, ...] = ()
+    crops: dict[str, Window] = {}
+    every: int = 1
+    frames: tuple[StoredFrame, ...] = ()
+    missing: dict[str, str] = {}
+
+
+class StoredLook(msgspec.Struct, frozen=True, kw_only=True):
+    """`look.json`: everything beside the pixels that perception went by. It draws nothing at random.
+
+    Attributes:
+        phy: Format of this file.
+        scene: Name, seed and episode.
+        before: The belief before the look; None at first.
+        things: What was looked at; empty for everything.
+        now: Time [s] and the target's state when the look was asked for.
+        moments: Later times and states that were read while it went on.
+        states: Earlier times and states that frames were matched with.
+    """
+
+    phy: str = "look/1"
+    target: str
+    scene: Scene
+    before: Environment | None
+    things: tuple[str, ...]
+    now: Moment
+    captures: tuple[StoredCapture, ...]
+    moments: tuple[Moment, ...] = ()
+    states: tuple[Moment, ...] = ()
+
+    def shows(self, pointer: str) -> bool:
+        """Whether a picture of this look holds the pixels that an entity points at."""
+        return any(
+            covers(pointer, frame.camera, frame.time_s, frame.window, capture.every)
+            for capture in self.captures
+            for frame in capture.frames
+        )
+
+
+def format_picture(camera: str, time_s: float) -> str:
+    """`camera@time`: the first part of a pointer."""
+    return f"{camera}@{time_s:.3f}"
+
+
+def get_picture(pointer: str) -> str:
+    """The picture that a pointer points into, as `format_picture` names it."""
+    return pointer.partition(":")[0]
+
+
+def format_pointer(camera: str, time_s: float, box: Window) -> str:
+    """Where a thing was seen: `camera@time:left,top,width,height`, in pixels of the whole picture."""
+    return f"{format_picture(camera, time_s)}:{','.join(map(str, box))}"
+
+
+def covers(pointer: str, camera: str, time_s: float, window: Window, every: int = 1) -> bool:
+    """Whether a picture holds all pixels of a pointer; a thinned one, as far as its rows and columns reach."""
+    picture, _, box = pointer.partition(":")
+    name, _, at = picture.partition("@")
+    try:
+        left, top, width, height = (int(part) for part in box.split(","))
+        is_same = name == camera and abs(float(at) - time_s) < TIME_TOLERANCE_S
+    except ValueError:
+        return False
+    slack = every - 1
+    return (
+        is_same
+        and window[0] - slack <= left
+        and window[1] - slack <= top
+        and left + width <= window[0] + window[2] + slack
+        and top + height <= window[1] + window[3] + slack
+    )

@@ -1,0 +1,110 @@
+"""Everything that one look at the world went by, so that it can be perceived again.
+
+Upstream: `perceived_world`, which takes a record while it looks. Downstream: the recorder, and the pipeline itself,
+which answers from a record what it answered from the cameras.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.looks import covers, format_picture
+from phyagentos.protocol.sessions.session import Scene
+from phyagentos.protocol.world.environment import Environment, TargetState
+from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames, Observation, Step
+
+Moment = tuple[float, TargetState]
+"""A time [s], and what the target said of itself then."""
+
+
+class Eyes(Protocol):
+    """What perception reads: the target's own state, and its cameras."""
+
+    @property
+    def latest(self) -> Step | None:
+        """The latest step of the session that has authority; None where there is no session."""
+        ...
+
+    @property
+    def step(self) -> Step:
+        """As `latest`; raises ExecutionError where there is no session."""
+        ...
+
+    def observe(self) -> Observation | Step:
+        """Everything that is sensed now."""
+        ...
+
+    def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
+        """The latest frames of these cameras, all of them when none is named."""
+        ...
+
+
+@dataclass(slots=True, kw_only=True)
+class Look:
+    """One look: the state before it and what was read during it, in the order of reading.
+
+    Attributes:
+        target: Whose cameras looked.
+        scene: Name, seed and episode.
+        before: The belief before; None at first.
+        things: What was looked at; empty for everything.
+        now: Time [s] and the target's state when the look was asked for.
+        captures: What was asked of the cameras, and what they gave.
+        moments: Later times [s] and states that were read while the look went on (realtime).
+        states: Earlier times [s] and states that frames were matched with.
+    """
+
+    target: str
+    scene: Scene
+    before: Environment | None
+    things: frozenset[str]
+    now: Moment
+    captures: list[tuple[Capture, Frames]] = field(default_factory=list)
+    moments: list[Moment] = field(default_factory=list)
+    states: list[Moment] = field(default_factory=list)
+
+    def iter_pictures(self) -> Iterator[str]:
+        """Each picture of this look as `camera@time`, as entities point at it."""
+        for _, frames in self.captures:
+            yield from (format_picture(frame.camera, frame.time_s) for frame in frames.frames)
+
+    def shows(self, pointer: str) -> bool:
+        """Whether a picture of this look holds the pixels that an entity points at."""
+        return any(
+            covers(pointer, frame.camera, frame.time_s, get_window(asked, frame), asked.every)
+            for asked, frames in self.captures
+            for frame in frames.frames
+        )
+
+
+class RecordedEyes:
+    """Answers what a target answered during one look; stands in for the handle when that look is perceived again."""
+
+    def __init__(self, look: Look) -> None:
+        self.latest = self.step = _make_step(look.now)
+        self._captures, self._moments = iter(look.captures), iter(look.moments)
+
+    def observe(self) -> Step:
+        """The next later moment; raises ExecutionError when there is none."""
+        moment = next(self._moments, None)
+        if moment is None:
+            raise ExecutionError("LOOK_DIFFERS", "perception now reads the target's state once more than it did then")
+        return _make_step(moment)
+
+    def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
+        """The frames that came then; raises ExecutionError where others are asked for now."""
+        asked = Capture(cameras=cameras, crops=crops or {}, every=every)
+        then, frames = next(self._captures, (None, Frames(())))
+        if then != asked:
+            raise ExecutionError("LOOK_DIFFERS", f"perception now asks for {asked}; then it asked for {then}")
+        return frames
+
+
+def get_window(asked: Capture, frame: Frame) -> Crop:
+    """Which pixels of the camera's whole picture a frame shows."""
+    return asked.crops.get(frame.camera, (0, 0, frame.width, frame.height))
+
+
+def _make_step(now: Moment) -> Step:
+    return Step(time_s=now[0], target=now[1], tracking_error_rad=0.0)

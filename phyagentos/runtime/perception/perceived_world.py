@@ -1,0 +1,254 @@
+"""The world as cameras show it: asks them when it is observed, and keeps the belief of one target.
+
+Upstream: `world_model`. Downstream: `pipeline`, and the handle for frames. A question at a moment that was looked at
+already is answered from memory: in lockstep time stands between two sessions, and so does the picture.
+"""
+
+from collections import deque
+from collections.abc import Collection
+
+import msgspec
+from typing_extensions import override
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.environment import Environment, Status, TargetState
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.perception.confirmation import is_settled
+from phyagentos.runtime.perception.detection.detector import Detector
+from phyagentos.runtime.perception.detection.segmentation import DetectorSegmenter
+from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.look import Eyes, Look, Moment, RecordedEyes
+from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
+from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_regions_of_interest, is_overlapping
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.sensor_health import AHEAD_S, feel_pulses, find_pulses
+from phyagentos.runtime.perception.world_model import Need, WorldModel
+from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Step
+
+SAME_S = 1e-9
+STATES_KEPT = 32  # control periods: longer than any latency
+GLANCE_CAMERAS = 1
+LARGE_PX = 1200  # a window of so many pixels shows enough
+THINNED = 3  # of whose rows and columns one is read out
+PULSE_S = 0.5  # between two proofs that the cameras live: a frozen one is believed for twice this at most
+MEMORY = 8  # scenes whose inventory is kept
+
+
+class PerceivedWorld(WorldModel):
+    """Perceives with cameras (`sensing: perceived`).
+
+    Args:
+        target: Name of the target.
+        handle: Gives frames.
+        library: Where scenes are found.
+        robot: Its solids.
+        moving: Cameras that the robot carries.
+        max_age_s: Older frames tell nothing of now.
+        detector: Tells things apart instead of their colours.
+        noisy: Whether the sensors declare noise, so that no picture comes twice.
+    """
+
+    def __init__(
+        self,
+        target: str,
+        handle: Eyes,
+        library: Library,
+        robot: RobotMask,
+        moving: Collection[str] = (),
+        max_age_s: float = MAX_AGE_S,
+        detector: Detector | None = None,
+        *,
+        noisy: bool = True,
+    ) -> None:
+        super().__init__(target, handle)
+        self._noisy = noisy
+        self._detector = detector
+        self._library, self._robot = library, robot
+        self._moving, self._max_age_s = frozenset(moving), max_age_s
+        self._pipelines: dict[str, Pipeline] = {}
+        self._belief: Environment | None = None
+        self._states: deque[Moment] = deque(maxlen=STATES_KEPT)
+        self._look: Look | None = None  # that goes on
+
+    @override
+    def advance(self, step: Step) -> None:
+        super().advance(step)
+        self._note((step.time_s, step.target))
+
+    @override
+    def restore(self, belief: Environment, looks: Collection[Look] = ()) -> None:
+        super().restore(belief, looks)
+        self._belief = belief if belief.sensing == "perceived" else None
+        self._states.clear()
+
+    def repeat(self, look: Look) -> Environment:
+        """The world as it was perceived in an earlier look, perceived again from what was read then.
+
+        Raises:
+            ExecutionError: `LOOK_DIFFERS` where perception, as it is now, wants to read something else.
+        """
+        self._handle = RecordedEyes(look)
+        self._belief = look.before
+        self._states = deque(sorted(look.states, key=lambda each: each[0]), maxlen=STATES_KEPT)
+        self.enter(look.scene)
+        return self._answer(Need(everything=not look.things, things=look.things))
+
+    @override
+    def _answer(self, need: Need) -> Environment:
+        told = self._handle.latest or self._handle.observe()
+        now, before = (told.time_s, told.target), self._take()
+        if before is not None and not need.is_look:
+            self._belief = self._get_pipeline().recall(before, now[1], now[0])
+            return self._belief
+        if before is not None and abs(before.looked_at_s - now[0]) < SAME_S:  # looked at already
+            self._note(now)
+            self.latest_look = self.looks[-1] if self.looks else None
+            return before
+        things = frozenset() if before is None else need.things
+        known = list(self._states)[-1:]
+        self._look = Look(target=self._target, scene=self._scene, before=before, things=things, now=now, states=known)
+        try:
+            self._belief = self._perceive(now, things)
+            self._keep(self._look, self._belief)
+        finally:
+            self._look = None
+        return self._belief
+
+    def _perceive(self, now: Moment, things: Collection[str]) -> Environment:
+        self._note(now)
+        before, pipeline = self._belief, self._get_pipeline()
+        if things and before is not None:
+            return self._perceive_things(pipeline, before, now, things)
+        before = self._feel_pulses(now[0], 0.0)
+        frames = self._capture()
+        now = self._catch_up(frames, now)
+        return pipeline.sense(frames, now[1], self._scene, now[0], before, find_state=self._find_state)
+
+    def _perceive_things(
+        self, pipeline: Pipeline, before: Environment, now: Moment, things: Collection[str]
+    ) -> Environment:
+        """Look at some things only, where they should be, in the camera that saw them best."""
+        carried = pipeline.recall(before, now[1], now[0])
+        loose = [
+            name
+            for name in sorted(things)
+            if (entity := carried.entities.get(name)) is not None
+            and entity.movable
+            and entity.status is not Status.HELD
+        ]
+        hidden = any(carried.entities[name].status is not Status.SEEN for name in loose)
+        cameras = {
+            camera: place
+            for camera, health in before.sensors.items()
+            if camera not in self._moving
+            and health.status != "frozen"
+            and (place := Extrinsics.find(health)) is not None
+        }
+        most = len(cameras) if hidden else GLANCE_CAMERAS
+        regions = find_regions_of_interest(loose, carried.entities, pipeline.inventory, cameras, most)
+        if not regions:
+            return carried
+        confirmed = self._confirm(pipeline, carried, now, loose, regions)
+        if confirmed is not None:
+            return confirmed
+        frames = self._capture(tuple(regions), regions)
+        now = self._catch_up(frames, now)
+        return pipeline.sense(
+            frames, now[1], self._scene, now[0], carried, focus=frozenset(loose), find_state=self._find_state
+        )
+
+    def _confirm(
+        self,
+        pipeline: Pipeline,
+        carried: Environment,
+        now: Moment,
+        loose: Collection[str],
+        regions: dict[str, Crop],
+    ) -> Environment | None:
+        """The belief, when a few pixels are enough to see that these things are where they were."""
+        entities, things = carried.entities, pipeline.inventory.things
+        if not pipeline.can_confirm or not all(is_settled(entities[name], things.get(name)) for name in loose):
+            return None
+        held = [name for name, entity in entities.items() if entity.status is Status.HELD and name in things]
+        cameras = {
+            camera: place for camera in regions if (place := Extrinsics.find(carried.sensors[camera])) is not None
+        }
+        hands = find_regions_of_interest(held, entities, pipeline.inventory, cameras, len(cameras))
+        if any(is_overlapping(regions[camera], hand) for camera, hand in hands.items()):
+            return None  # what the hand holds is looked at as well
+        area = min(width * height for _, _, width, height in regions.values())
+        frames = self._capture(tuple(regions), regions, THINNED if area >= LARGE_PX else 1)
+        later = self._catch_up(frames, now)
+        if later is not now:
+            carried = pipeline.recall(carried, later[1], later[0])
+        return pipeline.confirm(frames, later[1], later[0], carried, loose)
+
+    def _capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
+        """Frames, of which the look that goes on keeps a record."""
+        request = Capture(cameras=cameras, crops=crops or {}, every=every)
+        frames = self._handle.capture(request.cameras, request.crops, request.every)
+        if self._look is not None:
+            self._look.captures.append((request, frames))
+        return frames
+
+    def _catch_up(self, frames: Frames, now: Moment) -> Moment:
+        """The moment that frames belong to: a newer one where time went on before they were taken (realtime)."""
+        if all(frame.time_s <= now[0] + AHEAD_S for frame in frames.frames):
+            return now
+        told = self._handle.observe()
+        later = (told.time_s, told.target)
+        if self._look is not None:
+            self._look.moments.append(later)
+        self._note(later)
+        newest_s = max((f.time_s for f in frames.frames if f.time_s <= later[0] + AHEAD_S), default=later[0])
+        return newest_s, self._find_state(newest_s)
+
+    def _note(self, now: Moment) -> None:
+        """Remember what the target said of itself, for frames that come later than they were taken."""
+        if not self._states or now[0] > self._states[-1][0] + SAME_S:
+            self._states.append(now)
+            self._feel_pulses(now[0], PULSE_S)
+
+    def _feel_pulses(self, time_s: float, period_s: float) -> Environment | None:
+        """The belief, with cameras known as frozen that are; asked for no more often than once in a period."""
+        belief = self._belief
+        if belief is None or not self._noisy:
+            return belief
+        regions = find_pulses(belief.sensors)
+        latest_s = max((belief.sensors[camera].pulse_s for camera in regions), default=0.0)
+        if regions and time_s - latest_s > max(period_s - SAME_S, SAME_S):
+            frames = self._capture(tuple(regions), regions)
+            sensors = feel_pulses(frames, belief.sensors, time_s)
+            self._belief = belief = msgspec.structs.replace(belief, sensors=sensors)
+        return belief
+
+    def _take(self) -> Environment | None:
+        """The belief, when it is of this episode."""
+        belief = self._belief
+        if belief is not None and belief.episode != self._scene.episode:
+            self._belief = belief = None
+            self._states.clear()
+        return belief
+
+    def _get_pipeline(self) -> Pipeline:
+        name = self._scene.name
+        if name not in self._pipelines:
+            if len(self._pipelines) >= MEMORY:
+                self._pipelines.clear()
+            inventory = build_inventory(read_scene(self._library.get_scene(name)))
+            segmenter = DetectorSegmenter(self._detector, inventory) if self._detector is not None else None
+            self._pipelines[name] = Pipeline(
+                inventory, self._robot, self._target, self._max_age_s, segmenter, noisy=self._noisy
+            )
+        return self._pipelines[name]
+
+    def _find_state(self, time_s: float) -> TargetState:
+        """What the target said of itself nearest to a moment."""
+        if not self._states:
+            raise ExecutionError("NO_STATE", "the target has not said anything of itself yet")
+        nearest = min(self._states, key=lambda each: abs(each[0] - time_s))
+        look = self._look
+        if look is not None and nearest[0] <= look.now[0] and nearest not in look.states:
+            look.states.append(nearest)
+        return nearest[1]
