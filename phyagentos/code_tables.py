@@ -108,6 +108,7 @@ JOURNAL_NOT_DURABLE  The disk did not confirm a write; the process must end.
 JOURNAL_UNREADABLE   The system refused to read a file of the journal.
 JOURNAL_WRITE_FAILED The disk took no record, and none was acknowledged.
 LANE_UNCLEAR         Several hosts have written here; name a lane.
+LOOK_DIFFERS         Perception now reads something else than when a look was recorded.
 MANIFEST_DAMAGED     A manifest of evidence does not hold what it should.
 MISMATCH             A file of evidence has another hash than its manifest says.
 MISSING              A bundle of evidence is gone, or a file of one whose manifest does not say so.
