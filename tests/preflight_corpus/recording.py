@@ -45,7 +45,6 @@ def get_file(scene: str) -> Path:
 
 def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recorded:
     """Ask a simulated world, as the world process would hold it."""
-
     from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
     from phyagentos.runtime.models.robot import read_profile
