@@ -1,14 +1,16 @@
-"""Commands about sessions that ran: `why`, `rerun`."""
+"""Commands about sessions and goals that ran: `why`, `graph`, `rerun`."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
-from phyagentos.errors import format_hint, format_names
-from phyagentos.protocol.sessions.session import SessionId
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.sessions.session import GoalId, SessionId
+from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, iter_edges, iter_steps
 
 Id = Annotated[str, typer.Argument(metavar="SESSION", help="A session id; the part after the goal is enough.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
@@ -17,6 +19,7 @@ Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the ru
 def register(app: typer.Typer) -> None:
     """Add this group's commands."""
     app.command("why")(why)
+    app.command("graph")(show_graph)
     app.command("rerun")(rerun)
 
 
@@ -28,6 +31,51 @@ def why(session: Id, workspace: Space) -> None:
 
     ledger = read_ledger(workspace, session)
     print_result(explain_session(Workspace.open(workspace), ledger, get_session(session, ledger.sessions)))
+
+
+def show_graph(
+    workspace: Space,
+    goal: Annotated[str, typer.Argument(metavar="[GOAL]", help="Its id; not needed where there is one goal.")] = "",
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Steps and edges as JSON.")] = False,
+) -> None:
+    """Show a goal's graph as it stands: every attempt at a node, and what comes before it."""
+    from phyagentos.cli.history import read_ledger
+    from phyagentos.store.views.tasks import render_graph
+
+    status = _get_goal(goal, workspace, read_ledger(workspace).goals)
+    steps, edges = list(iter_steps(status)), list(iter_edges(status))
+    if mermaid:
+        print_result(render_graph(status))
+    elif as_json:
+        facts = {"goal": status.id, "graph": status.graph, "verdict": status.verdict, "steps": steps, "edges": edges}
+        print_result(msgspec.json.format(msgspec.json.encode(facts), indent=2).decode())
+    else:
+        print_result(f"{status.id}: {status.objective or status.graph} ({status.verdict or 'no verdict yet'})")
+        before: dict[str, list[str]] = {step.name: [] for step in steps}
+        for edge in edges:
+            before[edge.step].append(
+                edge.before if edge.relation is Relation.AFTER else f"{edge.before} ({edge.relation})"
+            )
+        width = max((len(step.name) for step in steps), default=0)
+        for step in steps:
+            after = f"  after {', '.join(before[step.name])}" if before[step.name] else ""
+            print_result(f"  {step.name:<{width}}  {step.state:<11}{after}".rstrip())
+
+
+def _get_goal(text: str, workspace: Path, known: Mapping[GoalId, GoalStatus]) -> GoalStatus:
+    """The goal that is called so, or the only one."""
+    if (goal := known.get(GoalId(text)) if text else None) is not None:
+        return goal
+    if not text and len(known) == 1:
+        return next(iter(known.values()))
+    found = repr(text) if text else f"{len(known)} goals"
+    expected = format_names(known) if known else "a goal that was submitted there"
+    raise DefinitionError(
+        Problem(
+            code="UNKNOWN_GOAL", address=str(workspace), found=found, expected=expected, hint=format_hint(text, known)
+        )
+    )
 
 
 def rerun(session: Id, workspace: Space) -> int:

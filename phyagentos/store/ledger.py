@@ -34,7 +34,7 @@ from phyagentos.protocol.sessions.session import (
     SessionStatus,
     apply_amendment,
 )
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Relation, Replan
+from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Relation, Replan, get_relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent, split_node_id
 from phyagentos.store.records import Record
@@ -237,9 +237,12 @@ class Ledger:
         if goal is not None:
             node = goal.nodes.get(contract.node, NodeStatus())
             sessions = (*node.sessions, contract.id)
-            objective = node.objective or contract.objective
+            replans, objective = node.replans, node.objective or contract.objective
+            if contract.parent and (not replans or replans[-1].child != contract.id):  # no record named it before
+                relation = get_relation(contract.purpose)
+                replans += (Replan(session=contract.parent, child=contract.id, reason="", relation=relation),)
             goal.nodes[contract.node] = msgspec.structs.replace(
-                node, state=_ACTIVE, sessions=sessions, objective=objective
+                node, state=_ACTIVE, sessions=sessions, objective=objective, replans=replans
             )
         if contract.goal in self._open:
             self._open[contract.goal][contract.id] = None

@@ -1,4 +1,6 @@
-"""`paos why` and `paos cancel`: from the records of a workspace."""
+"""`paos why`, `paos graph` and `paos cancel`: from the records of a workspace."""
+
+import json
 
 import pytest
 
@@ -9,6 +11,7 @@ from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, TraceEve
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
+from phyagentos.store.views.tasks import render_tasks
 
 
 def observe(time_s: float, x_m: float) -> Environment:
@@ -56,6 +59,44 @@ def test_why_of_a_session_that_never_ran_says_so(run, paos):
     run.begin()
     run.submit("red")
     assert "execution   none: it has not run" in paos("why", "red", "--workspace", run.workspace.root).out
+
+
+def test_the_graph_of_a_goal_shows_its_attempts_and_what_comes_before_them(replanned, paos):
+    text = paos("graph", "--workspace", replanned.workspace.root).out
+    assert text.splitlines() == [
+        "tidy-7: Tidy up. (no verdict yet)",
+        "  red     past",
+        "  red.r1  done         after red (replan)",
+        "  blue    waiting      after red.r1",
+    ]
+    drawing = paos("graph", "tidy-7", "--mermaid", "--workspace", replanned.workspace.root).out
+    assert drawing in render_tasks(read_ledger(replanned.workspace.root))
+    assert '"<b>red.r1</b><br/>done"]:::done' in drawing
+    told = json.loads(paos("graph", "tidy-7", "--json", "--workspace", replanned.workspace.root).out)
+    assert told["steps"][1] == {"name": "red.r1", "node": "red", "state": "done", "session": "tidy-7.red.r1"}
+    assert {"before": "red.r1", "step": "blue", "relation": "after"} in told["edges"]
+
+
+def test_an_unknown_goal_names_those_that_there_are_and_the_nearest(replanned, paos):
+    result = paos("graph", "tidy-8", "--workspace", replanned.workspace.root)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "UNKNOWN_GOAL" in result.err
+    assert "found 'tidy-8'" in result.err
+    assert "tidy-7" in result.err
+    assert "Did you mean 'tidy-7'?" in result.err
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_where_there_is_not_one_goal_the_graph_must_be_named(run, paos, count):
+    for number in range(count):
+        run.write(Side.AGENT, f"goal:g-{number}", "goal_submitted", graph="g", seed=number, objective="")
+    result = paos("graph", "--workspace", run.workspace.root)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert f"found {count} goals" in result.err
+
+
+def test_the_graph_of_no_workspace_is_refused(paos, tmp_path):
+    assert paos("graph", "--workspace", tmp_path / "nowhere").code == ExitCode.INVALID_INPUT
 
 
 def test_an_unknown_session_names_the_nearest(replanned, paos):

@@ -24,7 +24,7 @@ from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_r
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
 from phyagentos.protocol.sessions.session import Session, SessionStatus
-from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id
+from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id, get_relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
 from phyagentos.protocol.world.environment import Environment
@@ -33,7 +33,6 @@ from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 
-_RELATIONS = {clearing.PURPOSE: Relation.CLEARS, looking.PURPOSE: Relation.LOOKS}
 _UNMET = "PRECONDITION_UNMET"  # preflight's code for a precondition that is false or unknown
 Compile = Callable[[str, Mapping[str, Mapping[str, Any]], Revision | None], Session | str]
 
@@ -180,7 +179,7 @@ class Recovery:
 
     def submit_child(self, child: Session, reasons: Iterable[str], relation: Relation | None = None) -> list[Entry]:
         """The record of the relation, with the reasons of the choice, and the contract."""
-        relation = relation or _RELATIONS.get(child.purpose, Relation.REPLAN)
+        relation = relation or get_relation(child.purpose)
         reason = join((*reasons, *child.advice))
         body = {"child": child.id, "parent": child.parent, "relation": relation, "reason": reason}
         return [

@@ -155,11 +155,17 @@ class Edge(msgspec.Struct, frozen=True, kw_only=True, order=True):
 
 
 PAST = "past"
+_OF_PURPOSE = {"clear": Relation.CLEARS, "inspect": Relation.LOOKS}
 
 
 def compute_session_id(goal: GoalId, node: str, attempt: int) -> SessionId:
     """Id of a node's session: 0 is the first one."""
     return SessionId(f"{goal}.{node}" + (f".r{attempt}" if attempt else ""))
+
+
+def get_relation(purpose: str) -> Relation:
+    """How a child of that purpose continues its parent."""
+    return _OF_PURPOSE.get(purpose, Relation.REPLAN)
 
 
 def get_step_name(goal: GoalId, session: SessionId) -> str:
