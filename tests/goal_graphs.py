@@ -1,7 +1,18 @@
 """The agent's graph of a goal beside the one that its records draw."""
 
+from pathlib import Path
+
+from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.dag import GoalDag
+from phyagentos.agent.goals.graph import read_goal_graph
+from phyagentos.agent.mission.worklist import Worklist
+from phyagentos.cli.history import read_ledger
+from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, iter_edges, iter_steps
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.views.tasks import is_over
+
+_checked: set[Path] = set()  # goals that are over; a warm plane's grow in number from test to test
 
 
 def assert_same_graph(dag: GoalDag, goal: GoalStatus) -> None:
@@ -15,3 +26,17 @@ def assert_same_graph(dag: GoalDag, goal: GoalStatus) -> None:
     closed = {name for name, step in steps.items() if step.state in {NodeState.DONE, "past"}}
     for name, facts in dag.steps.nodes.items():
         assert facts["waits"] == sum(step == name and before not in closed for before, step in edges), name
+
+
+def check_recorded_graphs(base: Path) -> None:
+    """Every goal of every workspace below a folder: the graph of an agent that starts anew is what its records draw."""
+    for place in ("goals", "*/goals", "*/*/goals", "*/*/*/goals"):
+        for file in {path.resolve() for path in base.glob(f"{place}/*.yaml")} - _checked:
+            workspace = Workspace.open(file.parents[1])
+            ledger = read_ledger(workspace.root)
+            if (goal := ledger.goals.get(GoalId(file.stem))) is None:
+                continue  # the agent was killed before the first record
+            graph = read_goal_graph(file, Catalogue.of_workspace(workspace))
+            assert_same_graph(Worklist(graph, goal.id, ledger).dag, goal)
+            if is_over(goal):
+                _checked.add(file)

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
+from tests.goal_graphs import assert_same_graph, check_recorded_graphs
 
 HERE = Path(__file__).parent
 
@@ -64,3 +66,18 @@ def make_plane(tmp_path):
     yield make
     for each in planes:
         each.stop()
+
+
+@pytest.fixture(autouse=True)
+def graphs_are_recorded(monkeypatch, tmp_path_factory):
+    """The agent's graph of a goal, followed to the end or made anew from the journal, is what the records draw."""
+    take_in = GoalController.take_in
+
+    def take_in_and_compare(controller, record):
+        take_in(controller, record)
+        if record.ev in {"goal_verdict", "goal_cancelled"} and record.id == f"goal:{controller.goal}":
+            assert_same_graph(controller.worklist.dag, controller.status)
+
+    monkeypatch.setattr(GoalController, "take_in", take_in_and_compare)
+    yield
+    check_recorded_graphs(tmp_path_factory.getbasetemp())
