@@ -30,6 +30,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.knowledge import render_knowledge
 from phyagentos.protocol.sessions.lessons import read_lessons, render_lessons
 from phyagentos.protocol.sessions.memory_entries import Embodiment
+from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.seeds import compute_seed
 
@@ -49,10 +50,10 @@ ASKED = {
 }
 
 
-def draw_strategy(rng: np.random.Generator, cause: str) -> dict[str, object]:
+def draw_strategy(rng: np.random.Generator, cause: str) -> Strategy:
     """What a replanner might try."""
     if cause == "PLACED_WRONG":
-        return {"avoid_sites": [f"site{rng.integers(4)}"], "speed": 0.5}
+        return Strategy(avoid_sites=(f"site{rng.integers(4)}",), speed=0.5)
     return {"speed": float(rng.choice([0.5, 0.25])), "avoid_grasps": [f"yaw+{90 * rng.integers(4):03d}"]}
 
 
@@ -90,7 +91,7 @@ def replace_cause(episode: Episode, cause: str) -> Episode:
     return msgspec.structs.replace(episode, cause=cause)
 
 
-def make_child(first: Episode, strategy: dict[str, object], is_success: bool, cause: str) -> Episode:
+def make_child(first: Episode, strategy: Strategy, is_success: bool, cause: str) -> Episode:
     """What revised a failure."""
     return msgspec.structs.replace(
         first,

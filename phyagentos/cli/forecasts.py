@@ -8,10 +8,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from phyagentos.bench.report import Rate
 from phyagentos.cli.outcome import print_note
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult, read_lookahead
+from phyagentos.protocol.sessions.strategy import Strategy
 
 
 def find_forecast(folder: Path) -> dict[str, Any] | None:
@@ -35,7 +38,7 @@ def render_forecast(forecast: Mapping[str, Any]) -> Iterator[str]:
     if forecast["causes"]:
         yield f"         likely to fail of {forecast['likely_cause']}: {_list_causes(forecast['causes'])}"
     for way in forecast["alternatives"]:
-        changed = ", ".join(f"{key} {value}" for key, value in way["strategy"].items()) or "nothing changed"
+        changed = msgspec.convert(way["strategy"], Strategy) or "nothing changed"
         failed = f", {_list_causes(way['causes'])}" if way["causes"] else ""
         yield f"         with {changed}: {way['succeeded']} of {way['rollouts']}{failed}"
 
@@ -58,7 +61,7 @@ def _describe(result: LookaheadResult) -> dict[str, Any]:
 
 def _describe_way(way: Alternative) -> dict[str, Any]:
     return {
-        "strategy": dict(way.strategy),
+        "strategy": msgspec.to_builtins(way.strategy),
         "probability": round(way.share, 4),
         "succeeded": way.succeeded,
         "rollouts": way.samples,

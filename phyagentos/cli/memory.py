@@ -163,11 +163,10 @@ def _trace(memory: "Memory", entry: str) -> "tuple[list[Episode], list[Edit]]":
 
 def _tell(episode: "Episode") -> list[str]:
     cause = f" {episode.cause}" if episode.cause else ""
-    how = ", ".join(f"{name} {value}" for name, value in episode.strategy.items())
     advised = ", advised by it" if episode.advised_by else ""
     return [
         f"  episode     {episode.session}: {episode.verdict.value}{cause}",
-        f"              {episode.objective} {how or 'the own way of the skill'}{advised}",
+        f"              {episode.objective} {episode.strategy or 'the own way of the skill'}{advised}",
         f"              {episode.evidence}",
     ]
 

@@ -16,6 +16,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
 
+_OWN_WAY = "the skill's own way"
 _MARKS = {Truth.TRUE: "✓", Truth.FALSE: "✗", Truth.UNKNOWN: "?"}
 
 
@@ -24,7 +25,7 @@ def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
     status = ledger.sessions[id]
     lines = [f"{id}: {status.state}", f"  objective   {status.contract.objective}"]
     if status.contract.parent is not None:
-        lines.append(f"  parent      {status.contract.parent}, strategy {_show(status.contract.strategy)}")
+        lines.append(f"  parent      {status.contract.parent}, strategy {status.contract.strategy or _OWN_WAY}")
     lines += [f"  advised     {sentence}" for sentence in status.contract.advice]
     lines += _explain_execution(status)
     if status.execution is not None:
@@ -34,7 +35,7 @@ def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
         lines.append(f"  evidence    {bundle.folder}")
         lines += _explain_thinning(bundle)
     lines += [
-        f"  child       {child.contract.id}, strategy {_show(child.contract.strategy)}"
+        f"  child       {child.contract.id}, strategy {child.contract.strategy or _OWN_WAY}"
         for child in ledger.sessions.values()
         if child.contract.parent == id
     ]

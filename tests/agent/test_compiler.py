@@ -6,6 +6,7 @@ from phyagentos.agent.goals.compiler import Revision, SessionCompiler
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.session import GoalId, ResetPolicy, SessionId
+from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.world.seeds import compute_seed
 
 GRAPH = """
@@ -87,10 +88,10 @@ def test_a_preview_leaves_data_edges_as_they_are_written(compiler):
 
 
 def test_every_attempt_has_a_seed_and_an_id_of_its_own(compiler):
-    revision = Revision(parent=SessionId("g-7.red"), strategy={"speed": 0.5}, requires=("visible(red_cube)",))
+    revision = Revision(parent=SessionId("g-7.red"), strategy=Strategy(speed=0.5), requires=("visible(red_cube)",))
     child = compiler.compile_node("red", outputs={}, attempt=1, revision=revision)
     assert (child.id, child.parent, child.attempt) == ("g-7.red.r1", "g-7.red", 1)
     assert child.seed == compute_seed(7, "node", "red", "attempt", 1)
     assert child.seed != compiler.compile_node("red", outputs={}).seed
     assert child.requires == ("visible(red_cube)",)
-    assert child.strategy == {"speed": 0.5}
+    assert child.strategy == Strategy(speed=0.5)

@@ -11,6 +11,7 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
 from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from tests.contracts import make_contract
 
 from .conftest import ScriptedRuntime, make_rejection
@@ -39,9 +40,9 @@ def make_result(*alternatives: Alternative, succeeded: int = 4) -> LookaheadResu
     return LookaheadResult(samples=10, succeeded=succeeded, threshold=0.8, causes=causes, alternatives=alternatives)
 
 
-SLOWER = Alternative(strategy={"speed": 0.5}, samples=10, succeeded=9)
-SIDEWAYS = Alternative(strategy={"avoid_grasps": ["yaw+000"]}, samples=10, succeeded=6)
-HOPELESS = Alternative(strategy={"speed": 0.25}, samples=1, succeeded=0)
+SLOWER = Alternative(strategy=Strategy(speed=0.5), samples=10, succeeded=9)
+SIDEWAYS = Alternative(strategy=Strategy(avoid_grasps=("yaw+000",)), samples=10, succeeded=6)
+HOPELESS = Alternative(strategy=Strategy(speed=0.25), samples=1, succeeded=0)
 
 
 def test_the_best_way_that_was_rehearsed_is_taken_and_looked_ahead_again(tmp_path):
@@ -50,7 +51,7 @@ def test_the_best_way_that_was_rehearsed_is_taken_and_looked_ahead_again(tmp_pat
     advice = LookaheadForesight().revise(make_refused(), tmp_path)
 
     assert advice is not None
-    assert advice.strategy == {"speed": 0.5}
+    assert advice.strategy == Strategy(speed=0.5)
     assert advice.threshold is None
     assert "4 of 10 rollouts succeed" in advice.reasons[0]
     assert "with speed 0.5 it is 9 of 10" in advice.reasons[0]
@@ -62,7 +63,7 @@ def test_where_no_way_is_likely_enough_the_best_is_tried_all_the_same(tmp_path):
     advice = LookaheadForesight().revise(make_refused(), tmp_path)
 
     assert advice is not None
-    assert (advice.strategy, advice.threshold) == ({"avoid_grasps": ["yaw+000"]}, 0.0)
+    assert (advice.strategy, advice.threshold) == (Strategy(avoid_grasps=("yaw+000",)), 0.0)
 
 
 def test_where_no_other_way_is_better_the_own_one_is_tried(tmp_path):
@@ -71,7 +72,7 @@ def test_where_no_other_way_is_better_the_own_one_is_tried(tmp_path):
     advice = LookaheadForesight().revise(make_refused(), tmp_path)
 
     assert advice is not None
-    assert (advice.strategy, advice.threshold) == ({}, 0.0)
+    assert (advice.strategy, advice.threshold) == (OWN_WAY, 0.0)
     assert "none of 1 other ways is better" in advice.reasons[0]
 
 
@@ -81,7 +82,7 @@ def test_a_child_that_is_refused_too_is_not_refused_again(tmp_path):
     advice = LookaheadForesight().revise(make_refused(attempt=1), tmp_path)
 
     assert advice is not None
-    assert (advice.strategy, advice.threshold) == ({"speed": 0.5}, 0.0)
+    assert (advice.strategy, advice.threshold) == (Strategy(speed=0.5), 0.0)
 
 
 @pytest.mark.parametrize("text", [None, b"{not json"])
@@ -128,7 +129,7 @@ def test_a_goal_whose_session_is_refused_is_met_by_its_child_and_no_replan_is_sp
     assert report.verdict == "success", report
     assert report.first_attempt_success == {"red": True}
     assert [each.lookahead.threshold for each in (first, child, last)] == [0.8, 0.8, 0.0]
-    assert [each.strategy for each in (first, child, last)] == [{}, {"speed": 0.5}, {"speed": 0.5}]
+    assert [each.strategy for each in (first, child, last)] == [OWN_WAY, Strategy(speed=0.5), Strategy(speed=0.5)]
     assert len({each.lookahead.seed for each in (first, child, last)}) == 3
     assert [each.id for each in stage.runtime.ran] == [last.id]
 

@@ -10,6 +10,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.store.admission import Entry
@@ -72,7 +73,7 @@ def test_a_lost_grasp_is_replanned_into_a_slower_child_and_the_parent_keeps_its_
         ("tidy-7.red.r1", "succeeded"),
     ]
     child = stage.runtime.ran[2]
-    assert (child.parent, child.attempt, child.strategy) == ("tidy-7.red", 1, {"speed": 0.5})
+    assert (child.parent, child.attempt, child.strategy) == ("tidy-7.red", 1, Strategy(speed=0.5))
     assert child.seed != stage.runtime.ran[0].seed
     assert report.sessions[0].cause == "GRASP_LOST"
     assert "verify_grasp" in report.sessions[0].reason

@@ -11,6 +11,7 @@ from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, N
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import TraceEvent
 from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 
 from .conftest import Play, add_skills, hold, make_world, put, succeed
@@ -273,7 +274,7 @@ def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, ve
     report = stage.make_mission(policy=policy).run(two, seed=7)
     assert report.verdict == verdict
     assert [session.id.removeprefix("two-7.") for session in stage.runtime.ran] == ran
-    assert all(session.strategy == {} for session in stage.runtime.ran)
+    assert all(session.strategy == OWN_WAY for session in stage.runtime.ran)
 
 
 def test_advice_of_memory_is_in_the_contract_and_told_with_its_source(make_stage, two):
@@ -281,19 +282,19 @@ def test_advice_of_memory_is_in_the_contract_and_told_with_its_source(make_stage
         def advise(self, session, world):
             if session.node != "red":
                 return Advice()
-            return Advice(strategy={"speed": 0.25}, reasons=("lesson-3: it slips",), sources=("lesson-3",))
+            return Advice(strategy=Strategy(speed=0.25), reasons=("lesson-3: it slips",), sources=("lesson-3",))
 
     stage = make_stage()
     stage.make_mission(advisor=Memory()).run(two, seed=7)
     green, red = stage.runtime.ran
-    assert (green.strategy, green.advised_by) == ({}, ())
-    assert (red.strategy, red.advice, red.advised_by) == ({"speed": 0.25}, ("lesson-3: it slips",), ("lesson-3",))
+    assert (green.strategy, green.advised_by) == (OWN_WAY, ())
+    assert (red.strategy, red.advice, red.advised_by) == (Strategy(speed=0.25), ("lesson-3: it slips",), ("lesson-3",))
 
 
 def test_a_session_that_look_ahead_refused_is_revised_before_anything_moves(make_stage, two):
     class Foresight:
         def revise(self, refused, folder):
-            return Advice(strategy={"speed": 0.5}, reasons=("slower",)) if not refused.contract.parent else None
+            return Advice(strategy=Strategy(speed=0.5), reasons=("slower",)) if not refused.contract.parent else None
 
     stage = make_stage(refuse={"red": Problem(code="LOOKAHEAD_LOW", address="look-ahead")})
     report = stage.make_mission(foresight=Foresight()).run(two, seed=7)

@@ -20,6 +20,7 @@ from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
 
@@ -276,11 +277,11 @@ def test_nothing_is_tried_that_cannot_be_paid_at_all(shipped):
 
 
 def test_the_four_policies_answer_the_same_case_each_in_its_own_way(shipped):
-    case = make_case(shipped, Cause.GRASP_LOST, session=make_contract(strategy={"speed": 0.5}))
+    case = make_case(shipped, Cause.GRASP_LOST, session=make_contract(strategy=Strategy(speed=0.5)))
     kinds = [policy.choose(case).chosen.kind for policy in (NoRetry(), BlindRetry(), FullRestart(), GraphRepair())]
     assert kinds == [AlternativeKind.GIVE_UP, AlternativeKind.RETRY, AlternativeKind.RESTART, AlternativeKind.RETRY]
-    assert BlindRetry().choose(case).chosen.revision.strategy == {"speed": 0.5}
-    assert GraphRepair().choose(case).chosen.revision.strategy == {"speed": 0.25}
+    assert BlindRetry().choose(case).chosen.revision.strategy == Strategy(speed=0.5)
+    assert GraphRepair().choose(case).chosen.revision.strategy == Strategy(speed=0.25)
 
 
 def test_a_free_spot_is_on_the_same_table_within_reach_and_away_from_everything():

@@ -15,6 +15,7 @@ from phyagentos.agent.repair.case import Miss
 from phyagentos.agent.repair.retrying import find_label, revise
 from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
@@ -180,7 +181,7 @@ def test_a_violated_constraint_is_replanned_slower_when_the_world_has_recovered(
     attempt = SessionVerifier().judge(bundle, BUDGET)
     assert (attempt.verdict, attempt.cause) == (Verdict.REPLAN, Cause.CONSTRAINT_VIOLATED)
     assert "upright(bottle) was false at 2.50 s: it leans 40 degrees" in attempt.reason
-    assert revise(Miss.of_execution(bundle, attempt)).strategy == {"speed": 0.5}
+    assert revise(Miss.of_execution(bundle, attempt)).strategy == Strategy(speed=0.5)
 
 
 def test_judges_of_others_are_weighed_like_the_own_ones():
@@ -234,22 +235,22 @@ def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
 @pytest.mark.parametrize(
     ("cause", "before", "after"),
     [
-        (Cause.GRASP_MISSED, {}, {"avoid_grasps": ["yaw+090"]}),
-        (Cause.GRASP_LOST, {}, {"avoid_grasps": ["yaw+090"], "speed": 0.5}),
+        (Cause.GRASP_MISSED, OWN_WAY, Strategy(avoid_grasps=("yaw+090",))),
+        (Cause.GRASP_LOST, OWN_WAY, Strategy(avoid_grasps=("yaw+090",), speed=0.5)),
         (
             Cause.GRASP_LOST,
-            {"speed": 0.3, "avoid_grasps": ["yaw+000"]},
-            {"avoid_grasps": ["yaw+000", "yaw+090"], "speed": 0.25},
+            Strategy(speed=0.3, avoid_grasps=("yaw+000",)),
+            Strategy(avoid_grasps=("yaw+000", "yaw+090"), speed=0.25),
         ),
-        (Cause.PLACED_WRONG, {}, {"avoid_sites": ["site1"], "speed": 0.5}),
-        (Cause.OBJECT_MOVED, {}, {}),
-        (Cause.NO_PLAN, {"avoid_grasps": ["yaw+000"], "speed": 0.5}, {"speed": 0.5}),
-        (Cause.TIMED_OUT, {}, {}),
+        (Cause.PLACED_WRONG, OWN_WAY, Strategy(avoid_sites=("site1",), speed=0.5)),
+        (Cause.OBJECT_MOVED, OWN_WAY, OWN_WAY),
+        (Cause.NO_PLAN, Strategy(avoid_grasps=("yaw+000",), speed=0.5), Strategy(speed=0.5)),
+        (Cause.TIMED_OUT, OWN_WAY, OWN_WAY),
     ],
 )
 def test_the_strategy_answers_the_cause(cause, before, after):
     revision = _revise(cause, strategy=before)
-    assert dict(revision.strategy) == after
+    assert revision.strategy == after
     assert revision.parent == "g.red"
 
 

@@ -1,8 +1,9 @@
 from phyagentos.cli.forecasts import find_forecast, render_forecast
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
+from phyagentos.protocol.sessions.strategy import Strategy
 
-SLOWER = Alternative(strategy={"speed": 0.5}, samples=8, succeeded=8)
+SLOWER = Alternative(strategy=Strategy(speed=0.5), samples=8, succeeded=8)
 RISKY = LookaheadResult(
     samples=8,
     succeeded=2,

@@ -45,7 +45,7 @@ def test_why_tells_cause_and_child(stored, paos):
     told = paos("why", "red", "-w", stored).out
     assert "GRASP_LOST" in told
     assert f"{GOAL}.red.r1" in told
-    assert "avoid_grasps [yaw+000], speed 0.5" in told
+    assert "avoid grasps yaw+000, speed 0.5" in told
 
 
 def test_its_evidence_is_judged_again_as_it_was(stored, paos):

@@ -16,6 +16,7 @@ from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.tasks import compute_session_id
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import format_value
@@ -31,7 +32,7 @@ class Revision:
 
     Attributes:
         parent: The session that it continues.
-        strategy: For the skill: `avoid_grasps`, `avoid_sites`, `speed`.
+        strategy: What the skill does differently.
         requires: Preconditions of the child; None keeps those of skill and node.
         reasons: One sentence for each change.
         choice: Another skill, target or parameters than the node's own; None keeps these.
@@ -41,7 +42,7 @@ class Revision:
     """
 
     parent: SessionId
-    strategy: Mapping[str, Any]
+    strategy: Strategy = OWN_WAY
     requires: tuple[str, ...] | None = None
     reasons: tuple[str, ...] = ()
     choice: Choice | None = None
@@ -129,7 +130,7 @@ class SessionCompiler:
                 think_s=defaults_of_goal.think_s,
                 policy_s=defaults_of_goal.policy_s,
             ),
-            strategy=dict(revision.strategy) if revision else {},
+            strategy=revision.strategy if revision else OWN_WAY,
             priority=node.spec.priority + (revision.lead if revision else 0),
             resources=tuple(dict.fromkeys((*skill.needs.resources, *spec.resources))),
             reset_policy=defaults_of_goal.reset_policy,

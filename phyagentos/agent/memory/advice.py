@@ -4,14 +4,14 @@ Upstream: `progress`, which asks before it submits a session, and after prefligh
 `lookahead`. Both answers end in the contract of a session, so they are recorded and never asked for again.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import msgspec
 
 from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.world.environment import Environment
 
 
@@ -20,13 +20,13 @@ class Advice:
     """Changes of a contract that experience or look-ahead proposes.
 
     Attributes:
-        strategy: Keys of the session's strategy and their values (`speed`, `avoid_grasps`, `avoid_sites`).
+        strategy: What to do differently.
         reasons: One sentence for each change, naming what it rests on.
         sources: Ids of the entries of memory that it rests on.
         threshold: Of the child's look-ahead; None for that of its node.
     """
 
-    strategy: Mapping[str, Any] = field(default_factory=dict)
+    strategy: Strategy = OWN_WAY
     reasons: tuple[str, ...] = ()
     sources: tuple[str, ...] = ()
     threshold: float | None = None
@@ -78,17 +78,8 @@ NOTHING = Advice()
 
 
 def apply_advice(session: Session, advice: Advice) -> Session:
-    """The contract with the advice in it; what a repair has chosen for this session wins over what is remembered.
-
-    Lists of things to avoid are joined.
-    """
+    """The contract with the advice in it; what a repair has chosen for this session wins over what is remembered."""
     if not (advice.strategy or advice.reasons):
         return session
-    strategy: dict[str, Any] = dict(advice.strategy)
-    for key, value in session.strategy.items():
-        known = strategy.get(key)
-        if isinstance(value, list | tuple) and isinstance(known, list | tuple):
-            strategy[key] = list(dict.fromkeys([*value, *known]))
-        else:
-            strategy[key] = value
+    strategy = session.strategy.join(advice.strategy)
     return msgspec.structs.replace(session, strategy=strategy, advice=advice.reasons, advised_by=advice.sources)

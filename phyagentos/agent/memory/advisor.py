@@ -5,13 +5,12 @@ the lessons that it rests on. Only the first attempt of a node is advised: what 
 evidence.
 """
 
-from typing import Any
-
 from phyagentos.agent.memory.advice import NOTHING, Advice
 from phyagentos.agent.memory.features import Features, Surroundings
 from phyagentos.agent.memory.memory import Case, Found, Memory
 from phyagentos.protocol.sessions.memory_entries import Scope
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.strategy import OWN_WAY
 from phyagentos.protocol.world.environment import Environment
 
 REMEMBERED = 4096  # answers that are kept until memory changes
@@ -47,17 +46,17 @@ class MemoryAdvisor:
     def _find(self, case: Case) -> Advice:
         found = self._memory.recall(case)
         promoted = self._memory.find_promoted(case.scope)
-        strategy: dict[str, Any] = {}
+        strategy = OWN_WAY
         used: list[Found] = []
         for each in found:
-            if not strategy.keys() & each.lesson.advice.keys():  # of two that disagree the better one
-                strategy |= each.lesson.advice
+            if strategy.changed.isdisjoint(each.lesson.advice.changed):  # of two that disagree the better one
+                strategy = strategy.join(each.lesson.advice)
                 used.append(each)
-        reasons = [f"{_tell(each.lesson.advice)}: lesson {each.lesson.id}, {each.because}" for each in used]
+        reasons = [f"{each.lesson.advice}: lesson {each.lesson.id}, {each.because}" for each in used]
         sources = [each.lesson.id for each in used]
-        if promoted is not None and not strategy.keys() & promoted.strategy.keys():
-            strategy |= promoted.strategy
-            reasons.append(f"{_tell(promoted.strategy)}: promoted, {promoted.count} ({promoted.id})")
+        if promoted is not None and strategy.changed.isdisjoint(promoted.strategy.changed):
+            strategy = strategy.join(promoted.strategy)
+            reasons.append(f"{promoted.strategy}: promoted, {promoted.count} ({promoted.id})")
             sources.append(promoted.id)
         if not used and promoted is None:
             return NOTHING
@@ -74,7 +73,3 @@ def make_scope(session: Session, features: Features, surroundings: Surroundings)
         destination=features.destination_kind,
         body=surroundings.describe_target(session.target),
     )
-
-
-def _tell(strategy: dict[str, Any]) -> str:
-    return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in strategy.items())

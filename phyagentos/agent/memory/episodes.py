@@ -4,8 +4,6 @@ Upstream: the fold of the journal, after a verdict. Downstream: the lane of memo
 computed. An episode repeats nothing that stands in the evidence; it points there. Paper section 4.3.
 """
 
-from typing import Any
-
 import msgspec
 
 from phyagentos.agent.judging.causes import Cause
@@ -13,6 +11,7 @@ from phyagentos.agent.memory.features import Features, Surroundings
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 
 JUDGED = frozenset({SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED})
@@ -56,7 +55,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     parent: str | None = None
     body: Embodiment = Embodiment()
     features: Features = Features()
-    strategy: dict[str, Any] = {}
+    strategy: Strategy = OWN_WAY
     advised_by: tuple[str, ...] = ()
     cause: str = ""
     purpose: str = ""

@@ -20,13 +20,14 @@ from phyagentos.agent.memory.scopes import compute_scope, widen
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.strategy import Strategy
 
 CORRECTIONS_KEPT = 2_000
 PATTERNS_KEPT = 4_000
 FAILURES_KEPT = 2_000  # that a child may still follow
 SESSIONS_KEPT = 10_000  # that are known to be in
-_OF_THINGS: dict[str, Any] = {"speed": 1.0}  # these two stand for the two ways to widen a scope
-_OF_PLACES: dict[str, Any] = {"avoid_sites": []}
+_OF_THINGS = Strategy(speed=0.5)  # these two stand for the two ways to widen a scope
+_OF_PLACES = Strategy(avoid_sites=("any",))
 
 _ValueT = TypeVar("_ValueT")
 

@@ -139,7 +139,7 @@ def _to_row(correction: Correction) -> tuple[str, str, str, str]:
     scope = correction.where
     is_open = not (scope.object or scope.destination or scope.entities)
     things = " ".join(filter(None, (scope.object, scope.destination, scope.scene, *scope.entities, _ANY * is_open)))
-    words = " ".join((correction.cause, correction.objective, correction.note, *correction.advice))
+    words = " ".join((correction.cause, correction.objective, correction.note, *sorted(correction.advice.changed)))
     return correction.id, scope.skill or _ANY, things, words
 
 

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import Event, ExperienceLog, LogPosition
 from phyagentos.agent.memory.index import LessonIndex
@@ -138,7 +140,7 @@ class Memory:
     def version(self) -> str:
         """Names what memory knows: the same lessons in force have the same version."""
         active = sorted(
-            (lesson.id, sorted(lesson.advice.items(), key=str))
+            (lesson.id, sorted(msgspec.to_builtins(lesson.advice).items(), key=str))
             for lesson in self.experience.corrections.values()
             if judge(lesson, self.experience.seq)[0] is Standing.ACTIVE
         )
@@ -150,7 +152,7 @@ class Memory:
 
     def _weigh(self, lesson: Correction, case: Scope) -> Found | None:
         """The lesson if it counts, holds in the case, and promises more than doing nothing."""
-        if find_mismatch(lesson.where, case, lesson.values | lesson.labels):
+        if find_mismatch(lesson.where, case, lesson.tried_way):
             return None
         if not lesson.advice or judge(lesson, self.experience.seq)[0] is not Standing.ACTIVE:
             return None

@@ -5,7 +5,7 @@ lesson cannot be written: it follows from episodes alone. It is born as a hypoth
 strategy follows a failure of the same node, and is verified only by the verdict on such a session.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -16,6 +16,7 @@ from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.scopes import compute_scope, measure_width, name_left_out, widen
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 CHAINS_KEPT = 5  # of failure and verified correction, the latest
 CASES_KEPT = 16  # different cases that a widened lesson was verified in
@@ -41,7 +42,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     node: str
     root: str
     cause: str
-    strategy: dict[str, Any] = {}
+    strategy: Strategy = OWN_WAY
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
@@ -105,14 +106,21 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         )
 
     @property
-    def advice(self) -> dict[str, Any]:
+    def advice(self) -> Strategy:
         """What to do differently; of a list only what stood in half of the verified corrections."""
-        wanted = dict(self.values)
-        for key, counted in self.labels.items():
-            common = [label for label, count in counted.items() if 2 * count >= self.tried.successes]
-            if common:
-                wanted[key] = sorted(common)
-        return wanted
+        return self._collect(lambda count: 2 * count >= self.tried.successes)
+
+    @property
+    def tried_way(self) -> Strategy:
+        """All that was ever done differently."""
+        return self._collect(lambda count: True)
+
+    def _collect(self, is_common: Callable[[int], bool]) -> Strategy:
+        lists = {
+            key: sorted(label for label, count in counted.items() if is_common(count))
+            for key, counted in self.labels.items()
+        }
+        return msgspec.convert({**self.values, **lists}, Strategy)
 
 
 def propose(failure: Failure, child: Episode) -> tuple[Correction, ...]:
@@ -182,7 +190,7 @@ def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
     """
     state, reason = judge(correction, seq)
     where, advice = correction.where, correction.advice
-    what_helped = ", ".join(f"{name} {value}" for name, value in (advice or _all_labels(correction)).items())
+    what_helped = advice or correction.tried_way
     what = " ".join(filter(None, (where.object or "anything", f"to {where.destination}" if where.destination else "")))
     verb = "helps" if state is Standing.ACTIVE else "was tried"
     return Lesson(
@@ -218,11 +226,8 @@ def _begin(scope: Scope, failure: Failure, child: Episode) -> Correction:
     )
 
 
-def _split(strategy: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, list[str]]]:
-    """Single values, and lists of labels."""
-    lists = {key: [str(item) for item in value] for key, value in strategy.items() if isinstance(value, list | tuple)}
-    return {key: value for key, value in strategy.items() if key not in lists}, lists
-
-
-def _all_labels(correction: Correction) -> dict[str, Any]:
-    return {**correction.values, **{key: sorted(counted) for key, counted in correction.labels.items()}}
+def _split(strategy: Strategy) -> tuple[dict[str, Any], dict[str, list[str]]]:
+    """Single values, and lists of labels, each by its key."""
+    keyed: dict[str, Any] = msgspec.to_builtins(strategy)
+    lists = {key: list(value) for key, value in keyed.items() if isinstance(value, list | tuple)}
+    return {key: value for key, value in keyed.items() if key not in lists}, lists

@@ -6,6 +6,8 @@ Upstream: promotion. Downstream: people and readers of the registry. Nothing els
 from collections.abc import Iterable
 from pathlib import Path
 
+import msgspec
+
 from phyagentos.agent.memory.promotion import Rank
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.protocol.capabilities.registries import read_skill_registry, render_skills
@@ -48,6 +50,6 @@ def _describe(pattern: Pattern) -> PromotedWay:
         target=scope.target,
         object=scope.object,
         destination=scope.destination,
-        strategy=pattern.strategy,
+        strategy=msgspec.to_builtins(pattern.strategy),
         rate=str(pattern.count),
     )

@@ -4,13 +4,11 @@ Upstream: episodes. Downstream: lessons, patterns, retrieval. A scope is widened
 about: a place to avoid is a matter of the destination, speed and grasp are matters of the thing.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Scope
+from phyagentos.protocol.sessions.strategy import Strategy
 
 OF_PLACES = frozenset({"avoid_sites"})  # corrections about the destination; they do not depend on the hand
 FORCE_TOLERANCE = 0.1  # grippers whose forces differ by less hold alike
@@ -28,9 +26,9 @@ def compute_scope(episode: Episode) -> Scope:
     )
 
 
-def widen(scope: Scope, strategy: Mapping[str, Any]) -> Scope:
+def widen(scope: Scope, strategy: Strategy) -> Scope:
     """The scope without what the correction is not about; the same when there is nothing to leave out."""
-    if OF_PLACES & strategy.keys():
+    if OF_PLACES & strategy.changed:
         return msgspec.structs.replace(scope, object="") if scope.destination else scope
     return msgspec.structs.replace(scope, scene="", destination="") if scope.object else scope
 
@@ -41,7 +39,7 @@ def name_left_out(narrow: Scope, wide: Scope) -> str:
     return "/".join(case for case, general in pairs if case != general)
 
 
-def find_mismatch(scope: Scope, case: Scope, strategy: Mapping[str, Any]) -> str:
+def find_mismatch(scope: Scope, case: Scope, strategy: Strategy) -> str:
     """Why experience of `scope` must not be used in `case`; empty when it may.
 
     Args:
@@ -65,13 +63,13 @@ def measure_width(scope: Scope) -> int:
     return sum(not getattr(scope, field) for field in ("scene", "object", "destination"))
 
 
-def _compare_bodies(known: Embodiment | None, found: Embodiment | None, strategy: Mapping[str, Any]) -> str:
+def _compare_bodies(known: Embodiment | None, found: Embodiment | None, strategy: Strategy) -> str:
     """Why what one target learned may not be used on another; empty when it may."""
     if known is None or found is None or not known.kind:
         return "another target, and it is not known in which body this was learned"
     if known.kind != found.kind:
         return f"learned with a body of kind {known.kind}, not {found.kind}"
-    if not strategy.keys() - OF_PLACES:
+    if not strategy.changed - OF_PLACES:
         return ""
     if abs(known.grip_width_m - found.grip_width_m) > 1e-6:
         return f"learned with a gripper of {known.grip_width_m} m, not {found.grip_width_m} m"

@@ -3,8 +3,6 @@
 Upstream: episodes. Downstream: KNOWLEDGE.md, promotion, and the baseline that every lesson has to beat. Section 4.3.
 """
 
-from typing import Any
-
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
@@ -14,6 +12,7 @@ from phyagentos.agent.memory.promotion import Rank, Trial
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 EVIDENCE_KEPT = 5  # the latest bundles that are named
 
@@ -38,7 +37,7 @@ class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     id: str
     scope: Scope
-    strategy: dict[str, Any] = {}
+    strategy: Strategy = OWN_WAY
     count: Count = Count()
     trial: Trial = Trial()
     causes: dict[str, int] = {}
@@ -52,7 +51,8 @@ class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 def find_pattern_id(episode: Episode) -> str | None:
     """The pattern that an episode counts for; None for a child, which starts from a world that its parent disturbed."""
-    return compute_id("way", compute_scope(episode), "", episode.strategy) if episode.is_first else None
+    strategy = msgspec.to_builtins(episode.strategy)
+    return compute_id("way", compute_scope(episode), "", strategy) if episode.is_first else None
 
 
 def extend(pattern: Pattern | None, episode: Episode, id: str, seq: int) -> Pattern:
@@ -75,7 +75,7 @@ def describe(pattern: Pattern) -> Fact:
     """The pattern as an entry of KNOWLEDGE.md."""
     scope = pattern.scope
     what = " ".join(filter(None, (scope.object or "anything", f"to {scope.destination}" if scope.destination else "")))
-    way = ", ".join(f"{name} {value}" for name, value in pattern.strategy.items()) or "the skill's own way"
+    way = str(pattern.strategy) or "the skill's own way"
     worst = max(pattern.causes, key=lambda cause: (pattern.causes[cause], cause), default="")
     failing = f"; most often {worst}" if worst else ""
     return Fact(

@@ -254,7 +254,7 @@ class GoalController:
         entries: list[Entry] = []
         for name in names:
             again = self.facts.get_ids(name)
-            revision = Revision(parent=again[-1], strategy={}) if again else None
+            revision = Revision(parent=again[-1]) if again else None
             session = self._compile(name, fresh, revision)
             if isinstance(session, str):
                 entries.append(self._say_of(name, GoalEvent.NODE_BLOCKED, session))

@@ -85,7 +85,6 @@ def _iter_ways(case: Case, world: Environment, name: str, spot: Vector, tried: s
             because=because,
             revision=Revision(
                 parent=case.latest.id,
-                strategy={},
                 reasons=(case.explanation, because),
                 choice=Choice(skill=skill.skill, target=case.session.target, parameters=parameters),
                 purpose=PURPOSE,

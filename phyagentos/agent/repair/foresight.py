@@ -50,5 +50,4 @@ def _explain(own: Alternative, best: Alternative, result: LookaheadResult) -> st
     cause = f", mostly {own.likely_cause}" if own.likely_cause else ""
     if best is own:
         return f"look-ahead: {ahead}{cause}; none of {len(result.alternatives)} other ways is better, so it is tried"
-    changed = ", ".join(f"{key} {value}" for key, value in best.strategy.items())
-    return f"look-ahead: {ahead}{cause}; with {changed} it is {best.succeeded} of {best.samples}"
+    return f"look-ahead: {ahead}{cause}; with {best.strategy} it is {best.succeeded} of {best.samples}"

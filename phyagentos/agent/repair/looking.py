@@ -46,7 +46,6 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
         because=f"it cannot be told whether the objective was met, look {looks + 1} of {LOOKS_MAX}",
         revision=Revision(
             parent=case.latest.id,
-            strategy={},
             requires=(),  # it is there to find out
             reasons=(case.explanation,),
             choice=choice,

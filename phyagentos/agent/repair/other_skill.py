@@ -48,7 +48,6 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
             because=because,
             revision=Revision(
                 parent=case.latest.id,
-                strategy={},
                 requires=tuple(dict.fromkeys((*requires, *keep_requires(case)))),
                 reasons=(case.explanation, because),
                 choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),

@@ -36,7 +36,7 @@ def propose_other_target(case: Case) -> Iterator[Alternative]:
             because=because,
             revision=Revision(
                 parent=case.latest.id,
-                strategy=dict(case.session.strategy),
+                strategy=case.session.strategy,
                 requires=revise_requires(case.miss, find_of_skill(case.session, case.catalogue))[0],
                 reasons=(case.explanation, because),
                 choice=Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(because,)),

@@ -90,7 +90,7 @@ class BlindRetry:
         if excess or case.replans_left <= 0:
             return _decide(case, AlternativeKind.GIVE_UP, excess or "the node's budget of replans is spent")
         revision = Revision(
-            parent=case.latest.id, strategy=dict(case.session.strategy), reasons=(f"{case.cause}: the same again",)
+            parent=case.latest.id, strategy=case.session.strategy, reasons=(f"{case.cause}: the same again",)
         )
         retry = Alternative(kind=AlternativeKind.RETRY, effect="the same again", chance=0.5, revision=revision)
         return Decision(chosen=retry)

@@ -5,7 +5,6 @@ child begins with the world as it is.
 """
 
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.compiler import Revision
@@ -51,16 +50,19 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     """One way: the same skill, as its cause asks for."""
     revision = revise(case.miss, find_of_skill(case.session, case.catalogue))
     chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN ** case.count_same()
-    if case.cause is Cause.NO_PLAN and any(case.session.strategy.get(key) for key in ("avoid_grasps", "avoid_sites")):
-        chance = _CHANCE_OF_RETURN
     before = case.session.strategy
-    grew = [key for key in ("avoid_grasps", "avoid_sites") if revision.strategy.get(key) != before.get(key)]
+    avoids_else = (revision.strategy.avoid_grasps, revision.strategy.avoid_sites) != (
+        before.avoid_grasps,
+        before.avoid_sites,
+    )
+    if case.cause is Cause.NO_PLAN and (before.avoid_grasps or before.avoid_sites):
+        chance = _CHANCE_OF_RETURN
     same = case.count_same()
     yield Alternative(
-        kind=AlternativeKind.OTHER_GRASP if grew and case.cause is not Cause.NO_PLAN else AlternativeKind.RETRY,
+        kind=AlternativeKind.OTHER_GRASP if avoids_else and case.cause is not Cause.NO_PLAN else AlternativeKind.RETRY,
         effect=f"{case.session.skill} again"
         if not revision.strategy
-        else f"{case.session.skill} with {_say(revision)}",
+        else f"{case.session.skill} with {revision.strategy}",
         chance=chance if case.replans_left > 0 else 0.0,
         sim_time_s=case.time_of.get(case.session.skill, SESSION_S),
         because=_explain(case, same),
@@ -76,21 +78,22 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
         of_skill: What it requires because its skill does.
     """
     parent, cause = miss.session, miss.cause
-    strategy: dict[str, Any] = dict(parent.strategy)
+    strategy = parent.strategy
     reasons = [f"{cause.value}: {miss.reason}"]
     if cause in _AVOID_GRASP and (grasp := find_label(miss.trace, "plan_grasp")):
-        strategy["avoid_grasps"] = _extend(strategy.get("avoid_grasps", ()), grasp)
+        strategy = strategy.avoid(grasp=grasp)
         reasons.append(f"another grasp than {grasp}")
     if cause in _AVOID_SITE and (label := find_label(miss.trace, "plan_place")):
         site = label.partition(".")[0]  # the place is at fault, whichever way the hand was turned
-        strategy["avoid_sites"] = _extend(strategy.get("avoid_sites", ()), site)
+        strategy = strategy.avoid(site=site)
         reasons.append(f"another site than {site}")
     if cause in _GO_SLOWER:
-        strategy["speed"] = max(SLOWEST, float(strategy.get("speed", 1.0)) * SLOWER)
-        reasons.append(f"at {strategy['speed']:g} of the speed")
+        strategy = strategy.slow_down(SLOWER, SLOWEST)
+        reasons.append(f"at {strategy.speed:g} of the speed")
     if cause is Cause.NO_PLAN:
-        given_up = [key for key in ("avoid_grasps", "avoid_sites") if strategy.pop(key, None)]
-        reasons += [f"{key} given up: nothing else was found" for key in given_up]
+        allowed = strategy.avoid_nothing()
+        reasons += ["every grasp and site is allowed again: nothing else was found"] if strategy != allowed else []
+        strategy = allowed
     requires, changes = revise_requires(miss, of_skill)
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
 
@@ -177,11 +180,3 @@ def _explain(case: Case, same: int) -> str:
     if case.replans_left <= 0:
         return "the node's budget of replans is spent"
     return f"it has failed {same} time{'s' if same != 1 else ''} before with {case.cause}" if same else ""
-
-
-def _say(revision: Revision) -> str:
-    return ", ".join(f"{key} {value}" for key, value in revision.strategy.items())
-
-
-def _extend(labels: Sequence[str], label: str) -> list[str]:
-    return [*labels, label] if label not in labels else list(labels)

@@ -4,10 +4,10 @@ Upstream: the agent's memory, and people. Downstream: later plans. Paper section
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 from phyagentos.protocol.documents.document import Document, DocumentFormat, Front, read_document
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 
 class Fact(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
@@ -21,7 +21,7 @@ class Fact(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     source: str = ""
-    strategy: dict[str, Any] = {}
+    strategy: Strategy = OWN_WAY
     rate: str = ""
     promoted: bool = False
 

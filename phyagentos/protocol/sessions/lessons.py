@@ -5,10 +5,10 @@ is born as a hypothesis, and counts only once a verdict has shown that its corre
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 from phyagentos.protocol.documents.document import Document, DocumentFormat, Front, read_document
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 
 
 class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
@@ -17,14 +17,14 @@ class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         objective: What was wanted and not reached.
         cause: The coded cause that it is about (`GRASP_LOST`).
-        advice: What to do differently, as keys of a contract's `strategy`.
+        advice: What to do differently.
         verified_by: The latest session in which a verdict showed that it helps; empty for a hypothesis.
         baseline: How often the same succeeds without it.
     """
 
     objective: str = ""
     cause: str = ""
-    advice: dict[str, Any] = {}
+    advice: Strategy = OWN_WAY
     verified_by: str = ""
     baseline: str = ""
 

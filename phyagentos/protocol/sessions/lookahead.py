@@ -6,11 +6,11 @@ there. The request carries everything that is drawn, so that an answer can be co
 """
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.strategy import Strategy
 
 LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when none was requested
 
@@ -39,7 +39,7 @@ class Alternative(msgspec.Struct, frozen=True, kw_only=True):
         causes: Coded cause of a failed rollout -> how often.
     """
 
-    strategy: dict[str, Any]
+    strategy: Strategy
     samples: int
     succeeded: int
     causes: dict[str, int] = {}

@@ -14,6 +14,7 @@ import msgspec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.document import Document, DocumentFormat, FrontMatter, read_document
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt
 
 SessionId = NewType("SessionId", str)
@@ -132,7 +133,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         scene: The world it acts in.
         seed: Root of every random choice of this session.
         limits: Bounds.
-        strategy: What the replanner asks to do differently (`avoid_grasps`, `avoid_sites`, `speed`), empty at first.
+        strategy: What is done differently from the skill's own way.
         priority: Larger runs first; a waiting session gains priority with time (`RuntimeContract.ageing_per_min`).
         resources: What it must have for itself while it runs, beside its target (a tray that two arms reach).
         reset_policy: When its target's world may be begun anew for it.
@@ -157,7 +158,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     limits: Limits = Limits()
-    strategy: dict[str, Any] = {}
+    strategy: Strategy = OWN_WAY
     priority: int = 0
     resources: tuple[str, ...] = ()
     reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE

@@ -156,7 +156,7 @@ class MovingLeaf(PlanningLeaf):
     @final
     def scale_speed(self, speed: float) -> float:
         """The wanted speed, slowed down where the strategy asks for it."""
-        return speed * float(self.context.session.strategy.get("speed", 1.0))
+        return speed * self.context.session.strategy.speed
 
     def describe_motion(self, motion: Motion) -> dict[str, Any]:
         """Numbers for the trace."""

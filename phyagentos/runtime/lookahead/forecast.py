@@ -58,7 +58,7 @@ class Forecaster:
             strategy = propose(tried)
             if strategy is None:
                 break
-            other = msgspec.structs.replace(session, strategy=dict(strategy))
+            other = msgspec.structs.replace(session, strategy=strategy)
             result, attempt = self._try_out(other, worlds, tree, is_other=True)
             results.append(result)
             tried.append(_tell(result, attempt))

@@ -84,11 +84,10 @@ def _explain(result: LookaheadResult, address: str) -> Problem:
     causes = ", ".join(f"{cause} {count}" for cause, count in sorted(result.causes.items(), key=lambda c: -c[1]))
     best = max(result.alternatives, key=lambda each: each.share, default=None)
     better = best is not None and best.share > result.share
-    changed = ", ".join(f"{key} {value}" for key, value in best.strategy.items()) if best is not None else ""
     return Problem(
         code=LOOKAHEAD_LOW,
         address=address,
         found=f"{result.succeeded} of {result.samples} rollouts succeed ({causes})",
         expected=f"at least {result.threshold:g} of them",
-        hint=f"With {changed} it is {best.succeeded} of {best.samples}." if best is not None and better else "",
+        hint=f"With {best.strategy} it is {best.succeeded} of {best.samples}." if best is not None and better else "",
     )

@@ -5,9 +5,9 @@ search is greedy: the next way is a remedy for the best one so far.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-Strategy = Mapping[str, Any]
+from phyagentos.protocol.sessions.strategy import Strategy
 
 SLOWER = 0.5  # at half the speed inertia is a quarter
 SLOWEST = 0.125  # a session that creeps meets its time limit instead
@@ -37,42 +37,38 @@ def propose(tried: Sequence[Tried]) -> Strategy | None:
     Args:
         tried: So far; the first is the contract's own.
     """
-    known = [dict(each.strategy) for each in tried]
+    known = {each.strategy for each in tried}
     for each in sorted(tried, key=lambda each: -each.share):
         for remedy in _REMEDIES.get(each.cause, ()):
             strategy = remedy(each)
-            if strategy is not None and dict(strategy) not in known:
+            if strategy not in known:
                 return strategy
     return None
 
 
-def _go_slower(tried: Tried) -> Strategy | None:
-    return {**tried.strategy, "speed": max(SLOWEST, SLOWER * float(tried.strategy.get("speed", 1.0)))}
+def _go_slower(tried: Tried) -> Strategy:
+    return tried.strategy.slow_down(SLOWER, SLOWEST)
 
 
-def _grasp_otherwise(tried: Tried) -> Strategy | None:
-    return _avoid(tried.strategy, "avoid_grasps", tried.grasp)
+def _grasp_otherwise(tried: Tried) -> Strategy:
+    return tried.strategy.avoid(grasp=tried.grasp)
 
 
-def _arrive_otherwise(tried: Tried) -> Strategy | None:
+def _arrive_otherwise(tried: Tried) -> Strategy:
     """The same place from another side."""
-    return _avoid(tried.strategy, "avoid_sites", tried.site)
+    return tried.strategy.avoid(site=tried.site)
 
 
-def _place_elsewhere(tried: Tried) -> Strategy | None:
+def _place_elsewhere(tried: Tried) -> Strategy:
     """Another place: a label is `<site>.<yaw>`."""
-    return _avoid(tried.strategy, "avoid_sites", tried.site.partition(".")[0])
+    return tried.strategy.avoid(site=tried.site.partition(".")[0])
 
 
-def _avoid_nothing(tried: Tried) -> Strategy | None:
-    return {key: value for key, value in tried.strategy.items() if not key.startswith("avoid_")}
+def _avoid_nothing(tried: Tried) -> Strategy:
+    return tried.strategy.avoid_nothing()
 
 
-def _avoid(strategy: Strategy, key: str, label: str) -> Strategy | None:
-    return {**strategy, key: [*(each for each in strategy.get(key, ()) if each != label), label]} if label else None
-
-
-_Remedies = tuple[Callable[[Tried], Strategy | None], ...]
+_Remedies = tuple[Callable[[Tried], Strategy], ...]
 _UNPLANNED: _Remedies = (_grasp_otherwise, _place_elsewhere, _avoid_nothing)
 _REMEDIES: Mapping[str, _Remedies] = {
     "GRASP_MISSED": (_grasp_otherwise,),

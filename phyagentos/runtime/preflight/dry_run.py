@@ -171,7 +171,7 @@ class DryRun:
         if excess_m > 0.0:
             message = f"{motion.object} lies {excess_m:.3f} m beyond the longest reach of {session.target}"
             return Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message), None
-        avoid = tuple(session.strategy.get("avoid_grasps", ()))
+        avoid = session.strategy.avoid_grasps
         request = FindGrasps(
             world=world, object=motion.object, q_rad=q_rad, seed=session.seed, avoid=avoid, count=CANDIDATES
         )
@@ -193,7 +193,7 @@ class DryRun:
             seed=session.seed,
             relation=motion.relation,
             near=motion.near,
-            avoid=tuple(session.strategy.get("avoid_sites", ())),
+            avoid=session.strategy.avoid_sites,
             count=CANDIDATES,
         )
         answer, ms = self._ask(request)

@@ -23,6 +23,7 @@ from phyagentos.protocol.sessions.session import (
     Session,
     SessionId,
 )
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.world.predicates.language import PredicateSyntaxError, parse
 from phyagentos.store.records import JOURNAL_ID
 
@@ -57,6 +58,14 @@ class SceneForm(Authored):
     episode: _Word | None = None
 
 
+class StrategyForm(Authored):
+    """What is done differently; see `Strategy`."""
+
+    avoid_grasps: tuple[_Word, ...] = ()
+    avoid_sites: tuple[_Word, ...] = ()
+    speed: Annotated[float, pydantic.Field(gt=0, strict=True)] = OWN_WAY.speed
+
+
 class ContractForm(Authored):
     """A contract as a person writes it; see `Session`."""
 
@@ -71,7 +80,7 @@ class ContractForm(Authored):
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     limits: LimitsForm = LimitsForm()
-    strategy: dict[str, Any] = {}
+    strategy: StrategyForm = StrategyForm()
     priority: _Priority = 0
     resources: tuple[_Word, ...] = ()
     reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
@@ -225,7 +234,7 @@ def _to_session(form: ContractForm, id: SessionId) -> Session:
         requires=form.requires,
         hold=form.hold,
         limits=Limits(**form.limits.model_dump()),
-        strategy=form.strategy,
+        strategy=Strategy(**form.strategy.model_dump()),
         priority=form.priority,
         resources=form.resources,
         reset_policy=form.reset_policy,

@@ -4,7 +4,7 @@ Upstream: the fold. Each block says what was asked, who did it, what was seen an
 same text is an input: what a person changes in it is merged by `edits`.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -168,7 +168,8 @@ def _tell(status: SessionStatus) -> str:
         + (f", by {status.asked_by}" if status.asked_by else "")
     ]
     if contract.parent is not None:
-        lines.append(f"**Revises:** `{contract.parent}`{_tell_strategy(contract.strategy)}")
+        differently = f"; differently: {contract.strategy}" if contract.strategy else ""
+        lines.append(f"**Revises:** `{contract.parent}`{differently}")
     lines.append(f"**State:** {status.state}, since {status.updated_at}")
     if status.claimed_by:
         lines.append(f"**Done by:** {status.claimed_by}, epoch {status.epoch}")
@@ -179,15 +180,6 @@ def _tell(status: SessionStatus) -> str:
     if status.reason:
         lines.append(f"**Reason:** {status.reason}")
     return "\n".join(f"- {' '.join(line.split())}" for line in lines)  # whatever an objective holds
-
-
-def _tell_strategy(strategy: Mapping[str, object]) -> str:
-    told = [f"{name.replace('_', ' ')} {_tell_value(value)}" for name, value in strategy.items()]
-    return f"; differently: {', '.join(told)}" if told else ""
-
-
-def _tell_value(value: object) -> str:
-    return " and ".join(str(each) for each in value) if isinstance(value, list | tuple) else str(value)
 
 
 def _render_attempt(number: int, attempt: Attempt, folder: str) -> str:

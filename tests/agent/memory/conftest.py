@@ -11,10 +11,11 @@ from phyagentos.agent.memory.memory import Case, Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.memory_entries import Embodiment
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 
 PANDA = Embodiment(kind="arm", grip_width_m=0.08, grip_force_n=40.0, control_period_s=0.02)
-SLOW = {"speed": 0.5}
+SLOW = Strategy(speed=0.5)
 _numbers = count()
 
 
@@ -34,7 +35,7 @@ def make_episode(*, ok=True, parent=None, thing="soap", place="tray", strategy=N
         "features": Features(object=f"{thing}_1", object_kind=thing, destination=f"{place}_1", destination_kind=place),
         "verdict": Verdict.SUCCESS if ok else Verdict.REPLAN,
         "cause": "" if ok else cause,
-        "strategy": strategy or {},
+        "strategy": strategy or OWN_WAY,
         "evidence": f"evidence/g{number}.n",
     }
     if parent is not None:

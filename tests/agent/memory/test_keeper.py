@@ -18,6 +18,7 @@ from phyagentos.protocol.sessions.knowledge import read_knowledge
 from phyagentos.protocol.sessions.lessons import read_lessons
 from phyagentos.protocol.sessions.memory_entries import Standing
 from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 from tests.agent.conftest import Play, put, succeed
 
@@ -41,7 +42,7 @@ SETTINGS = ("safety.yaml", "sensors.yaml", "perception.yaml", "runtime_contract.
 
 def slip_when_fast(world, session):
     """The cube stays in the fingers only at half speed."""
-    if session.strategy.get("speed", 1.0) <= 0.5:
+    if session.strategy.speed <= 0.5:
         return succeed(world, session)
     return Play(
         world=put(world, session.parameters["object"], (0.5, 0.1, 0.02)),
@@ -112,7 +113,7 @@ def test_the_second_goal_succeeds_at_the_first_attempt_and_its_contract_says_why
     assert contracts[0].advised_by == ()
     second, (contract,) = lab.run(2)
     assert [session.state for session in second.sessions] == ["succeeded"]
-    assert contract.strategy["speed"] == 0.5
+    assert contract.strategy.speed == 0.5
     (lesson,) = (each for each in lab.lessons.values() if each.state is Standing.ACTIVE)
     assert contract.advised_by == (lesson.id,)
     assert lesson.verified_by == "tidy-1.red.r1"
@@ -145,8 +146,8 @@ def test_what_a_killed_agent_could_not_remember_is_remembered_by_the_next(lab):
 def test_knowledge_counts_first_attempts(lab):
     lab.run(1)
     lab.run(2)
-    own, slower = sorted(lab.facts.values(), key=lambda fact: len(fact.strategy))
-    assert (own.supported, own.contradicted, own.strategy) == (0, 1, {})
+    own, slower = sorted(lab.facts.values(), key=lambda fact: bool(fact.strategy))
+    assert (own.supported, own.contradicted, own.strategy) == (0, 1, OWN_WAY)
     assert (slower.supported, slower.contradicted) == (1, 0)
 
 
@@ -197,7 +198,7 @@ def test_a_lesson_written_by_hand_is_refused_and_kept_beside(lab):
          "statement: Speed helps.\nadvice: {speed: 3.0}\nverified_by: me\n```\n")  # fmt: skip
     _, (contract, *_) = lab.run(2)
     assert "mine" not in lab.lessons
-    assert contract.strategy.get("speed") != 3.0
+    assert contract.strategy.speed != 3.0
     assert "mine: a lesson follows from verdicts" in (lab.workspace.root / "LESSONS.rejected.md").read_text()
     assert any("LESSONS.rejected.md" in line for line in lab.reported)
 
@@ -215,7 +216,7 @@ def test_a_promoted_way_stands_in_the_entry_of_its_skill_until_it_is_demoted(lab
     memory = lab.open()
     before = read_skill_registry(lab.workspace.skill_registry)
     first = next(each for each in memory.read_all() if each.session == "tidy-1.red")
-    good = [make_like(first, number, {"speed": 0.5}, Verdict.SUCCESS) for number in range(40)]
+    good = [make_like(first, number, Strategy(speed=0.5), Verdict.SUCCESS) for number in range(40)]
     memory.record(good)
     memory.close()
     lab.run(2)
@@ -224,7 +225,7 @@ def test_a_promoted_way_stands_in_the_entry_of_its_skill_until_it_is_demoted(lab
     assert (way.strategy, way.object, way.destination) == ({"speed": 0.5}, "cube", "tray")
     assert {name: skill.model_copy(update={"promoted": ()}) for name, skill in skills.items()} == before
     memory = lab.open()
-    memory.record([make_like(first, 100 + number, {"speed": 0.5}, Verdict.REPLAN) for number in range(10)])
+    memory.record([make_like(first, 100 + number, Strategy(speed=0.5), Verdict.REPLAN) for number in range(10)])
     memory.close()
     lab.run(3)
     assert read_skill_registry(lab.workspace.skill_registry) == before

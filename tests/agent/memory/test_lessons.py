@@ -8,6 +8,7 @@ from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.memory import Case
 from phyagentos.agent.memory.views import list_lessons
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Standing
+from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 
 from .conftest import PANDA, SLOW, ask, make_correction, make_episode
@@ -45,7 +46,7 @@ def test_a_correction_that_was_not_confirmed_stays_a_hypothesis_and_is_never_rec
         ({"node": "other"}, "of another node"),
         ({"goal": "other"}, "of another goal"),
         ({"parent": "nobody"}, "of no failure"),
-        ({"strategy": {}}, "that did nothing differently"),
+        ({"strategy": OWN_WAY}, "that did nothing differently"),
         ({"parent": None}, "that continues nothing"),
     ],
 )
@@ -79,10 +80,10 @@ def test_the_same_session_counts_once(memory):
 def test_a_correction_after_two_failures_belongs_to_the_first_cause(memory):
     first = make_episode(ok=False, cause="GRASP_LOST")
     second = make_episode(ok=False, parent=first, strategy=SLOW, cause="PLACED_WRONG")
-    third = make_episode(ok=True, parent=second, strategy={"speed": 0.25})
+    third = make_episode(ok=True, parent=second, strategy=Strategy(speed=0.25))
     memory.record([first, second, third])
     (found,) = memory.recall(ask(first))
-    assert (found.lesson.advice, found.lesson.cause) == ({"speed": 0.25}, "GRASP_LOST")
+    assert (found.lesson.advice, found.lesson.cause) == (Strategy(speed=0.25), "GRASP_LOST")
     assert found.lesson.chains[0].failed == first.session
 
 
@@ -91,7 +92,7 @@ def test_a_look_between_failure_and_correction_belongs_to_the_chain_and_is_no_at
     look = make_episode(
         ok=False, parent=failed, purpose="inspect", cause="GRASP_MISSED", session=f"{failed.session}.r1"
     )
-    corrected = make_episode(parent=look, strategy={"avoid_grasps": ["yaw+090"]}, session=f"{failed.session}.r2")
+    corrected = make_episode(parent=look, strategy=Strategy(avoid_grasps=("yaw+090",)), session=f"{failed.session}.r2")
     memory.record([failed, look, corrected])
     (found,) = memory.recall(ask(failed))
     assert (found.lesson.cause, found.lesson.chains[0].failed) == ("GRASP_MISSED", failed.session)
@@ -109,21 +110,21 @@ def test_a_session_that_was_interrupted_speaks_neither_for_a_way_nor_against_it(
     assert (found.lesson.cause, found.lesson.chains[0].failed) == ("GRASP_LOST", first.session)
     assert found.lesson.outcomes == Count(successes=1, trials=1)
     assert memory.experience.find_baseline(found.lesson) == Count(trials=1)
-    assert [(each.strategy, each.count.trials) for each in memory.experience.patterns.values()] == [({}, 1)]
+    assert [(each.strategy, each.count.trials) for each in memory.experience.patterns.values()] == [(OWN_WAY, 1)]
 
 
 def test_what_differed_from_case_to_case_is_left_out(memory):
     for grasp in ("yaw+000", "yaw+090", "yaw+180"):
-        memory.record(make_correction(strategy={"speed": 0.5, "avoid_grasps": [grasp]}))
+        memory.record(make_correction(strategy=Strategy(speed=0.5, avoid_grasps=(grasp,))))
     (found, *_) = memory.recall(ask(make_episode()))
-    assert found.lesson.advice == {"speed": 0.5}
+    assert found.lesson.advice == Strategy(speed=0.5)
 
 
 def test_what_was_the_same_in_every_case_stays(memory):
     for _ in range(3):
-        memory.record(make_correction(strategy={"avoid_sites": ["site0"]}, cause="PLACED_WRONG"))
+        memory.record(make_correction(strategy=Strategy(avoid_sites=("site0",)), cause="PLACED_WRONG"))
     (found, *_) = memory.recall(ask(make_episode()))
-    assert found.lesson.advice == {"avoid_sites": ["site0"]}
+    assert found.lesson.advice == Strategy(avoid_sites=("site0",))
 
 
 def test_a_lesson_about_one_thing_is_not_told_about_another(memory):
@@ -142,7 +143,7 @@ def test_a_lesson_is_widened_once_it_was_verified_in_two_cases(memory):
 
 
 def test_a_place_to_avoid_is_widened_to_other_things_and_not_to_other_places(memory):
-    strategy = {"avoid_sites": ["site0"]}
+    strategy = Strategy(avoid_sites=("site0",))
     for thing in ("tin", "soap"):
         memory.record(make_correction(thing=thing, place="rack", strategy=strategy, cause="PLACED_WRONG"))
     assert memory.recall(ask(make_episode(thing="cube", place="rack")))
@@ -160,7 +161,7 @@ def test_a_lesson_about_the_hand_needs_a_hand_alike(memory):
 
 
 def test_a_lesson_about_a_place_holds_for_any_arm_and_for_no_base(memory):
-    failed, corrected = make_correction(strategy={"avoid_sites": ["site0"]}, cause="PLACED_WRONG")
+    failed, corrected = make_correction(strategy=Strategy(avoid_sites=("site0",)), cause="PLACED_WRONG")
     memory.record([failed, corrected])
     other_arm = Embodiment(kind="arm", grip_width_m=0.14, grip_force_n=10.0, control_period_s=0.1)
     assert memory.recall(ask(failed, target="ur5e", body=other_arm))
@@ -189,15 +190,15 @@ def test_of_two_corrections_the_one_that_helps_more_often_comes_first(memory):
     for ok in (True, False, False, True):
         memory.record(make_correction(ok=ok, strategy=SLOW))
     for _ in range(3):
-        memory.record(make_correction(strategy={"speed": 0.25}))
+        memory.record(make_correction(strategy=Strategy(speed=0.25)))
     first, second = memory.recall(ask(make_episode()))
-    assert (first.lesson.advice, second.lesson.advice) == ({"speed": 0.25}, SLOW)
+    assert (first.lesson.advice, second.lesson.advice) == (Strategy(speed=0.25), SLOW)
 
 
 def test_a_feared_cause_comes_first(memory):
     for _ in range(3):
         memory.record(make_correction(strategy=SLOW, cause="GRASP_LOST"))
-    memory.record(make_correction(strategy={"avoid_sites": ["site0"]}, cause="PLACED_WRONG"))
+    memory.record(make_correction(strategy=Strategy(avoid_sites=("site0",)), cause="PLACED_WRONG"))
     case = ask(make_episode())
     assert memory.recall(case)[0].lesson.cause == "GRASP_LOST"
     feared = Case(scope=case.scope, risks=("PLACED_WRONG",))

@@ -14,6 +14,7 @@ from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.scopes import compute_scope, widen
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.strategy import Strategy
 
 from .conftest import SLOW, ask, make_correction, make_episode
 
@@ -178,7 +179,7 @@ def test_what_was_counted_stands_in_the_order_of_its_records(memory):
     for number in range(6):
         memory.record([make_episode(thing=f"thing{number}", place=f"place{number}")])
     scopes = [compute_scope(make_episode(thing=f"thing{number}", place=f"place{number}")) for number in range(6)]
-    ways = [(scope, widen(scope, SLOW), widen(scope, {"avoid_sites": []})) for scope in scopes]
+    ways = [(scope, widen(scope, SLOW), widen(scope, Strategy(avoid_sites=("any",)))) for scope in scopes]
     assert list(memory.experience.baselines) == [compute_id("scope", each, "", {}) for way in ways for each in way]
 
 

@@ -3,12 +3,13 @@ import pytest
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest, LookaheadResult, read_lookahead
+from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.lookahead.gate import LookaheadGate
 from phyagentos.runtime.lookahead.process import RehearsalProcess, Rehearse
 
 WORLD = Environment(time_s=0.4, scene="tabletop/waiter", episode="e", revision=1, sensing="truth", entities={})
-SLOWER = Alternative(strategy={"speed": 0.5}, samples=16, succeeded=15)
+SLOWER = Alternative(strategy=Strategy(speed=0.5), samples=16, succeeded=15)
 
 
 class Oracle:

@@ -21,6 +21,6 @@ class PlanGrasp(ApproachPlanningLeaf):
             object=self.read("object"),
             q_rad=self.context.commands.q_rad,
             seed=self.context.draw_seed(self.path),
-            avoid=tuple(self.context.session.strategy.get("avoid_grasps", ())),
+            avoid=self.context.session.strategy.avoid_grasps,
             hover_m=self.read("hover_m"),
         )

@@ -32,6 +32,6 @@ class PlanPlace(ApproachPlanningLeaf):
             seed=self.context.draw_seed(self.path),
             near=None if near is None else (float(near[0]), float(near[1]), float(near[2])),
             near_radius_m=self.read("near_radius_m"),
-            avoid=tuple(self.context.session.strategy.get("avoid_sites", ())),
+            avoid=self.context.session.strategy.avoid_sites,
             hover_m=self.read("hover_m"),
         )

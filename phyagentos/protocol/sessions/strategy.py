@@ -1,0 +1,64 @@
+"""The strategy of a session: what a skill does differently from its own way.
+
+Upstream: repairs, memory, look-ahead, or a person. Downstream: the leaves that plan and move. Its keys on disk are the
+fields' names; what is not done differently is left out.
+"""
+
+import msgspec
+
+
+class Strategy(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Choices of one session; a strategy without any is false.
+
+    Attributes:
+        avoid_grasps: Labels of grasps that are left out.
+        avoid_sites: Sites, or ways to one of them (`<site>.<yaw>`), that are left out.
+        speed: Fraction of the skill's own speed.
+    """
+
+    avoid_grasps: tuple[str, ...] = ()
+    avoid_sites: tuple[str, ...] = ()
+    speed: float = 1.0
+
+    @property
+    def changed(self) -> frozenset[str]:
+        """Names of the fields in which it differs from the skill's own way."""
+        return frozenset(name for name in self.__struct_fields__ if getattr(self, name) != getattr(OWN_WAY, name))
+
+    def __bool__(self) -> bool:
+        """Whether anything is done differently."""
+        return self != OWN_WAY
+
+    def __str__(self) -> str:
+        """`avoid grasps yaw+000 and yaw+090, speed 0.5`; empty when nothing is done differently."""
+        shown = (("avoid grasps", self.avoid_grasps), ("avoid sites", self.avoid_sites))
+        parts = [f"{name} {' and '.join(labels)}" for name, labels in shown if labels]
+        return ", ".join([*parts, f"speed {self.speed:g}"] if self.speed != OWN_WAY.speed else parts)
+
+    def avoid(self, *, grasp: str = "", site: str = "") -> "Strategy":
+        """The same, without this grasp or this site."""
+        return Strategy(
+            avoid_grasps=tuple(dict.fromkeys((*self.avoid_grasps, *filter(None, (grasp,))))),
+            avoid_sites=tuple(dict.fromkeys((*self.avoid_sites, *filter(None, (site,))))),
+            speed=self.speed,
+        )
+
+    def slow_down(self, factor: float, slowest: float) -> "Strategy":
+        """The same at a fraction of its speed, at least `slowest` of the skill's own."""
+        return msgspec.structs.replace(self, speed=max(slowest, self.speed * factor))
+
+    def avoid_nothing(self) -> "Strategy":
+        """The same, every grasp and site allowed."""
+        return Strategy(speed=self.speed)
+
+    def join(self, other: "Strategy") -> "Strategy":
+        """Both: everything that either avoids, and the own speed where that is not the skill's."""
+        return Strategy(
+            avoid_grasps=tuple(dict.fromkeys((*self.avoid_grasps, *other.avoid_grasps))),
+            avoid_sites=tuple(dict.fromkeys((*self.avoid_sites, *other.avoid_sites))),
+            speed=self.speed if self.speed != OWN_WAY.speed else other.speed,
+        )
+
+
+OWN_WAY = Strategy()
+"""The skill's own way."""
