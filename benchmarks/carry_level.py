@@ -18,14 +18,13 @@ import mujoco
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tabletop import ROOT, watching
+from tabletop import ROOT
 
-from phyagentos.agent.mission.mission import Mission
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.journal import Journal
+from phyagentos.protocol.sessions.session import GoalId
 
 GRAPH = ROOT / "goal_graphs" / "carry_cup.yaml"
 METHODS = ("casadi", "toppra")
@@ -100,16 +99,14 @@ def main() -> int:
     rides: dict[str, list[Ride]] = {method: [] for method in METHODS}
     with tempfile.TemporaryDirectory(prefix="carry-") as scratch:
         workspace = open_project(Path(scratch) / "w", ROOT)
-        journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=SystemClock())
-        mission = Mission(workspace, journal, clock=SystemClock())
-        with watching(workspace, None):
+        with open_bench(workspace, SystemClock()) as agent:
             for seed in range(given.seeds):
                 for method in METHODS:
                     overrides = {"sessions.cup.with.method": method}
-                    report = mission.run(GRAPH, seed=seed, overrides=overrides, goal=f"{method}-{seed}")
+                    goal = GoalId(f"{method}-{seed}")
+                    report = agent.mission.run(GRAPH, seed=seed, overrides=overrides, goal=goal)
                     folder = workspace.evidence_of(report.sessions[0].id)
                     rides[method].append(measure(folder, report.verdict == "success" and len(report.sessions) == 1))
-        journal.close()
     table = Table(title="an open cup, carried 0.44 m")
     for column in ("", *METHODS):
         table.add_column(column)

@@ -12,13 +12,11 @@ import argparse
 import json
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,14 +29,15 @@ from rich.table import Table
 
 from phyagentos.agent.judging.causes import classify_refusal
 from phyagentos.agent.mission.mission import Mission
+from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
-from phyagentos.assembly.verification import build_verifier
+from phyagentos.assembly.planes import watching
 from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import GoalId, SessionId
+from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
 
 ROOT = Path(__file__).resolve().parents[1]
 ASKED = {"right": Ask(0.85, at_least=True)}
@@ -69,21 +68,6 @@ def write_faults(cases: Sequence[Case], folder: Path) -> Path:
     path = folder / "faults.yaml"
     path.write_text(yaml.safe_dump({"version": 1, "faults": faults}, sort_keys=False))
     return path
-
-
-@contextmanager
-def watching(workspace: Workspace, faults: Path, sense: str | None, pictures: bool) -> Iterator[None]:
-    """A runtime plane over the workspace."""
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root)]
-    command += ["--faults", str(faults), *(("--sense", sense) if sense else ())]
-    command += [] if pictures else ["--no-pictures"]
-    with (workspace.logs / "watch.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)
-        try:
-            yield
-        finally:
-            process.terminate()
-            process.wait(20)
 
 
 def kill_worker(workspace: Workspace, session: str, ended: threading.Event) -> None:
@@ -144,21 +128,22 @@ def run_cases(
     for case in cases:
         change_contract(workspace, dict(case.settings))
     graphs = {case.name: case.write_graph(root) for case in cases}
-    journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=clock)
+    terms = {"faults": write_faults(cases, root), "sense": Sensing(sense) if sense else None}
     pictures = any(case.judge for case in cases)
-    with serve_model() as url, watching(workspace, write_faults(cases, root), sense, pictures):
+    with serve_model() as url, watching(workspace, clock, pictures=pictures, **terms) as plane:
         for case in cases:
             if case.judge:
                 change_contract(workspace, {"verification": describe_judges(url, case.judge)})
-            verifier = build_verifier(workspace, clock)
-            mission = Mission(workspace, journal, clock=clock, verifier=verifier, publishes_task=False)
-            for seed in seeds:
-                finding = run_case(workspace, mission, case, graphs[case.name], seed)
-                right = "met" if not finding.found else "right" if finding.found == case.kind else "WRONG"
-                told = "" if right == "right" else f": {finding.reason[:220]}"
-                console.print(f"{case.name} seed {seed}: {finding.cause} ({finding.found}) {right}{told}", style="dim")
-                yield finding
-    journal.close()
+            # a cause is injected into each goal anew: what an earlier one taught would keep it away
+            options = {"memory_use": MemoryUse.NONE, "is_runtime_alive": plane.is_alive}
+            with open_agent(workspace, clock, by="bench", **options) as agent:
+                for seed in seeds:
+                    finding = run_case(workspace, agent.mission, case, graphs[case.name], seed)
+                    right = "met" if not finding.found else "right" if finding.found == case.kind else "WRONG"
+                    told = "" if right == "right" else f": {finding.reason[:220]}"
+                    shown = f"{case.name} seed {seed}: {finding.cause} ({finding.found}) {right}{told}"
+                    console.print(shown, style="dim")
+                    yield finding
 
 
 def show(console: Console, findings: Sequence[Finding]) -> None:

@@ -15,11 +15,9 @@ import argparse
 import hashlib
 import itertools
 import shutil
-import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,15 +28,14 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
 
-from phyagentos.agent.mission.mission import Mission
-from phyagentos.assembly.experience import Remembering, open_memory
+from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.assembly.paths import open_project
+from phyagentos.assembly.planes import Plane, watching
 from phyagentos.bench.report import Ask, Rate, format_outcome
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId, SessionId
+from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = Path(__file__).resolve().parent / "evolution_parts"
@@ -88,59 +85,34 @@ class Pass:
     version: str = ""
 
 
-@contextmanager
-def watching(workspace: Workspace) -> Iterator[None]:
-    """A runtime plane over the workspace."""
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
-    command += ["--sense", "perceived", "--faults", str(FAULTS)]
-    with (workspace.logs / "watch.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)
-        try:
-            yield
-        finally:
-            process.terminate()
-            process.wait(20)
-
-
 def run_pass(
-    workspace: Workspace,
-    remembering: Remembering,
-    name: str,
-    plan: Sequence[tuple[int, Path]],
-    *,
-    learns: bool,
-    console: Console,
+    workspace: Workspace, plane: Plane, name: str, plan: Sequence[tuple[int, Path]], *, learns: bool, console: Console
 ) -> Pass:
     """Every seed of every goal graph once, on the ordinary path.
 
     Args:
-        workspace: Of the runtime plane that runs.
-        remembering: The memory that advises.
+        workspace: Whose memory advises.
+        plane: The runtime plane that watches it.
         name: Of the pass; goals are named after it.
         plan: Seed of the scene, and goal graph.
         learns: Whether sessions may be replanned and verdicts are remembered.
         console: For progress.
     """
-    clock = SystemClock()
-    outcome = Pass(name, version=remembering.memory.version)
-    journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=clock)
-    observers = [remembering.keeper] if learns else []
-    mission = Mission(workspace, journal, clock=clock, advisor=remembering.advisor, observers=observers)
+    use = MemoryUse.LEARN if learns else MemoryUse.READ
     overrides = {} if learns else {"defaults.max_replans": "0"}
-    try:
+    with open_agent(workspace, SystemClock(), by="bench", memory_use=use, is_runtime_alive=plane.is_alive) as agent:
+        outcome = Pass(name, version=agent.memory_version)
         for seed, graph in plan:
             goal = GoalId(f"{name}-{graph.stem}-{seed}")
-            report = mission.run(graph, seed=seed, overrides=overrides, goal=goal)
+            report = agent.mission.run(graph, seed=seed, overrides=overrides, goal=goal)
             for session in report.sessions:
                 if session.node not in FAMILIES or session.attempt:
                     continue
                 is_there = is_in_place(workspace.evidence_of(SessionId(session.id)), *FAMILIES[session.node])
                 outcome.cases[session.node, seed] = is_there
                 outcome.false_success += session.state == "succeeded" and not is_there
-                outcome.advised += bool(mission.ledger.sessions[SessionId(session.id)].contract.advised_by)
+                outcome.advised += bool(agent.mission.ledger.sessions[SessionId(session.id)].contract.advised_by)
             console.print(f"{goal}: {report.verdict}", style="dim")
-    finally:
-        journal.close()
     return outcome
 
 
@@ -206,31 +178,24 @@ def run(
 ) -> tuple[list[Pass], Workspace, int]:
     """The four passes; also how many bytes the frozen ones added to memory."""
     workspace = open_project(base / "bench", ROOT)
-    clock = SystemClock()
     train, test = range(training), range(training, training + held_out)
     passes: list[Pass] = []
     written = 0
 
-    def evaluate(name: str, open_it: Callable[[], Remembering]) -> None:
+    def evaluate(name: str) -> None:
         nonlocal written
-        remembering, bytes_before = open_it(), count_records(workspace)
+        bytes_before = count_records(workspace)
         plan = list(itertools.product(test, graphs))
-        passes.append(run_pass(workspace, remembering, name, plan, learns=False, console=console))
+        passes.append(run_pass(workspace, plane, name, plan, learns=False, console=console))
         written += count_records(workspace) - bytes_before
-        remembering.memory.close()
 
-    def open_it() -> Remembering:
-        return open_memory(workspace, clock, console.print)
-
-    with watching(workspace):
-        evaluate("before", open_it)
-        learning = open_it()
+    with watching(workspace, SystemClock(), faults=FAULTS, sense=Sensing.PERCEIVED) as plane:
+        evaluate("before")
         plan = list(itertools.product(train, graphs))
-        passes.append(run_pass(workspace, learning, "adaptation", plan, learns=True, console=console))
-        learning.memory.close()
-        evaluate("after", open_it)
+        passes.append(run_pass(workspace, plane, "adaptation", plan, learns=True, console=console))
+        evaluate("after")
         shutil.move(workspace.memory, base / "memory-set-aside")
-        evaluate("emptied", open_it)
+        evaluate("emptied")
         shutil.move(base / "memory-set-aside", workspace.memory)
     return passes, workspace, written
 

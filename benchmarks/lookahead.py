@@ -25,13 +25,14 @@ from judge import is_in_tray
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
-from tabletop import ROOT, watching
+from tabletop import ROOT
 
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
-from phyagentos.bench.suite import Episode, run_suite
+from phyagentos.bench.suite import Episode, open_bench, run_suite
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lookahead import LookaheadResult, read_lookahead
+from phyagentos.protocol.settings.perception import Sensing
 
 GRAPHS = Path(__file__).with_name("lookahead_parts")
 COIN_RADIUS_M, COIN_HALF_M, COASTER_M = 0.015, 0.008, (0.03, 0.03, 0.02)
@@ -104,8 +105,8 @@ def run_arm(base: Path, scene: str, seeds: Sequence[int], ahead: bool, sense: st
     graph = workspace.root / f"{name}.yaml"
     graph.write_text(write_graph(GRAPHS / f"{name}.yaml", ahead), encoding="utf-8")
     tries = []
-    with watching(workspace, None, sense):
-        for episode in run_suite(workspace, graph, seeds, SystemClock()):
+    with open_bench(workspace, SystemClock(), sense=Sensing(sense)) as agent:
+        for episode in run_suite(agent, workspace, graph, seeds):
             tries.append(count(episode, judge))
             met = "met" if tries[-1].first else "missed"
             console.print(f"{scene} {arm} look-ahead, seed {episode.seed}: {met}", style="dim")

@@ -15,8 +15,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,14 +22,12 @@ from orchestration_shapes import build_edges
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.agent.mission.mission import Mission
+from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Spread, format_outcome
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
 
 HERE = Path(__file__).resolve().parent
 SHAPES = ("layered", "chain")
@@ -74,25 +70,6 @@ def write_graph(path: Path, shape: str, n: int) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-@contextmanager
-def planes(root: Path) -> Iterator[tuple[Workspace, Mission]]:
-    """A workspace with a runtime plane in a process of its own, and the agent's mission in this one."""
-    workspace = open_project(root, HERE / "library")
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
-    with (workspace.logs / "watch.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)
-    journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=SystemClock())
-    try:
-        yield (
-            workspace,
-            Mission(workspace, journal, clock=SystemClock(), is_runtime_alive=lambda _: process.poll() is None),
-        )
-    finally:
-        process.terminate()
-        process.wait(20)
-        journal.close()
-
-
 def time_ours(root: Path, runs: list[tuple[str, int]]) -> list[float]:
     """Seconds of each run, on one warm plane.
 
@@ -100,14 +77,15 @@ def time_ours(root: Path, runs: list[tuple[str, int]]) -> list[float]:
         SystemExit: When a session did not succeed, or left no evidence.
     """
     seconds = []
-    with planes(root) as (workspace, mission):
+    workspace = open_project(root, HERE / "library")
+    with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:  # sessions are counted, not lessons
         write_graph(root / "warm_up.yaml", "chain", 3)
-        mission.run(root / "warm_up.yaml", seed=0, goal="warm_up")
+        agent.mission.run(root / "warm_up.yaml", seed=0, goal="warm_up")
         for number, (shape, n) in enumerate(runs):
             goal, file = f"{shape}-{number}", root / f"{shape}.yaml"
             write_graph(file, shape, n)
             begin_s = time.perf_counter()
-            report = mission.run(file, seed=0, goal=goal)
+            report = agent.mission.run(file, seed=0, goal=goal)
             seconds.append(time.perf_counter() - begin_s)
             succeeded = sum(session.verdict == "success" for session in report.sessions)
             bundles = sum(

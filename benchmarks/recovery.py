@@ -9,11 +9,9 @@ Success is read from the recorded simulator state by `judge`; that the mission s
 """
 
 import argparse
-import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,15 +22,14 @@ from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, wilcoxon
 
-from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, GraphRepair, NoRetry, RepairPolicy
+from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
+from phyagentos.protocol.settings.perception import Sensing
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = Path(__file__).resolve().parent / "recovery_parts"
@@ -125,32 +122,23 @@ CASES = (
 )
 
 
-@contextmanager
-def watching(workspace: Workspace, sense: str | None) -> Iterator[None]:
-    """A runtime plane over the workspace."""
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
-    command += ["--faults", str(PARTS / "faults.yaml"), *(("--sense", sense) if sense else ())]
-    with (workspace.logs / "watch.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)
-        try:
-            yield
-        finally:
-            process.terminate()
-            process.wait(20)
-
-
 def run_policy(
     root: Path, policy: RepairPolicy, cases: Sequence[Case], seeds: Sequence[int], sense: str | None, console: Console
 ) -> list[Run]:
     """Every case with every seed under one policy, in one warm runtime plane."""
     workspace = open_project(root, ROOT)
-    journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=SystemClock())
-    mission = Mission(workspace, journal, clock=SystemClock(), policy=policy, publishes_task=False)
     runs = []
-    with watching(workspace, sense):
+    with open_bench(
+        workspace,
+        SystemClock(),
+        faults=PARTS / "faults.yaml",
+        sense=Sensing(sense) if sense else None,
+        memory_use=MemoryUse.NONE,  # goals are independent trials: what one teaches would help the next
+        policy=policy,
+    ) as agent:
         for case in cases:
             for seed in seeds:
-                report = mission.run(PARTS / f"{case.graph}.yaml", seed=seed, goal=GoalId(f"{case.name}-{seed}"))
+                report = agent.mission.run(PARTS / f"{case.graph}.yaml", seed=seed, goal=GoalId(f"{case.name}-{seed}"))
                 folders = [workspace.evidence_of(session.id) for session in report.sessions]
                 seen = [f for f in folders if (f / "terminal.npz").exists() and (f / "scene.mjb").exists()]
                 runs.append(
@@ -167,7 +155,6 @@ def run_policy(
                 last = runs[-1]
                 told = f"{policy.name}: {case.name} seed {seed}: met {last.is_met}, {last.sessions} sessions"
                 console.print(told if last.is_met else f"{told}; {last.reason[:200]}", style="dim", highlight=False)
-    journal.close()
     return runs
 
 

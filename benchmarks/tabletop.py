@@ -9,13 +9,11 @@ First attempts are counted without faults, goals with one random recoverable fau
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -28,9 +26,10 @@ from rich.table import Table
 
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome
-from phyagentos.bench.suite import Episode, run_suite
+from phyagentos.bench.suite import Episode, open_bench, run_suite
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
 
@@ -63,21 +62,6 @@ class Tally:
     replans: int = 0
 
 
-@contextmanager
-def watching(workspace: Workspace, faults: Path | None, sense: str) -> Iterator[None]:
-    """A runtime plane over the workspace."""
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
-    command += ["--sense", sense]
-    command += ["--faults", str(faults)] if faults else []
-    with (workspace.logs / "watch.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)
-        try:
-            yield
-        finally:
-            process.terminate()
-            process.wait(20)
-
-
 def run_lane(
     root: Path,
     seeds: Sequence[int],
@@ -90,8 +74,8 @@ def run_lane(
 ) -> None:
     """One warm runtime plane and its share of the seeds."""
     workspace = open_project(root, ROOT)
-    with watching(workspace, faults, sense):
-        for episode in run_suite(workspace, GRAPH, seeds, SystemClock()):
+    with open_bench(workspace, SystemClock(), faults=faults, sense=Sensing(sense)) as agent:
+        for episode in run_suite(agent, workspace, GRAPH, seeds):
             count_episode(episode, tally)
             if is_timed:
                 tally.physics_s[episode.report.goal] = time_physics(episode)

@@ -13,7 +13,7 @@ from benchmarks.recorded import Robot
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.truth_sensing import AGE_S
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.agent.judging.verifier import History
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.evidence import TRAJECTORY
 from phyagentos.protocol.sessions.verdicts import Attempt
@@ -90,8 +90,10 @@ class PerceivedSensing:
         return attempt
 
     def _ask(self, after: Environment) -> Attempt:
+        from benchmarks.verdict_parts.sensing import VERIFIER
+
         bundle = msgspec.structs.replace(self._world.recorded.bundle, before=self._before, after=after)
-        return SessionVerifier().judge(bundle, History(max_replans=1))
+        return VERIFIER.judge(bundle, History(max_replans=1))
 
     def _begin(self, rng: np.random.Generator) -> Environment:
         """What is believed when the session begins."""

@@ -1,5 +1,6 @@
 """The verifier under one sensing: what it is shown of a case, and what it says."""
 
+from pathlib import Path
 from typing import Protocol
 
 import msgspec
@@ -9,10 +10,17 @@ from benchmarks.recorded import Robot
 from benchmarks.verdict_parts import truth_sensing
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.agent.judging.verifier import History
+from phyagentos.assembly.verification import build_verifier
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.workspace.workspace import Workspace
 
 TRUTH = "truth"
+SHIPPED = Workspace(Path(__file__).resolve().parents[2] / "protocol")
+VERIFIER = build_verifier(SHIPPED, SystemClock())
+"""As an agent has it in a workspace with the shipped settings."""
+
 LEVELS = (TRUTH, "none", "nominal", "harsh")
 
 
@@ -48,7 +56,7 @@ class TruthSensing:
         world.restore(now)
         after = truth_sensing.lie_about(truth_sensing.look(world), seen_right, world.object, lie, rng)
         bundle = msgspec.structs.replace(world.recorded.bundle, before=self._before, after=after)
-        return SessionVerifier().judge(bundle, History(max_replans=1))
+        return VERIFIER.judge(bundle, History(max_replans=1))
 
 
 def make_sensing(level: str, robot: Robot, world: World) -> Sensing:

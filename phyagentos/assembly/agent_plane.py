@@ -1,23 +1,113 @@
-"""The agent plane: what `paos agent` starts. Loads nothing of the runtime."""
+"""The agent plane: what `paos agent` starts, and what benchmarks run goals with. Loads nothing of the runtime."""
 
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from types import FrameType
 
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.memory.advisor import MemoryAdvisor
+from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
+from phyagentos.agent.memory.features import Surroundings
+from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.mission.report import MissionReport
-from phyagentos.assembly.experience import open_memory
+from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.paths import find_project, open_project
 from phyagentos.assembly.verification import build_verifier
-from phyagentos.clock import SystemClock
+from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
+from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.settings.verification import VerificationMode
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
+
+
+class MemoryUse(StrEnum):
+    """What an agent does with memory."""
+
+    LEARN = "learn"
+    """Experience advises sessions, and verdicts become experience."""
+    READ = "read"
+    """Experience advises sessions; nothing is added to it."""
+    NONE = "none"
+    """Sessions are submitted as compiled; nothing is remembered."""
+
+
+@dataclass(frozen=True, slots=True)
+class Agent:
+    """An agent at work in one workspace.
+
+    Attributes:
+        mission: Pursues goals.
+        memory_version: Of its memory, as of the start.
+    """
+
+    mission: Mission
+    memory_version: str
+
+
+@contextmanager
+def open_agent(
+    workspace: Workspace,
+    clock: Clock,
+    *,
+    by: str = "agent",
+    verify: VerificationMode | None = None,
+    memory: Path | None = None,
+    memory_use: MemoryUse = MemoryUse.LEARN,
+    policy: RepairPolicy | None = None,
+    is_runtime_alive: Callable[[GoalStatus], bool] | None = None,
+) -> Iterator[Agent]:
+    """The agent that the workspace's settings describe; the only place that builds one.
+
+    Args:
+        workspace: With its settings and its memory.
+        clock: For waiting.
+        by: Name of the writer in the journal.
+        verify: What judgements are for, instead of what runtime_contract.yaml says.
+        memory: Folder of a memory that outlives the workspace, instead of its own.
+        memory_use: Whether experience advises, and whether it grows.
+        policy: Chooses what follows a miss; graph repair by default.
+        is_runtime_alive: Asked while waiting for a goal; False ends the mission. By default a goal waits for a watchdog
+            that may come later, and only the end of a cancelled one needs a watchdog that is there.
+
+    Raises:
+        DefinitionError: With every problem of the settings.
+        ExecutionError: `JOURNAL_DAMAGED`.
+    """
+    verifier = build_verifier(workspace, clock, mode=verify)
+    catalogue = Catalogue.of_workspace(workspace)
+    surroundings = Surroundings(scenes=catalogue.scenes, targets=catalogue.targets)
+    folder = workspace.memory if memory is None else memory.resolve() / workspace.memory.name
+    experience = Memory(folder, clock=clock, by="agent")
+    recorder = EpisodeRecorder(
+        experience, surroundings, workspace, clock=clock, report=_log, is_shared=folder != workspace.memory
+    )
+    journal = Journal(workspace.root, side=Side.AGENT, by=by, clock=clock)
+    mission = Mission(
+        workspace,
+        journal,
+        clock=clock,
+        verifier=verifier,
+        advisor=None if memory_use is MemoryUse.NONE else MemoryAdvisor(experience, surroundings),
+        policy=policy,
+        observers=(recorder,) if memory_use is MemoryUse.LEARN else (),
+        is_runtime_alive=is_runtime_alive
+        or (lambda goal: not goal.is_cancelled or is_held(workspace.root / WATCHDOG_LOCK)),
+    )
+    try:
+        yield Agent(mission, experience.version)
+    finally:
+        experience.close()
+        journal.close()
 
 
 def run_agent(
@@ -37,42 +127,29 @@ def run_agent(
         graph: The goal graph.
         seed: Root of every random choice.
         overrides: Dotted path -> YAML value (`targets.arm` -> `panda`).
-        verify: What judgements are for, instead of what runtime_contract.yaml says.
-        memory: Folder of a memory that outlives the workspace, instead of its own.
+        verify: As of `open_agent`.
+        memory: As of `open_agent`.
         goal: Its id; with one, a goal that has its verdict is reported and not begun anew.
     """
-    clock = SystemClock()
     workspace = open_project(root, find_project(graph))
-    verifier = build_verifier(workspace, clock, mode=verify)
-    journal = Journal(workspace.root, side=Side.AGENT, by="agent", clock=clock)
-    remembering = open_memory(
-        workspace,
-        clock,
-        lambda text: print(text, file=sys.stderr),  # noqa: T201 - the agent's log
-        shared=memory,
-    )
-    mission = Mission(
-        workspace,
-        journal,
-        clock=clock,
-        verifier=verifier,
-        advisor=remembering.advisor,
-        observers=(remembering.keeper,),
-        # a watchdog may come later; only of one that is there can a cancelled session expect its end
-        is_runtime_alive=lambda goal: not goal.is_cancelled or is_held(workspace.root / WATCHDOG_LOCK),
-    )
+    with open_agent(workspace, SystemClock(), verify=verify, memory=memory) as agent:
+        _cancel_on_signal(agent.mission.cancel)
+        collect_rarely()
+        return agent.mission.run(graph, seed=seed, overrides=overrides, goal=GoalId(goal) if goal else None)
+
+
+def _log(text: str) -> None:
+    print(text, file=sys.stderr)  # noqa: T201 - the agent's log
+
+
+def _cancel_on_signal(cancel: Callable[[], None]) -> None:
+    """The first signal cancels the goal; the second ends the process."""
 
     def on_signal(_number: int, _frame: FrameType | None) -> None:
-        mission.cancel()
-        _handle_end(signal.default_int_handler)  # who asks again is not kept waiting
+        cancel()
+        _handle_end(signal.default_int_handler)
 
     _handle_end(on_signal)
-    collect_rarely()
-    try:
-        return mission.run(graph, seed=seed, overrides=overrides, goal=GoalId(goal) if goal else None)
-    finally:
-        remembering.memory.close()
-        journal.close()
 
 
 def _handle_end(handler: Callable[[int, FrameType | None], None]) -> None:

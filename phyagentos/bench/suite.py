@@ -1,19 +1,21 @@
 """Many goals on the ordinary path: one warm runtime plane, one mission after the other. Paper section 4.4.
 
-Upstream: a benchmark. Downstream: the agent's mission; the runtime plane is a process of its own, as in every run.
-Nothing here acts, judges or records in another way than `paos run` does.
+Upstream: a benchmark. Downstream: the agent of `assembly.agent_plane`, as `paos run` builds it; the runtime plane is a
+process of its own, as in every run.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.mission.report import MissionReport
+from phyagentos.agent.repair.recovery_policies import RepairPolicy
+from phyagentos.assembly.agent_plane import Agent, MemoryUse, open_agent
+from phyagentos.assembly.planes import watching
 from phyagentos.clock import Clock
-from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,19 +32,38 @@ class Episode:
     report: MissionReport
 
 
-def run_suite(workspace: Workspace, graph: Path, seeds: Sequence[int], clock: Clock) -> Iterator[Episode]:
-    """Pursue the same goal graph with each seed, in order; a runtime plane must be watching the workspace.
+@contextmanager
+def open_bench(
+    workspace: Workspace,
+    clock: Clock,
+    *,
+    faults: Path | None = None,
+    pictures: bool = False,
+    sense: Sensing | None = None,
+    memory_use: MemoryUse = MemoryUse.LEARN,
+    policy: RepairPolicy | None = None,
+) -> Iterator[Agent]:
+    """Both planes of a workspace: the runtime as a child process, the agent in this one.
 
     Args:
-        workspace: Of the runtime plane.
-        graph: The goal graph.
-        seeds: One goal each.
+        workspace: With its settings.
         clock: For waiting.
+        faults: Fault file for the simulated worlds.
+        pictures: Whether evidence has pictures.
+        sense: Declared in perception.yaml; None leaves what stands there.
+        memory_use: What the agent does with the memory of the workspace.
+        policy: Chooses what follows a miss; graph repair by default.
     """
-    journal = Journal(workspace.root, side=Side.AGENT, by="bench", clock=clock)
-    mission = Mission(workspace, journal, clock=clock)
-    try:
-        for seed in seeds:
-            yield Episode(seed=seed, workspace=workspace, report=mission.run(graph, seed=seed))
-    finally:
-        journal.close()
+    with (
+        watching(workspace, clock, faults=faults, pictures=pictures, sense=sense) as plane,
+        open_agent(
+            workspace, clock, by="bench", memory_use=memory_use, policy=policy, is_runtime_alive=plane.is_alive
+        ) as agent,
+    ):
+        yield agent
+
+
+def run_suite(agent: Agent, workspace: Workspace, graph: Path, seeds: Sequence[int]) -> Iterator[Episode]:
+    """Pursue the same goal graph with each seed, in order."""
+    for seed in seeds:
+        yield Episode(seed=seed, workspace=workspace, report=agent.mission.run(graph, seed=seed))

@@ -18,11 +18,11 @@ from rich.console import Console
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
+from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.cli.console import RunConsole
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
 from phyagentos.cli.overrides import parse_overrides
-from phyagentos.cli.planes import Plane
 from phyagentos.cli.progress import RunFold
 from phyagentos.cli.projects import get_file, open_library
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
@@ -200,14 +200,12 @@ def choose_workspace(name: str, seed: int) -> Path:
 
 def start_planes(order: Order, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:
     """Start the runtime first: it warms up while the agent compiles."""
-    watch = ["--workspace", str(workspace.root)]
-    watch += ["--faults", str(faults)] if faults is not None else []
-    watch += [] if order.pictures else ["--no-pictures"]
+    watch = start_watch(workspace, faults=faults, pictures=order.pictures)
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(order.seed)]
     agent += ["--verify", order.verify] if order.verify is not None else []
     agent += ["--memory", str(order.memory.resolve())] if order.memory is not None else []
     agent += [part for override in order.overrides for part in ("--set", override)]
-    return [Plane("watch", watch, workspace.logs), Plane("agent", agent, workspace.logs)]
+    return [watch, Plane("agent", agent, workspace.logs)]
 
 
 def follow_run(

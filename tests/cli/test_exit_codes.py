@@ -2,9 +2,9 @@
 
 import pytest
 
+from phyagentos.assembly.planes import Plane
 from phyagentos.cli import showing
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.cli.planes import Plane
 from phyagentos.clock import SystemClock
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.assembly import planes
 from phyagentos.cli import mission_run
 from phyagentos.cli.mission_run import Order, start_planes
 from phyagentos.cli.outcome import ExitCode
@@ -15,7 +16,8 @@ from phyagentos.protocol.workspace.workspace import Workspace
 @pytest.mark.parametrize("mode", [None, *VerificationMode])
 def test_the_agent_is_told_the_mode_that_was_asked_for(tmp_path, monkeypatch, mode):
     started = {}
-    monkeypatch.setattr(mission_run, "Plane", lambda name, arguments, _logs: started.setdefault(name, arguments))
+    for module in (mission_run, planes):
+        monkeypatch.setattr(module, "Plane", lambda name, arguments, _logs: started.setdefault(name, arguments))
     workspace = Workspace.create(tmp_path / "w", Library(()))
     start_planes(Order(graph=Path("g.yaml"), verify=mode), Path("g.yaml"), None, workspace)
     told = started["agent"]

@@ -7,12 +7,10 @@ from pathlib import Path
 import pytest
 
 from phyagentos.agent.mission.goal_controller import GoalController
-from phyagentos.agent.mission.mission import Mission
+from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
 from tests.goal_graphs import assert_same_graph, check_recorded_graphs
 
 HERE = Path(__file__).parent
@@ -27,13 +25,14 @@ class Plane:
         command += ["--faults", str(faults)] if faults else []
         with (self.workspace.logs / "watch.log").open("wb") as log:
             self.process = subprocess.Popen(command, stdout=log, stderr=log)
-        self.journal = Journal(self.workspace.root, side=Side.AGENT, by="journey", clock=SystemClock())
-        self.mission = Mission(
+        self._agent = open_agent(
             self.workspace,
-            self.journal,
-            clock=SystemClock(),
+            SystemClock(),
+            by="journey",
+            memory_use=MemoryUse.NONE,  # journeys share the workspace, in any order
             is_runtime_alive=lambda _: self.process.poll() is None,
         )
+        self.mission = self._agent.__enter__().mission
 
     def run(self, name: str, graph: str = "goal.yaml", seed: int = 1):
         return self.mission.run(HERE / graph, seed=seed, goal=name)
@@ -44,7 +43,7 @@ class Plane:
     def stop(self) -> None:
         self.process.terminate()
         self.process.wait(30)
-        self.journal.close()
+        self._agent.__exit__(None, None, None)
 
 
 @pytest.fixture(scope="session")

@@ -2,17 +2,13 @@
 
 import json
 import re
-import subprocess
-import sys
 
 import pytest
 
-from phyagentos.agent.mission.mission import Mission
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import find_shipped_root
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.journal import Journal
 
 from .corpus import HERE, Edit, make_project, read_case
 
@@ -31,17 +27,9 @@ def run(root, edits, rename=("", "")):
     if rename[0]:
         text = workspace.target_registry.read_text(encoding="utf-8")
         workspace.target_registry.write_text(text.replace(*rename), encoding="utf-8")
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--no-pictures"]
-    journal = Journal(workspace.root, side=Side.AGENT, by="test", clock=SystemClock())
-    with (workspace.logs / "watch.log").open("wb") as log, subprocess.Popen(command, stdout=log, stderr=log) as watch:
-        try:
-            mission = Mission(workspace, journal, clock=SystemClock(), is_runtime_alive=lambda _: watch.poll() is None)
-            report = mission.run(GRAPH, seed=1, goal="tidy")
-        finally:
-            watch.terminate()
-            watch.wait(30)
-            journal.close()
-    reasons = {id: status.reason for id, status in mission.ledger.sessions.items() if status.state == "rejected"}
+    with open_bench(workspace, SystemClock()) as agent:
+        report = agent.mission.run(GRAPH, seed=1, goal="tidy")
+    reasons = {id: status.reason for id, status in agent.mission.ledger.sessions.items() if status.state == "rejected"}
     codes = {id: set(re.findall(r": ([A-Z]+(?:_[A-Z]+)+)\b", reason)) for id, reason in reasons.items()}
     received = workspace.logs / "receive-panda.jsonl"
     lines = received.read_text(encoding="utf-8").splitlines() if received.exists() else []

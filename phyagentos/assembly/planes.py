@@ -1,7 +1,7 @@
-"""The two planes as child processes of `paos run`: each in its own process group, with its own log.
+"""The two planes as child processes: each in its own process group, with its own log.
 
-With `--with-parent` the kernel signals them when this process dies, and they end. Rejected: threads or forks of this
-process (the planes must not share memory, and Ctrl-C in the terminal must reach only us).
+Upstream: `paos run`, and benchmarks. With `--with-parent` the kernel ends a plane when its parent dies. Rejected:
+threads or forks of the parent (planes must not share memory, and Ctrl-C in the terminal must reach only the parent).
 """
 
 import contextlib
@@ -9,10 +9,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from phyagentos.clock import Clock
+from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.workspace.workspace import Workspace
+
+STOP_S = 20.0  # a plane that is well ends within this
 
 
 class Plane:
@@ -41,6 +45,10 @@ class Plane:
         """The exit code, or None while it runs."""
         return self._process.poll()
 
+    def is_alive(self, _: object = None) -> bool:
+        """Whether it runs; a mission may ask it about any goal."""
+        return self._process.poll() is None
+
     def stop(self, clock: Clock, grace_s: float = 5.0) -> None:
         """Ask it to end; kill it and what it started when it does not."""
         with contextlib.suppress(ProcessLookupError):
@@ -60,3 +68,38 @@ class Plane:
         """The lines that it has printed, for the message about its end."""
         text = self.log.read_bytes()[self._begin :].decode(errors="replace")
         return [line for line in text.splitlines() if line.strip()]
+
+
+def start_watch(
+    workspace: Workspace, *, faults: Path | None = None, pictures: bool = True, sense: Sensing | None = None
+) -> Plane:
+    """The runtime plane of a workspace.
+
+    Args:
+        workspace: Supervised by no other process.
+        faults: Fault file for the simulated worlds.
+        pictures: Whether evidence has pictures.
+        sense: Declared in perception.yaml; None leaves what stands there.
+    """
+    arguments = ["--workspace", str(workspace.root)]
+    arguments += ["--faults", str(faults)] if faults is not None else []
+    arguments += ["--sense", sense] if sense is not None else []
+    arguments += [] if pictures else ["--no-pictures"]
+    return Plane("watch", arguments, workspace.logs)
+
+
+@contextlib.contextmanager
+def watching(
+    workspace: Workspace,
+    clock: Clock,
+    *,
+    faults: Path | None = None,
+    pictures: bool = False,
+    sense: Sensing | None = None,
+) -> Iterator[Plane]:
+    """A warm runtime plane while the block runs; arguments as of `start_watch`."""
+    plane = start_watch(workspace, faults=faults, pictures=pictures, sense=sense)
+    try:
+        yield plane
+    finally:
+        plane.stop(clock, STOP_S)
