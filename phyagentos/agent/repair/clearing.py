@@ -14,9 +14,9 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import find_free_spot, find_support
+from phyagentos.geometry import Vector, to_child
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.geometry import Vector, to_child
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Call, Number, Variable
 

@@ -8,8 +8,8 @@ import itertools
 import math
 from collections.abc import Iterator
 
+from phyagentos.geometry import Vector, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, ShapeKind
-from phyagentos.protocol.world.predicates.geometry import Vector, to_child, to_parent
 
 STEP_M = 0.04  # between spots that are looked at
 ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand and half a cube

@@ -9,6 +9,7 @@ from enum import StrEnum
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this vocabulary
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
 FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
@@ -38,18 +39,6 @@ class Status(StrEnum):
     """Its last place cannot be seen now; it may still be there."""
     GONE = "gone"
     """Its last place is seen and empty, and it was not found elsewhere."""
-
-
-class Pose(msgspec.Struct, frozen=True):
-    """A rigid pose `parent_T_child`.
-
-    Attributes:
-        position_m: (3,) [m].
-        quaternion_wxyz: (4,) unit quaternion.
-    """
-
-    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
 
 class Shape(msgspec.Struct, frozen=True):

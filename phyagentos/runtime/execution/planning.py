@@ -4,11 +4,11 @@ from typing import Any, final
 
 import numpy as np
 
+from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, Status
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
-from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
 from phyagentos.runtime.perception.world_model import BELIEF
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from phyagentos.geometry import convert_euler, multiply
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.scenes import Body, SceneSpec
@@ -126,9 +127,7 @@ def _displace(model: mujoco.MjModel, data: mujoco.MjData, name: str, offset: Arr
     """Move along the ground and turn about the vertical: height and tilt are what the support makes them."""
     start = int(model.jnt_qposadr[model.body(name).jntadr[0]])
     data.qpos[start : start + 2] += offset[:2] + shift
-    turn, turned = np.array([np.cos(offset[2] / 2), 0.0, 0.0, np.sin(offset[2] / 2)]), np.zeros(4)
-    mujoco.mju_mulQuat(turned, turn, data.qpos[start + 3 : start + 7])
-    data.qpos[start + 3 : start + 7] = turned
+    data.qpos[start + 3 : start + 7] = multiply(convert_euler((0.0, 0.0, offset[2])), data.qpos[start + 3 : start + 7])
 
 
 def _weigh(model: mujoco.MjModel, name: str, body: Body, shares: Array, ranks: Array) -> None:

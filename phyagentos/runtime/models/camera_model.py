@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.settings.cameras import CameraSettings
 from phyagentos.runtime.targets.wire import Crop
 
 Array = NDArray[np.float64]
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]  # (n,) rows and (n,) columns
 _MUJOCO_T_OPENCV = np.diag([1.0, -1.0, -1.0])  # MuJoCo looks along -z with y up
-_FLAT = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,9 +146,8 @@ def find_mounting(model: mujoco.MjModel, settings: CameraSettings) -> Mounting |
         camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, settings.scene_camera)
         if camera < 0:
             return None
-        rotation = np.zeros(9)
-        mujoco.mju_quat2Mat(rotation, model.cam_quat[camera])
-        place = Viewpoint(np.array(model.cam_pos[camera]), rotation.reshape(3, 3) @ _MUJOCO_T_OPENCV)
+        rotation = compute_rotation(model.cam_quat[camera])
+        place = Viewpoint(np.array(model.cam_pos[camera]), rotation @ _MUJOCO_T_OPENCV)
         lens = compute_lens(settings, float(model.cam_fovy[camera]))
         return Mounting(lens, int(model.cam_bodyid[camera]), place)
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, settings.mount)
@@ -156,12 +155,3 @@ def find_mounting(model: mujoco.MjModel, settings: CameraSettings) -> Mounting |
         return None
     place = look_at(np.array(settings.position_m), np.array(settings.target_m), np.array(settings.up))
     return Mounting(compute_lens(settings), body, place)
-
-
-def turn(vector_rad: Array) -> Array:
-    """(3, 3) rotation about an axis by its length."""
-    angle = float(np.linalg.norm(vector_rad))
-    quaternion, rotation = np.zeros(4), np.zeros(9)
-    mujoco.mju_axisAngle2Quat(quaternion, vector_rad / max(angle, _FLAT), angle)
-    mujoco.mju_quat2Mat(rotation, quaternion)
-    return rotation.reshape(3, 3)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
+from phyagentos.geometry import convert_euler, to_parent
 from phyagentos.protocol.world.environment import Entity, Interior, Mechanism, Pose, Region, Shape
 from phyagentos.protocol.world.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
@@ -63,7 +64,7 @@ class PlacedBody:
             pose=Pose(self.position_m, self.quaternion_wxyz),
             movable=not self.body.fixed,
             shapes=tuple(
-                Shape(solid.kind, solid.size_m, Pose(solid.position_m, _euler_to_quaternion(solid.euler_rad)))
+                Shape(solid.kind, solid.size_m, Pose(solid.position_m, convert_euler(solid.euler_rad)))
                 for solid in self.shapes
                 if not solid.decor
             ),
@@ -250,7 +251,7 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
     if item.body.part_of is None:
         body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
     else:
-        turn = _euler_to_quaternion((0.0, 0.0, place.yaw_rad[0]))
+        turn = convert_euler((0.0, 0.0, place.yaw_rad[0]))
         body = robot.body(item.body.part_of).add_body(name=item.name, pos=place.position_m, quat=turn)
     if item.body.joint is not None and item.opening is not None:
         _add_joint(body, item.name, item.body.joint, item.opening)
@@ -263,7 +264,7 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
             type=_GEOMS[solid.kind],
             size=[*solid.size_m, 0.0, 0.0][:3],
             pos=solid.position_m,
-            quat=_euler_to_quaternion(solid.euler_rad),
+            quat=convert_euler(solid.euler_rad),
             mass=item.mass_kg * volume / sum(volumes),
             condim=3,  # the pads of a gripper have priority and torsional friction of their own
             friction=item.body.friction,
@@ -308,14 +309,6 @@ def _compute_volume(solid: Solid) -> float:
     return float(2 * np.pi * size[0] ** 2 * size[1] + caps)
 
 
-def _euler_to_quaternion(euler_rad: tuple[float, float, float]) -> tuple[float, float, float, float]:
-    """Intrinsic x-y-z angles to (w, x, y, z)."""
-    quaternion = np.zeros(4)
-    mujoco.mju_euler2Quat(quaternion, np.array(euler_rad), "xyz")
-    w, x, y, z = (float(value) for value in quaternion)
-    return (w, x, y, z)
-
-
 def read_regions(spec: SceneSpec, placed: tuple[PlacedBody, ...]) -> tuple[Region, ...]:
     """Named regions in the world; one that belongs to a body moves with where the seed put that body."""
     starts = {item.name: item for item in placed}
@@ -324,10 +317,7 @@ def read_regions(spec: SceneSpec, placed: tuple[PlacedBody, ...]) -> tuple[Regio
         pose = Pose(region.center_m)
         if region.body is not None:
             item = starts[region.body]
-            rotation = np.zeros(9)
-            mujoco.mju_quat2Mat(rotation, np.array(item.quaternion_wxyz))
-            offset = rotation.reshape(3, 3) @ np.array(region.center_m)
-            x, y, z = (float(value) for value in np.array(item.position_m) + offset)
-            pose = Pose((x, y, z), item.quaternion_wxyz)
+            placed_at = Pose(item.position_m, item.quaternion_wxyz)
+            pose = Pose(to_parent(placed_at, region.center_m), item.quaternion_wxyz)
         regions.append(Region(name=name, pose=pose, half_m=region.half_m))
     return tuple(regions)

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
-from phyagentos.runtime.motion.poses import compute_pose, raise_pose
+from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from phyagentos.runtime.motion.poses import compute_inverse
+from phyagentos.geometry import compute_inverse
 from phyagentos.runtime.motion.robot_model import RobotModel
 
 Array = NDArray[np.float64]

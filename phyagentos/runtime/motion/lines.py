@@ -8,10 +8,10 @@ by a few millimetres before the check, since nothing could pass them without sto
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_matrix
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
-from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import Approach, Approaches, FindLine, NoPlan
 
 ROUNDING_PASSES = 6  # over rows 1 cm apart: a right angle is cut by some 5 mm

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
-from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose, point_tool_down
+from phyagentos.runtime.motion.poses import point_tool_down
 from phyagentos.runtime.motion.requests import Approach, Approaches, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_depth_below
 from phyagentos.runtime.motion.sites import Space, find_sites, find_space, measure_footprint

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
-from phyagentos.runtime.motion.poses import compute_matrix, compute_rotation
 from phyagentos.runtime.motion.requests import Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
 
@@ -79,10 +79,8 @@ class PlanningScene:
             tool_T_tcp[:3, :3] = compute_rotation(site.quat)
             tool_T_tcp[:3, 3] = site.pos
             tool_T_payload = tool_T_tcp @ self.tcp_T_payload
-            quaternion = np.zeros(4)
-            mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(tool_T_payload[:3, :3]).reshape(9))
             self._model.body_pos[self._payload_body] = tool_T_payload[:3, 3]
-            self._model.body_quat[self._payload_body] = quaternion
+            self._model.body_quat[self._payload_body] = compute_quaternion(tool_T_payload[:3, :3])
         self.checks = 0
 
     @property

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.collision_matrix import exclude_pairs, find_idle_pairs
-from phyagentos.runtime.motion.poses import compute_rotation
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
-from phyagentos.runtime.motion.poses import compute_matrix
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.poses import compute_matrix
 from phyagentos.runtime.motion.requests import FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_shape_boxes
 

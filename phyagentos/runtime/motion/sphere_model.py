@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_inverse, compute_matrix
 from phyagentos.protocol.world.environment import Entity, Shape
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import (
@@ -19,7 +20,6 @@ from phyagentos.runtime.motion.planning_scene import (
     PAYLOAD_SCALE,
     PlanningScene,
 )
-from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix
 from phyagentos.runtime.motion.robot_model import RobotModel
 from phyagentos.runtime.motion.shapes import compute_half_extents, compute_shape_boxes
 

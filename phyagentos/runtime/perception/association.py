@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.clusters import POINTS_MIN, find_clusters, split
 from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.separate_overlaps import part
-from phyagentos.runtime.perception.solids import Array, Solids, compute_rotation
+from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 
 LINK_M = 0.016  # points of one surface are this near: two pixels of a camera a metre away

@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping
 import msgspec
 import numpy as np
 
+from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vector, turn
 from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.association import Match, associate
@@ -18,7 +19,7 @@ from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, fit_fix
 from phyagentos.runtime.perception.grip import carry, find_held, is_gripping, let_go
 from phyagentos.runtime.perception.hand_check import check_hand
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
-from phyagentos.runtime.perception.solids import Array, Solids, as_pose, compute_rotation, turn
+from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import compute_sight
 
@@ -184,7 +185,7 @@ def _fuse(
         if entity.looks and moved < STILL_M and turned < STILL_RAD:
             looks = min(entity.looks + 1, FUSE_MAX)
             position = np.array(entity.pose.position_m) + (position - np.array(entity.pose.position_m)) / looks
-            rotation = turn(_log(rotation @ was.T) / looks) @ was
+            rotation = turn(np.array(compute_rotation_vector(rotation @ was.T)) / looks) @ was
         elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
             speed = moved / (time_s - entity.observed_at_s)
     base = thing.template
@@ -350,10 +351,3 @@ def _rate(found: Fit) -> float:
 
 def _measure_turn(a: Array, b: Array) -> float:
     return float(np.arccos(np.clip((np.trace(a.T @ b) - 1) / 2, -1.0, 1.0)))
-
-
-def _log(rotation: Array) -> Array:
-    """Axis times angle of a small turn."""
-    angle = _measure_turn(np.eye(3), rotation)
-    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    return axis / 2 if angle < 1e-6 else axis * angle / (2 * np.sin(angle))

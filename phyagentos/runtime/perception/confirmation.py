@@ -8,11 +8,12 @@ fit (`fitting`) leave the pose where it is.
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.fitting import FREE, refine
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.solids import Array, compute_rotation, measure_lengths
+from phyagentos.runtime.perception.solids import Array, measure_lengths
 from phyagentos.runtime.perception.visibility import DEPTH_M, FACING
 from phyagentos.runtime.targets.wire import Frame
 

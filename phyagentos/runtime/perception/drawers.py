@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from phyagentos.geometry import as_pose, compute_rotation
 from phyagentos.protocol.world.environment import Entity, Mechanism, Pose
 from phyagentos.protocol.world.scenes import Body, SceneSpec
-from phyagentos.runtime.perception.solids import Array, as_pose, compute_rotation
+from phyagentos.runtime.perception.solids import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from phyagentos.geometry import turn
 from phyagentos.runtime.perception.inventory import Form, ObjectModel
-from phyagentos.runtime.perception.solids import Array, Solids, turn
+from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView
 from phyagentos.runtime.perception.visibility import Sight, compute_sight
 

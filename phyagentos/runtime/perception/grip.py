@@ -9,9 +9,10 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
+from phyagentos.geometry import as_pose, compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status, TargetState
 from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
-from phyagentos.runtime.perception.solids import Array, as_pose, compute_rotation
+from phyagentos.runtime.perception.solids import Array
 
 BESIDE_M = 0.030  # a thing this far from the hand's middle, beyond its own size, is not what is touched
 WIDTH_M = 0.012  # by which the opening may differ from the thing's size: pose errors, rounded edges
@@ -67,7 +68,7 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entit
 
 def _align(rotation: Array, closing: Array, thing: ObjectModel) -> Array:
     """A box turned so that a face lies flat on the fingers, where one nearly does; other things as they are."""
-    from phyagentos.runtime.perception.solids import turn
+    from phyagentos.geometry import turn
 
     if len(thing.solids.kinds) != 1 or thing.solids.kinds[0] != "box":
         return rotation

@@ -8,10 +8,10 @@ should be, its own colour is nearly absent and that of another thing is there.
 import msgspec
 import numpy as np
 
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status, TargetState
 from phyagentos.runtime.perception.grip import carry, let_go, take_hold
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.solids import compute_rotation
 from phyagentos.runtime.perception.views import Cloud
 
 NEAR_M = 0.006  # of the held thing's surface: the error of a pose in the hand

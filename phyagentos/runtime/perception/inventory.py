@@ -11,10 +11,11 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import convert_euler
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.scenes import Body, SceneSpec, Solid
 from phyagentos.runtime.perception.drawers import Drawer, find_drawer
-from phyagentos.runtime.perception.solids import Array, Solids, compute_quaternion
+from phyagentos.runtime.perception.solids import Array, Solids
 
 SYMMETRY_M = 0.0005  # sides this equal are the same
 RADIUS_SLACK_M = 0.003  # a ring of flat walls counts as round
@@ -197,19 +198,7 @@ def _make_template(name: str, body: Body, source: str) -> Entity:
 
 
 def _make_shape(solid: Solid) -> Shape:
-    return Shape(solid.kind, solid.size_m, Pose(solid.position_m, _turn_intrinsic(solid.euler_rad)))
-
-
-def _turn_intrinsic(euler_rad: tuple[float, float, float]) -> tuple[float, float, float, float]:
-    """Intrinsic x-y-z angles to (w, x, y, z)."""
-    rotation = np.eye(3)
-    for axis, angle in enumerate(euler_rad):
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        step = np.eye(3)
-        step[[i, j], [i, j]] = np.cos(angle)
-        step[i, j], step[j, i] = -np.sin(angle), np.sin(angle)
-        rotation = rotation @ step
-    return compute_quaternion(rotation)
+    return Shape(solid.kind, solid.size_m, Pose(solid.position_m, convert_euler(solid.euler_rad)))
 
 
 def _pose_solids(entity: Entity, body: Body) -> Solids:

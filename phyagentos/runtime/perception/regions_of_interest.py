@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, SensorHealth
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.solids import Array, compute_rotation
+from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.targets.wire import Crop
 
 MARGIN = 1.35  # of the ball around a thing: it may have moved a little, and what is beside it tells edges

@@ -10,58 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind
+from phyagentos.geometry import compute_rotation
+from phyagentos.protocol.world.environment import Shape, ShapeKind
 
 Array = NDArray[np.float64]
 _TINY = 1e-12
-
-
-def compute_rotation(quaternion_wxyz: Sequence[float]) -> Array:
-    """(3, 3) rotation of a unit quaternion."""
-    w, x, y, z = quaternion_wxyz
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def compute_quaternion(rotation: Array) -> tuple[float, float, float, float]:
-    """(w, x, y, z) of a rotation matrix, w not negative (Shepperd's method)."""
-    diagonal = np.array([np.trace(rotation), *np.diag(rotation)])
-    best = int(np.argmax(diagonal))
-    value = np.zeros(4)
-    if best == 0:
-        value[0] = 1 + diagonal[0]
-        value[1:] = rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
-    else:
-        i, j, k = best - 1, best % 3, (best + 1) % 3
-        value[0] = rotation[k, j] - rotation[j, k]
-        value[1 + i] = 1 + rotation[i, i] - rotation[j, j] - rotation[k, k]
-        value[1 + j] = rotation[j, i] + rotation[i, j]
-        value[1 + k] = rotation[k, i] + rotation[i, k]
-    value *= (1.0 if value[0] >= 0 else -1.0) / np.linalg.norm(value)
-    w, x, y, z = value.tolist()
-    return (w, x, y, z)
-
-
-def turn(vector_rad: Array) -> Array:
-    """(3, 3) rotation about a vector by its length (Rodrigues)."""
-    angle = float(np.linalg.norm(vector_rad))
-    if angle < _TINY:
-        return np.eye(3)
-    x, y, z = vector_rad / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return turned
-
-
-def as_pose(rotation: Array, position_m: Array) -> Pose:
-    """A pose of a rotation matrix and a position."""
-    x, y, z = position_m.tolist()
-    return Pose((x, y, z), compute_quaternion(rotation))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import compute_rotation
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.solids import Array, Solids, compute_rotation, measure_lengths
+from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
 MAP_M = 0.012  # this near to the map and of its colour: part of it

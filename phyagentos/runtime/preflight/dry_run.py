@@ -12,12 +12,12 @@ import numpy as np
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Entity, Environment, Shape
-from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
     Approaches,

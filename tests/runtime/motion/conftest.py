@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Region, Shape, ShapeKind
 from phyagentos.runtime.motion.planner import MotionPlanner
-from phyagentos.runtime.motion.poses import compute_inverse, compute_matrix, compute_pose
 from phyagentos.runtime.motion.requests import (
     FindGrasps,
     FindPlacements,

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
+from phyagentos.geometry import compute_matrix, compute_rotation_vector
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
-from phyagentos.runtime.motion.poses import compute_matrix, compute_rotation_angle, interpolate_poses, point_tool_down
+from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down
 from phyagentos.runtime.motion.requests import Payload, World
 from phyagentos.runtime.motion.robot_model import build_robot_model
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_depth_below
@@ -42,7 +43,7 @@ def test_screening_and_mink_both_reach_a_pose_within_tolerance(planner, home):
     for q in (screened, polished):
         reached = planner._chain.compute_tcp(q)
         assert np.linalg.norm(reached[:3, 3] - target[:3, 3]) < 1.1e-4
-        assert compute_rotation_angle(reached[:3, :3].T @ target[:3, :3]) < 1.1e-3
+        assert np.linalg.norm(compute_rotation_vector(reached[:3, :3].T @ target[:3, :3])) < 1.1e-3
 
 
 def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, home):
@@ -120,7 +121,7 @@ def test_depth_and_bounds_of_a_lying_cylinder(planner):
 def test_interpolated_poses_turn_and_move_evenly():
     start, end = point_tool_down(0.0, np.zeros(3)), point_tool_down(1.0, np.array((0.0, 0.0, 0.1)))
     poses = interpolate_poses(start, end, 0.05, 0.1)
-    turns = [compute_rotation_angle(a[:3, :3].T @ b[:3, :3]) for a, b in pairwise(poses)]
+    turns = [np.linalg.norm(compute_rotation_vector(a[:3, :3].T @ b[:3, :3])) for a, b in pairwise(poses)]
 
     assert len(poses) == 11
     assert turns == pytest.approx([0.1] * 10, abs=1e-6)

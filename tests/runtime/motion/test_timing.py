@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.path import densify
-from phyagentos.runtime.motion.poses import compute_pose
 from phyagentos.runtime.motion.requests import FindLine, NoPlan, ShapeTransport, TimeLine, World
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
 

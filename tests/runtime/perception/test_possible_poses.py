@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from phyagentos.geometry import turn
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.association import associate
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, part
-from phyagentos.runtime.perception.solids import turn
 from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import Sight
 

@@ -7,18 +7,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from phyagentos.geometry import UP, compute_tilt, compute_turn, rotate, to_child
 from phyagentos.protocol.world.environment import Entity, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
-    UP,
     compute_box_distance,
     compute_center,
     compute_lowest,
-    compute_tilt,
-    compute_turn,
     iter_tops_below,
-    rotate,
-    subtract,
-    to_child,
 )
 from phyagentos.protocol.world.predicates.library import (
     AHEAD_S,
@@ -258,7 +253,7 @@ def measure_height(view: View, a: Entity) -> Reading:
 
 def measure_distance(view: View, a: Entity, b: Place) -> Reading:
     """Distance between centres [m]."""
-    apart_m = math.hypot(*subtract(compute_center(a), b.pose.position_m))
+    apart_m = math.dist(compute_center(a), b.pose.position_m)
     because = f"{a.name} and {b.name} are {apart_m:.3f} m apart"
     doubt = _find_position_doubt(view, a, view.now.entities.get(b.name))
     return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, doubt)

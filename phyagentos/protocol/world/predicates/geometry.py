@@ -1,4 +1,4 @@
-"""The geometry that predicates need: poses, extents and surfaces of primitive solids, in plain Python.
+"""The geometry that predicates need: extents and surfaces of primitive solids, in plain Python.
 
 One predicate touches a handful of three-vectors, for which arrays would cost more than they save; and the boundary
 stays free of numerical packages. Equations follow Ericson, Real-Time Collision Detection, chapter 4 (support points).
@@ -7,66 +7,15 @@ stays free of numerical packages. Equations follow Ericson, Real-Time Collision 
 import math
 from collections.abc import Sequence
 
-from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.geometry import UP, Pose, Vector, invert_rotation, rotate, to_child, to_parent
+from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 
-Vector = tuple[float, float, float]
-
-UP: Vector = (0.0, 0.0, 1.0)
 _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-def add(a: Sequence[float], b: Sequence[float]) -> Vector:
-    """A + b."""
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def subtract(a: Sequence[float], b: Sequence[float]) -> Vector:
-    """A - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def rotate(quaternion_wxyz: Sequence[float], v: Sequence[float]) -> Vector:
-    """V turned by a unit quaternion: v + 2 u x (u x v + w v), with u the vector part."""
-    w, x, y, z = quaternion_wxyz
-    tx, ty, tz = y * v[2] - z * v[1] + w * v[0], z * v[0] - x * v[2] + w * v[1], x * v[1] - y * v[0] + w * v[2]
-    return (
-        v[0] + 2 * (y * tz - z * ty),
-        v[1] + 2 * (z * tx - x * tz),
-        v[2] + 2 * (x * ty - y * tx),
-    )
-
-
-def invert_rotation(quaternion_wxyz: Sequence[float]) -> tuple[float, float, float, float]:
-    """The opposite turn of a unit quaternion."""
-    w, x, y, z = quaternion_wxyz
-    return (w, -x, -y, -z)
-
-
-def to_parent(pose: Pose, point: Sequence[float]) -> Vector:
-    """A point of the child frame, in the parent frame."""
-    return add(rotate(pose.quaternion_wxyz, point), pose.position_m)
-
-
-def to_child(pose: Pose, point: Sequence[float]) -> Vector:
-    """A point of the parent frame, in the child frame."""
-    return rotate(invert_rotation(pose.quaternion_wxyz), subtract(point, pose.position_m))
-
-
-def compute_tilt(pose: Pose) -> float:
-    """Angle [rad] between the frame's z axis and the world's."""
-    return math.acos(max(-1.0, min(1.0, rotate(pose.quaternion_wxyz, UP)[2])))
-
-
-def compute_turn(a: Pose, b: Pose) -> float:
-    """Smallest angle [rad] that turns a into b."""
-    w, x, y, z = a.quaternion_wxyz
-    p, q, r, s = b.quaternion_wxyz
-    return 2 * math.acos(min(1.0, abs(w * p + x * q + y * r + z * s)))
 
 
 def compute_extent(entity: Entity, direction: Vector) -> tuple[float, float]:

@@ -11,8 +11,9 @@ from enum import StrEnum
 from functools import cache
 from importlib.metadata import entry_points
 
+from phyagentos.geometry import Vector, to_parent
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
-from phyagentos.protocol.world.predicates.geometry import Vector, compute_center, to_parent
+from phyagentos.protocol.world.predicates.geometry import compute_center
 
 AHEAD_S = 1.0  # touch tells of a held thing between two looks; nothing is seen later than that after its snapshot
 ENTRY_POINT_GROUP = "phyagentos.predicates"

@@ -13,12 +13,13 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import ExecutionError, format_names
+from phyagentos.geometry import turn
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.drivers.mujoco.faults import FaultActivation
 from phyagentos.runtime.drivers.mujoco.simulated_camera import SimulatedCamera, open_cameras, pose_state
 from phyagentos.runtime.drivers.mujoco.state_history import StateHistory
-from phyagentos.runtime.models.camera_model import Array, Viewpoint, turn
+from phyagentos.runtime.models.camera_model import Array, Viewpoint
 from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 
 MAX_LOST = 16  # frames in a row, before a camera has none to give

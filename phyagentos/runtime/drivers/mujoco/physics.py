@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.geometry import as_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
 from phyagentos.protocol.world.scenes import SceneSpec
@@ -167,15 +168,11 @@ class Physics:
 
     def read_target(self, touching: dict[str, int]) -> TargetState:
         """The arm's own state (after `look`)."""
-        rotation = self.seen.site_xmat[self._tcp]
-        quaternion = np.zeros(4)
-        mujoco.mju_mat2Quat(quaternion, rotation)
-        w, x, y, z = quaternion.tolist()
         return TargetState(
             q_rad=tuple(self.q_rad.tolist()),
             qd_rad_s=tuple(self.qd_rad_s.tolist()),
             gripper_width_m=self.gripper_width_m,
-            tcp=Pose(tuple(self.seen.site_xpos[self._tcp].tolist()), (w, x, y, z)),
+            tcp=as_pose(self.seen.site_xmat[self._tcp].reshape(3, 3), self.seen.site_xpos[self._tcp]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
             fingers_touching=self.count_touching_pads(),
         )

@@ -14,15 +14,15 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
+from phyagentos.geometry import as_pose, turn
 from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
 from phyagentos.protocol.settings.sensors import Sensors
-from phyagentos.protocol.world.environment import Pose
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.drivers.mujoco.camera_noise import draw_places, spoil
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
 from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture
-from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint, find_mounting, turn
+from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint, find_mounting
 from phyagentos.runtime.targets.wire import Crop, Frame
 
 
@@ -110,6 +110,7 @@ class SimulatedCamera:
             lens, whole = lens.thin(every), lens
             picture = self._cast_some(data, whole, lens, every, nominal.then(self._error), rng)
             rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
+        claimed = told or nominal
         return Frame(
             camera=self.name,
             time_s=time_s,
@@ -119,7 +120,7 @@ class SimulatedCamera:
             fy=lens.fy,
             cx=lens.cx,
             cy=lens.cy,
-            world_T_camera=as_pose(told or nominal),
+            world_T_camera=as_pose(claimed.rotation, claimed.position_m),
             rgb=rgb,
             depth_m=depth,
         )
@@ -179,15 +180,6 @@ def pose_state(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None = 
     mujoco.mj_kinematics(model, data)
     mujoco.mj_camlight(model, data)
     return data
-
-
-def as_pose(viewpoint: Viewpoint) -> Pose:
-    """A viewpoint as it travels."""
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(viewpoint.rotation).ravel())
-    x, y, z = (float(value) for value in viewpoint.position_m)
-    w, i, j, k = (float(value) for value in quaternion)
-    return Pose((x, y, z), (w, i, j, k))
 
 
 def _draw_error(noise: NoiseLevel, seed: int) -> Viewpoint:

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Mechanism
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
-from phyagentos.runtime.motion.poses import Array, compute_matrix, compute_pose
+from phyagentos.runtime.motion.poses import Array
 from phyagentos.runtime.perception.world_model import BELIEF
 
 

@@ -1,9 +1,10 @@
 """Ask for a way that keeps a held vessel level: straight tool lines, turning about the vertical only."""
 
+from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
-from phyagentos.runtime.motion.poses import compute_matrix, compute_pose, raise_pose
+from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import (
     Approach,
     Approaches,

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Pose, ShapeKind
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
-from phyagentos.runtime.motion.poses import Array, compute_matrix, compute_pose, point_tool_down, raise_pose
+from phyagentos.runtime.motion.poses import Array, point_tool_down, raise_pose
 from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionAnswer, MotionRequest, NoPlan
 from phyagentos.runtime.perception.world_model import BELIEF
 

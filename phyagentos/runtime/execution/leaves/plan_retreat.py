@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
-from phyagentos.runtime.motion.poses import compute_matrix, compute_pose, raise_pose
+from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach, FindLine, MotionRequest, Payload
 
 
