@@ -177,22 +177,25 @@ class ScriptedPlanner:
         self._pending = None
         self._left = 0
 
+    @property
+    def is_free(self):
+        return self._pending is None
+
     def submit(self, request):
         assert self._pending is None, "one request at a time"
         self.requests.append(request)
         self._pending, self._left = request, self.polls
 
     def poll(self):
-        if self._pending is None:
-            return None
-        if self._left > 0:
-            self._left -= 1
+        if self._pending is None or self._left > 0:
             return None
         request, self._pending = self._pending, None
         return self._answer(request)
 
     def wait(self, timeout_s):
-        self.waits += 1
+        self.waits += timeout_s > 0.0
+        self._left -= self._left > 0
+        return self._left == 0
 
     def cancel(self):
         self.cancelled += 1

@@ -16,7 +16,6 @@ from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.execution.commands import CommandBuffer
-from phyagentos.runtime.execution.planning_requests import Thinker
 from phyagentos.runtime.perception.world_model import HAND, WorldModel
 from phyagentos.runtime.targets.wire import Description, Step
 
@@ -41,7 +40,7 @@ class SkillContext:
 
     session: Session
     profile: TargetProfile
-    planner: Thinker
+    planner: "Planner"
     commands: CommandBuffer
     world: WorldModel
     initial: Environment
@@ -103,7 +102,7 @@ def open_context(
     return SkillContext(
         session=session,
         profile=profile,
-        planner=Thinker(planner),
+        planner=planner,
         commands=CommandBuffer(
             q_rad=np.clip(step.target.q_rad, description.q_min_rad, description.q_max_rad),
             gripper_width_m=width_m,

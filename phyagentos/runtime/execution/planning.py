@@ -1,8 +1,9 @@
-"""Bases of leaves that think and of leaves that move: ask the planner, then play what it answers."""
+"""Bases of leaves that plan and of leaves that move: ask the planner, then play the motion that it answers."""
 
 from typing import Any, final
 
 import numpy as np
+from msgspec import to_builtins
 
 from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity
@@ -19,11 +20,11 @@ LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker
 class PlanningLeaf(Leaf):
     """A leaf whose result is an answer of the planner.
 
-    Authors write `compose` (what to ask) and `on_answer` (what to do with it). A request is composed only once the arm
-    rests, so that it begins where the arm really is.
+    Authors write `compose` (what to ask) and `on_answer` (what to do with it). A request is composed once the arm
+    rests, so that it begins where the arm really is. Requests of parallel leaves follow one another in tree order.
     """
 
-    _ticket: int | None = None
+    _is_asked = False
 
     def compose(self) -> MotionRequest | Status:
         """The request, or a status when there is nothing to ask."""
@@ -40,27 +41,27 @@ class PlanningLeaf(Leaf):
     @final
     def on_start(self) -> Status:
         """Ask."""
-        self._ticket = None
+        self._is_asked = False
         return self.ask()
 
     def on_running(self) -> Status:
         """Wait for rest, then for the answer."""
-        if self._ticket is None:
+        if not self._is_asked:
             return self.ask()
-        answer = self.context.planner.take(self._ticket)
+        answer = self.context.planner.poll()
         if answer is None:
             return Status.RUNNING
-        self._ticket = None
-        self.context.note("planner", type(answer).__name__, leaf=self.path, ms=answer.timing.ms)
-        if isinstance(answer, NoPlan):
-            return self.on_refused(answer)
-        return self.on_answer(answer)
+        self._is_asked = False
+        self.context.note(
+            "planner", type(answer).__name__, leaf=self.path, ms=answer.timing.ms, stages=to_builtins(answer.stages)
+        )
+        return self.on_refused(answer) if isinstance(answer, NoPlan) else self.on_answer(answer)
 
     def on_halted(self) -> None:
-        """Cancel what is asked."""
-        if self._ticket is not None:
-            self.context.planner.drop(self._ticket)
-            self._ticket = None
+        """Cancel the request."""
+        if self._is_asked:
+            self.context.planner.cancel()
+            self._is_asked = False
 
     def world(self) -> World:
         """The believed world, as the planner takes it: what is in a vessel that is moved goes with it, no obstacle."""
@@ -75,13 +76,14 @@ class PlanningLeaf(Leaf):
 
     @final
     def ask(self) -> Status:
-        """Submit what `compose` gives, once the arm rests."""
-        if not self.context.commands.at_rest:
+        """Submit what `compose` gives, once the arm rests and the planner is free."""
+        if not (self.context.commands.at_rest and self.context.planner.is_free):
             return Status.RUNNING
         request = self.compose()
         if isinstance(request, Status):
             return request
-        self._ticket = self.context.planner.submit(request)
+        self.context.planner.submit(request)
+        self._is_asked = True
         return Status.RUNNING
 
 
@@ -116,7 +118,7 @@ class MovingLeaf(PlanningLeaf):
     `GRASP_LOST` when it leaves the fingers on the way.
     """
 
-    _follower: TrajectoryPlayer | None = None
+    _player: TrajectoryPlayer | None = None
     _held: str | None = None
     _lost_periods = 0
 
@@ -126,32 +128,30 @@ class MovingLeaf(PlanningLeaf):
 
     @final
     def on_answer(self, answer: MotionAnswer) -> Status:
-        """Begin to follow."""
+        """Begin to play."""
         if not isinstance(answer, Motion):
             return self.fail(FailureCode.PLANNER_LOST, f"asked for a motion, got {type(answer).__name__}")
-        self._motion = answer
-        return self.follow(answer)
+        return self.play(answer)
 
     @final
     def on_running(self) -> Status:
-        """Think first, then follow."""
-        if self._follower is None:
+        """Wait for the motion, then play it."""
+        if self._player is None:
             return super().on_running()
-        return self._continue()
+        return self._continue(self._player)
 
     def on_halted(self) -> None:
         """Drop the request or the motion; the set-points brake by themselves."""
-        self._follower = None
+        self._player = None
         super().on_halted()
 
     @final
-    def follow(self, motion: Motion) -> Status:
+    def play(self, motion: Motion) -> Status:
         """Play a motion from this tick on."""
         context = self.context
-        self._motion = motion
-        self._follower = TrajectoryPlayer(motion.trajectory, context.commands, context.tracking_error_max_rad)
-        self._lost_periods = 0
-        return self._continue()
+        self._motion, self._lost_periods = motion, 0
+        self._player = TrajectoryPlayer(motion.trajectory, context.commands, context.tracking_error_max_rad)
+        return self._continue(self._player)
 
     @final
     def scale_speed(self, speed: float) -> float:
@@ -159,34 +159,33 @@ class MovingLeaf(PlanningLeaf):
         return speed * self.context.session.strategy.speed
 
     def describe_motion(self, motion: Motion) -> dict[str, Any]:
-        """Numbers for the trace."""
-        follower = self._follower
-        return (
-            {}
-            if follower is None
-            else {
-                "duration_s": round(follower.duration_s, 6),
-                "worst_tracking_error_rad": follower.worst_error_rad,
-            }
-            | {key: value for key, value in motion.details.items() if not key.endswith("_ms")}
-        )
+        """How the motion was found and followed, for the trace."""
+        if self._player is None:
+            return {}
+        stages = motion.stages
+        found = {
+            key: value for part in (stages.path, stages.scaling) if part for key, value in to_builtins(part).items()
+        }
+        return {
+            **found,
+            "duration_s": round(motion.trajectory.duration_s, 6),
+            "worst_tracking_error_rad": self._player.worst_error_rad,
+        }
 
-    def _continue(self) -> Status:
-        follower = self._follower
-        if follower is None:
-            raise RuntimeError("a moving leaf was ticked without a motion")
+    def _continue(self, player: TrajectoryPlayer) -> Status:
         if self._held is not None and self._has_lost(self._held):
-            self._follower = None
+            self._player = None
             return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
-        progress = follower.tick(self.context.step)
+        step = self.context.step
+        progress = player.tick(step)
         if progress is Progress.MOVING:
             return Status.RUNNING
         if progress is Progress.STALLED:
-            error = self.context.step.tracking_error_rad
-            self._follower = None
+            self._player = None
+            error = step.tracking_error_rad
             return self.fail(FailureCode.STALLED, f"the arm is {error:.3f} rad behind its set-points", error_rad=error)
         status = self.on_arrived(self._motion)
-        self._follower = None
+        self._player = None
         return status
 
     def _has_lost(self, entity: str) -> bool:

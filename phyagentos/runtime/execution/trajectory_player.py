@@ -79,11 +79,6 @@ class TrajectoryPlayer:
         self._waited = 0
 
     @property
-    def duration_s(self) -> float:
-        """Length of the motion [s]."""
-        return len(self._trajectory.q_rad) * self._trajectory.step_s
-
-    @property
     def worst_error_rad(self) -> float:
         """Largest tracking error so far [rad]."""
         return self._lag.worst_error_rad

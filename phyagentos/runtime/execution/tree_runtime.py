@@ -47,7 +47,7 @@ class TreeSkillRuntime:
     def tick(self) -> TickResult:
         """One tick of the tree, unless the planner is still working."""
         context = self._context
-        if context.planner.is_thinking():
+        if self._is_thinking():
             return TickResult(SkillStatus.RUNNING, None, self._find_active(), thinking=True)
         self._tree.root.tick_once()
         self._record()
@@ -55,7 +55,7 @@ class TreeSkillRuntime:
         if status is not SkillStatus.RUNNING:
             return TickResult(status, None, self._find_active())
         points = context.commands.take()
-        thinking = points is None and context.planner.is_thinking()
+        thinking = points is None and self._is_thinking()
         self._commands += points is not None
         self._idle = self._idle + 1 if points is None and not thinking else 0
         if self._idle > IDLE_TICKS_MAX:
@@ -72,7 +72,8 @@ class TreeSkillRuntime:
         if self._tree.root.status is Status.RUNNING:
             self._tree.root.stop(Status.INVALID)
             self._record()
-        self._context.planner.drop_all()
+        if not self._context.planner.is_free:
+            self._context.planner.cancel()
 
     def read_outputs(self) -> dict[str, Any]:
         """Values of the tree's outputs."""
@@ -97,6 +98,11 @@ class TreeSkillRuntime:
     def close(self) -> None:
         """Forget what the tree keeps."""
         self._tree.close()
+
+    def _is_thinking(self) -> bool:
+        """Whether an answer of the planner is outstanding."""
+        planner = self._context.planner
+        return not planner.is_free and not planner.wait(0.0)
 
     def _find_active(self) -> str:
         """Path of the deepest running node."""

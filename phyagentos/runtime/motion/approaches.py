@@ -1,7 +1,8 @@
 """From wanted tool poses to approaches: which posture above, which straight line down, and whether anything is touched.
 
 Upstream: `grasps`, `placements` say which tool poses are wanted. Downstream: `path` plans to the hover postures.
-Screening is compiled and cheap, so that many seeds can be tried; only the nearest candidates get a line by mink.
+Screening is compiled and cheap, so that many seeds can be tried. mink polishes the nearest candidates and solves their
+lines.
 """
 
 from collections import Counter
@@ -14,10 +15,10 @@ from numpy.typing import NDArray
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.poses import raise_pose
-from phyagentos.runtime.motion.requests import Approach
+from phyagentos.runtime.motion.requests import Approach, GoalPosture
 
 Array = NDArray[np.float64]
 
@@ -103,9 +104,11 @@ def _find_hovers(
         if index >= 2 + NEAR_HOME_SEEDS and hovers:
             break
         q = kinematics.chain.solve(target, start)
+        job.screened += 1
         if q is None:
             continue
         reached = True
+        job.reached += 1
         if any(np.abs(q - other.q_rad).max() < SAME_POSTURE_RAD for other in hovers):
             continue
         blocked = scene.find_contacts(q)
@@ -129,11 +132,12 @@ def _find_hovers(
 def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Array | None:
     way = hover.way
     with job.stage("ik"):
-        start = kinematics.solve(raise_pose(way.end, way.hover_m), hover.q_rad)
-        line = None if start is None else kinematics.solve_line(start, way.end)
-    if line is None:
+        start = kinematics.solve(raise_pose(way.end, way.hover_m), hover.q_rad, POLISHED)
+        found = None if start is None else kinematics.solve_line(start.q_rad, way.end)
+    if start is None or found is None:
         job.rejected["line"] += 1
         return None
+    line = found.q_rad
     with job.stage("check"):
         left_m = np.linspace(way.hover_m, 0.0, len(line))
         for q, distance_m in zip(line, left_m, strict=True):
@@ -143,4 +147,5 @@ def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job:
             if blocked:
                 job.rejected[name_pair(blocked[0])] += 1
                 return None
+    job.goals.append(GoalPosture(way.label, found.solved, start.solved))
     return line

@@ -55,7 +55,7 @@ class Chain:
         return np.array([self.compute_tcp(q) for q in path_rad])
 
     def solve(self, world_T_tcp: Array, start_rad: Array) -> Array | None:
-        """A posture that reaches a tool pose, found from `start_rad`, or None."""
+        """A posture within 1e-4 m and 1e-3 rad of a tool pose, found from `start_rad`, or None."""
         q = np.zeros_like(self.q_min_rad)
         target = np.ascontiguousarray(world_T_tcp[:3])
         start = np.ascontiguousarray(start_rad, dtype=np.float64)

@@ -49,7 +49,7 @@ def find_grasps(
             wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
-            return Approaches(approaches=tuple(found), timing=job.timing)
+            return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
     avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
     return job.fail("NO_IK", f"None of {tried} ways to grasp {entity.name} works{avoided}.")
 

@@ -1,15 +1,15 @@
-"""The book-keeping of one request: where its time went, why candidates died, and whether it is still wanted."""
+"""The book-keeping of one request: its time by stage, why candidates died, which solvers worked, its cancellation."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from phyagentos.clock import Clock
-from phyagentos.runtime.motion.requests import NoPlan, Timing
+from phyagentos.runtime.motion.requests import GoalPosture, NoPlan, Screening, Stages, Timing
 
 
 class Cancelled(Exception):
-    """Whoever asked does not want the answer any more."""
+    """The request was cancelled."""
 
 
 class Job:
@@ -17,17 +17,22 @@ class Job:
 
     Attributes:
         rejected: Why candidates died, counted by reason.
+        screened: Start postures that compiled inverse kinematics iterated from.
+        reached: Those that reached their tool pose.
+        goals: How mink solved each approach that was found.
     """
 
     def __init__(self, *, clock: Clock, should_cancel: Callable[[], bool]) -> None:
         self.rejected: Counter[str] = Counter()
+        self.screened = self.reached = 0
+        self.goals: list[GoalPosture] = []
         self.should_cancel = should_cancel
         self._clock = clock
         self._ms: dict[str, float] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Count the time spent inside as `name`; ends the job first if it was cancelled."""
+        """Count the time spent inside as `name`; raises `Cancelled` first if it was cancelled."""
         self.checkpoint()
         start_s = self._clock.now_s()
         try:
@@ -36,7 +41,7 @@ class Job:
             self._ms[name] = self._ms.get(name, 0.0) + 1e3 * (self._clock.now_s() - start_s)
 
     def checkpoint(self) -> None:
-        """Raise `Cancelled` if the job is not wanted any more."""
+        """Raise `Cancelled` if the request was cancelled."""
         if self.should_cancel():
             raise Cancelled
 
@@ -45,9 +50,14 @@ class Job:
         """Wall [ms] by stage so far."""
         return Timing(ms={name: round(ms, 3) for name, ms in self._ms.items()})
 
+    @property
+    def stages(self) -> Stages:
+        """How goal postures were found so far."""
+        return Stages(Screening(self.screened, self.reached) if self.screened else None, tuple(self.goals))
+
     def fail(self, code: str, message: str) -> NoPlan:
         """The answer that there is none, with the reasons counted so far."""
         if self.rejected:
             reasons = ", ".join(f"{reason} {count}" for reason, count in self.rejected.most_common(4))
             message = f"{message} Rejected: {reasons}."
-        return NoPlan(code=code, message=message, timing=self.timing, rejected=dict(self.rejected))
+        return NoPlan(code=code, message=message, timing=self.timing, rejected=dict(self.rejected), stages=self.stages)

@@ -2,8 +2,11 @@
 
 Upstream: `Chain`, whose compiled solver screens candidates. Downstream: grasps, placements, lines. Differential inverse
 kinematics is a quadratic program in joint velocities: track the tool frame, prefer a posture, respect joint limits.
+Hover postures that are offered as goals are polished to `POLISHED`, a thousand times finer than the screening asks.
 Collisions are no part of it (a collision limit makes it fail more often): what it finds is checked afterwards.
 """
+
+from dataclasses import dataclass
 
 import mink
 import numpy as np
@@ -11,16 +14,35 @@ from numpy.typing import NDArray
 
 from phyagentos.runtime.motion.chain import LIMIT_MARGIN_RAD, Chain
 from phyagentos.runtime.motion.poses import interpolate_poses
+from phyagentos.runtime.motion.requests import Differential
 from phyagentos.runtime.motion.robot_model import RobotModel
 
 Array = NDArray[np.float64]
 
-POSITION_TOLERANCE_M = 1e-4
-ROTATION_TOLERANCE_RAD = 1e-3
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
 JUMP_MAX_RAD = 0.35  # a larger step between neighbours on a line is another branch of the inverse
 _DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How near a tool must come."""
+
+    position_m: float
+    rotation_rad: float
+
+
+REACHED = Tolerance(1e-4, 1e-3)  # as the compiled screening: less than a tenth of what perception errs
+POLISHED = Tolerance(1e-7, 1e-6)  # of goal postures; one or two programs beyond screening
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A posture (n_joints,), or rows (k, n_joints), and how mink came to it."""
+
+    q_rad: Array
+    solved: Differential
 
 
 class Kinematics:
@@ -33,16 +55,19 @@ class Kinematics:
         self._posture = mink.PostureTask(robot.model, cost=1e-4)
         self._limits = [mink.ConfigurationLimit(robot.model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
 
-    def solve(self, world_T_tcp: Array, start_rad: Array, max_iterations: int = 60) -> Array | None:
-        """A posture (n_joints,) near `start_rad` whose tool pose is within tolerance, or None."""
+    def solve(
+        self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED, max_iterations: int = 60
+    ) -> Solution | None:
+        """A posture near `start_rad` whose tool pose is within tolerance, or None."""
         self._tool.set_target(mink.SE3.from_matrix(world_T_tcp))
         self._posture.set_target(start_rad)
         configuration = self._configuration
         configuration.update(start_rad)
-        for _ in range(max_iterations):
+        for iteration in range(max_iterations):
             error = self._tool.compute_error(configuration)
-            if np.linalg.norm(error[:3]) < POSITION_TOLERANCE_M and np.linalg.norm(error[3:]) < ROTATION_TOLERANCE_RAD:
-                return np.array(configuration.q)
+            off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+            if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
+                return Solution(np.array(configuration.q), Differential(iteration, off_m, off_rad))
             try:
                 velocity = mink.solve_ik(
                     configuration, [self._tool, self._posture], _DT_S, "daqp", damping=1e-6, limits=self._limits
@@ -52,7 +77,7 @@ class Kinematics:
             configuration.integrate_inplace(velocity, _DT_S)
         return None
 
-    def solve_line(self, start_rad: Array, end: Array) -> Array | None:
+    def solve_line(self, start_rad: Array, end: Array) -> Solution | None:
         """Postures along the straight tool line from where `start_rad` points the tool to `end`.
 
         Args:
@@ -60,13 +85,23 @@ class Kinematics:
             end: (4, 4) `world_T_tcp` at the end.
 
         Returns:
-            (k, n_joints), row 0 is `start_rad`; None where the line leaves the workspace or jumps between branches.
+            Rows (k, n_joints), row 0 is `start_rad`; None where the line leaves the workspace or jumps to a branch.
         """
-        line = [np.array(start_rad)]
+        line, solved = [np.array(start_rad)], Differential(0, 0.0, 0.0)
         start = self.chain.compute_tcp(line[0])
         for pose in interpolate_poses(start, end, LINE_STEP_M, LINE_STEP_RAD)[1:]:
-            q = self.solve(pose, line[-1], max_iterations=25)
-            if q is None or np.abs(q - line[-1]).max() > JUMP_MAX_RAD:
+            found = self.solve(pose, line[-1], max_iterations=25)
+            if found is None or np.abs(found.q_rad - line[-1]).max() > JUMP_MAX_RAD:
                 return None
-            line.append(q)
-        return np.array(line)
+            line.append(found.q_rad)
+            solved = combine(solved, found.solved)
+        return Solution(np.array(line), solved)
+
+
+def combine(first: Differential, second: Differential) -> Differential:
+    """Both together: the sum of their programs, the larger of their errors."""
+    return Differential(
+        first.iterations + second.iterations,
+        max(first.position_error_m, second.position_error_m),
+        max(first.rotation_error_rad, second.rotation_error_rad),
+    )

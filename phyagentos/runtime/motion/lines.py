@@ -10,23 +10,24 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.kinematics import Kinematics
+from phyagentos.runtime.motion.kinematics import Kinematics, combine
 from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
-from phyagentos.runtime.motion.requests import Approach, Approaches, FindLine, NoPlan
+from phyagentos.runtime.motion.requests import Approach, Approaches, Differential, FindLine, GoalPosture, NoPlan, Stages
 
 ROUNDING_PASSES = 6  # over rows 1 cm apart: a right angle is cut by some 5 mm
 
 
 def find_line(request: FindLine, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approaches | NoPlan:
     """One approach that begins at the request's posture, or why there is none."""
-    rows = [np.array(request.q_rad)]
+    rows, solved = [np.array(request.q_rad)], Differential(0, 0.0, 0.0)
     for index, waypoint in enumerate(request.waypoints):
         with job.stage("ik"):
             part = kinematics.solve_line(rows[-1], compute_matrix(waypoint))
         if part is None:
             job.rejected["line"] += 1
             return job.fail("NO_IK", f"The straight line to waypoint {index} leaves the workspace.")
-        rows.extend(part[1:])
+        rows.extend(part.q_rad[1:])
+        solved = combine(solved, part.solved)
     if len(request.waypoints) > 1:
         rows = list(_round(np.array(rows)))
     with job.stage("check"):
@@ -39,7 +40,11 @@ def find_line(request: FindLine, kinematics: Kinematics, scene: PlanningScene, j
             tolerated &= contacts
     line = np.array(rows)
     end = request.waypoints[-1]
-    return Approaches(approaches=(Approach(label="line", tcp_end=end, line_rad=line),), timing=job.timing)
+    return Approaches(
+        approaches=(Approach(label="line", tcp_end=end, line_rad=line),),
+        timing=job.timing,
+        stages=Stages(goals=(GoalPosture("line", solved),)),
+    )
 
 
 def _round(rows_rad: NDArray[np.float64]) -> NDArray[np.float64]:

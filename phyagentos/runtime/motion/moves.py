@@ -15,10 +15,10 @@ from phyagentos.runtime.motion.escape import find_escape, leaves_contact
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
-from phyagentos.runtime.motion.requests import Motion, NoPlan, PlanMove, Trajectory
+from phyagentos.runtime.motion.requests import Motion, NoPlan, PathSearch, PlanMove, Stages
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
-from phyagentos.runtime.motion.timing import JointLimits, time_path
+from phyagentos.runtime.motion.timing import JointLimits, Timed, time_path
 
 Array = NDArray[np.float64]
 
@@ -52,20 +52,22 @@ def plan_move(
         job.checkpoint()
         if path is None:
             return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
-        trajectory = _time_and_check(path, prepared, scene, scaled, job)
-        if trajectory is not None:
+        timed = _time_and_check(path, prepared, scene, scaled, job)
+        if timed is not None:
+            search = PathSearch(
+                planner=path.planner,
+                checker=prepared.name,
+                goals=len(prepared.goals),
+                iterations=path.iterations,
+                attempts=attempt + 1,
+                exact_checks=scene.checks,
+                length_rad=round(compute_length(path.rows_rad), 4),
+            )
             return Motion(
-                trajectory=trajectory,
+                trajectory=timed.trajectory,
                 goal=prepared.goals[path.goal],
                 timing=job.timing,
-                details={
-                    "checker": prepared.name,
-                    "iterations": path.iterations,
-                    "length_rad": round(compute_length(path.rows_rad), 4),
-                    "attempts": attempt + 1,
-                    "exact_checks": scene.checks,
-                    "duration_s": round(len(trajectory.q_rad) * trajectory.step_s, 4),
-                },
+                stages=Stages(path=search, scaling=timed.scaling),
             )
     return job.fail("IN_COLLISION", f"{ATTEMPTS} paths were found, but none stayed free of contact once timed.")
 
@@ -100,23 +102,21 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
     return _Search(Query(start, goals[free], q_min, q_max), scene, free, "exact", stuck, touched)
 
 
-def _time_and_check(
-    path: Path, search: _Search, scene: PlanningScene, limits: JointLimits, job: Job
-) -> Trajectory | None:
+def _time_and_check(path: Path, search: _Search, scene: PlanningScene, limits: JointLimits, job: Job) -> Timed | None:
     for rounded in (True, False):
         with job.stage("path"):
             rows = round_corners(path.rows_rad, search.checker) if rounded else densify(path.rows_rad, DENSE_RAD)
         if search.stuck_rad is not None:
             rows = np.vstack((densify(np.vstack((search.stuck_rad, rows[0])), DENSE_RAD), rows[1:]))
         with job.stage("timing"):
-            trajectory = time_path(rows, limits)
+            timed = time_path(rows, limits)
         with job.stage("check"):
             if search.stuck_rad is not None:
-                if leaves_contact(trajectory.q_rad, search.touched, scene):
-                    return trajectory
+                if leaves_contact(timed.trajectory.q_rad, search.touched, scene):
+                    return timed
                 continue
-            blocked = scene.find_first_blocked(trajectory.q_rad)
+            blocked = scene.find_first_blocked(timed.trajectory.q_rad)
         if blocked is None:
-            return trajectory
+            return timed
         job.rejected[name_pair(blocked[1][0])] += 1
     return None

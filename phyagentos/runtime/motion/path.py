@@ -7,7 +7,7 @@ were measured and rejected: 50 to 300 ms for what three starts give in 5).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Protocol
 
@@ -69,11 +69,13 @@ class Path:
         rows_rad: (k, n_joints) corners.
         goal: Index into the query's goals.
         iterations: What the search took; 0 for the direct way.
+        planner: That found it.
     """
 
     rows_rad: Array
     goal: int
-    iterations: int
+    iterations: int = 0
+    planner: str = "straight"
 
 
 def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
@@ -81,14 +83,14 @@ def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable
     order = np.argsort(np.linalg.norm(query.goals_rad - query.start_rad, axis=1), kind="stable")
     for goal in order.tolist():
         if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
-            return Path(np.array((query.start_rad, query.goals_rad[goal])), goal, 0)
+            return Path(np.array((query.start_rad, query.goals_rad[goal])), goal)
     found: list[Path] = []
     for start in range(STARTS):
         path = _search(query, checker, seed + start, should_cancel)
         if path is None:
             return None if not found else min(found, key=lambda path: compute_length(path.rows_rad))
         rng = np.random.default_rng((seed, start))
-        found.append(Path(shorten(path.rows_rad, checker, rng), path.goal, path.iterations))
+        found.append(replace(path, rows_rad=shorten(path.rows_rad, checker, rng)))
     return min(found, key=lambda path: compute_length(path.rows_rad))
 
 
@@ -135,7 +137,7 @@ def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[
     rows = np.array([state[0:n] for state in problem.getSolutionPath().getStates()])
     goal = int(np.argmin(np.linalg.norm(query.goals_rad - rows[-1], axis=1)))
     rows[0], rows[-1] = query.start_rad, query.goals_rad[goal]
-    return Path(rows, goal, iterations)
+    return Path(rows, goal, iterations, planner.getName())
 
 
 def _define_motion_validator(checker: Checker, n: int) -> type:

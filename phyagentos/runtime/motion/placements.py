@@ -61,7 +61,7 @@ def find_placements(
     if not found:
         return job.fail("NO_IK", f"None of {len(sites)} free sites in {request.destination} can be reached.")
     found.sort(key=lambda approach: float(np.linalg.norm(approach.line_rad[0] - request.q_rad)))
-    return Approaches(approaches=tuple(found), timing=job.timing)
+    return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
 
 
 def _ways_to(name: str, site: Array, space: Space, request: FindPlacements, held: Entity) -> Iterator[Way]:

@@ -35,6 +35,7 @@ from phyagentos.runtime.motion.requests import (
     Payload,
     PlanMove,
     ShapeTransport,
+    Stages,
     Stance,
     TimeLine,
     World,
@@ -83,7 +84,7 @@ class MotionPlanner:
         try:
             return self._find_unknown(request, job) or self._dispatch(request, job)
         except Cancelled:
-            return job.fail("CANCELLED", "Nobody wants this answer any more.")
+            return job.fail("CANCELLED", "The request was cancelled.")
 
     def warm_up(self) -> None:
         """Load or compile every kernel and touch every library, so that the first request is no slower than others."""
@@ -113,8 +114,10 @@ class MotionPlanner:
             case TimeLine():
                 limits = self._limits.scale(request.speed, request.speed)
                 with job.stage("timing"):
-                    trajectory = time_path(np.asarray(request.waypoints_rad, dtype=float), limits)
-                return Motion(trajectory=trajectory, goal=0, timing=job.timing)
+                    timed = time_path(np.asarray(request.waypoints_rad, dtype=float), limits)
+                return Motion(
+                    trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling)
+                )
             case ShapeTransport():
                 from phyagentos.runtime.motion.trajectory import shape_transport  # casadi: only where it is used
 

@@ -1,4 +1,4 @@
-"""The planner process and the port through which a worker thinks.
+"""The planner process and the port through which a worker plans.
 
 Upstream: the runner. Downstream: `MotionPlanner`, in a process of its own, since OMPL keeps the interpreter lock while
 it searches. One request at a time. Cancelling raises a flag that every search polls; a planner that does not react
@@ -39,6 +39,11 @@ _ANSWERS: msgspec.msgpack.Decoder[MotionAnswer] = msgspec.msgpack.Decoder(Motion
 class Planner(Protocol):
     """Something that answers motion requests, one at a time."""
 
+    @property
+    def is_free(self) -> bool:
+        """Whether a request may be submitted: the previous one was answered by `poll`, or its cancellation is over."""
+        ...
+
     def submit(self, request: MotionRequest) -> None:
         """Start to work on a request; the previous one must have been answered or cancelled."""
         ...
@@ -52,7 +57,7 @@ class Planner(Protocol):
         ...
 
     def cancel(self) -> None:
-        """Do not want the answer any more: it becomes `NoPlan` with code CANCELLED."""
+        """Cancel the request, if there is one: its answer becomes `NoPlan` with code CANCELLED."""
         ...
 
     def close(self) -> None:
@@ -67,6 +72,11 @@ class LocalPlanner:
         self._planner = planner
         self._request: MotionRequest | None = None
         self._cancelled = False
+
+    @property
+    def is_free(self) -> bool:
+        """Whether there is no request, or a cancelled one."""
+        return self._request is None or self._cancelled
 
     def submit(self, request: MotionRequest) -> None:
         """Remember the request."""
@@ -90,10 +100,15 @@ class LocalPlanner:
 
 
 class NoPlanner:
-    """The port for a target without a model, which nobody can plan for: every request is refused."""
+    """The port for a target without a model, which cannot be planned for: every request is refused."""
 
     def __init__(self) -> None:
         self._is_asked = False
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing is asked."""
+        return not self._is_asked
 
     def submit(self, request: MotionRequest) -> None:
         """Remember that something was asked."""
@@ -109,7 +124,8 @@ class NoPlanner:
         return self._is_asked
 
     def cancel(self) -> None:
-        """It is refused anyway."""
+        """Forget it."""
+        self._is_asked = False
 
     def close(self) -> None:
         """Nothing to let go of."""
@@ -136,11 +152,18 @@ class PlannerProcess:
         """Of the process that works at present."""
         return self._process.pid
 
+    @property
+    def is_free(self) -> bool:
+        """Whether no request is outstanding; takes in the end of a cancelled one."""
+        if self._pending and self._deadline_s is not None:
+            self.poll()
+        return not self._pending
+
     def submit(self, request: MotionRequest) -> None:
         """Send a request; waits first for the end of one that was cancelled.
 
         Raises:
-            RuntimeError: When a request is outstanding that nobody cancelled.
+            RuntimeError: When a request is outstanding that was not cancelled.
         """
         if self._pending and self._deadline_s is None:
             raise RuntimeError("one request at a time: poll the answer or cancel before the next")
@@ -167,7 +190,7 @@ class PlannerProcess:
                 self._replace()
                 answer = _refuse("CANCELLED", "The planner did not stop in time and was replaced.")
             elif answer is not None:
-                answer = _refuse("CANCELLED", "Nobody wants this answer any more.")
+                answer = _refuse("CANCELLED", "The request was cancelled.")
         if answer is not None:
             self._pending, self._deadline_s = False, None
         return answer

@@ -3,8 +3,6 @@
 Budgets are iterations, never seconds: the same request with the same seed gives the same answer, bit for bit.
 """
 
-from typing import Any
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +59,11 @@ class Trajectory(msgspec.Struct, frozen=True):
     q_rad: Array
     qd_rad_s: Array
     step_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the motion [s]."""
+        return len(self.q_rad) * self.step_s
 
 
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
@@ -173,7 +176,7 @@ class CheckPosture(msgspec.Struct, frozen=True, tag=True):
 
 
 class Cancel(msgspec.Struct, frozen=True, tag=True):
-    """Stop what is running; the answer of that request becomes `NoPlan` with code CANCELLED."""
+    """Stop the running request; its answer becomes `NoPlan` with code CANCELLED."""
 
 
 class Timing(msgspec.Struct, frozen=True):
@@ -182,11 +185,112 @@ class Timing(msgspec.Struct, frozen=True):
     ms: dict[str, float]
 
 
+class Screening(msgspec.Struct, frozen=True):
+    """Candidates of compiled inverse kinematics: damped least squares to 1e-4 m and 1e-3 rad.
+
+    Attributes:
+        solved: Start postures that were iterated from.
+        reached: Those that reached their tool pose.
+    """
+
+    solved: int
+    reached: int
+
+
+class Differential(msgspec.Struct, frozen=True):
+    """Inverse kinematics by mink.
+
+    Attributes:
+        iterations: Quadratic programs that were solved; 0 where the start was within tolerance.
+        position_error_m: Of the tool afterwards; the largest, where several postures were solved.
+        rotation_error_rad: Likewise.
+    """
+
+    iterations: int
+    position_error_m: float
+    rotation_error_rad: float
+
+
+class GoalPosture(msgspec.Struct, frozen=True, omit_defaults=True):
+    """How one approach was solved.
+
+    Attributes:
+        label: Of the approach.
+        line: Postures on its straight line.
+        hover: Polish of the screened posture that the line begins at; None for a line that begins where the arm is.
+    """
+
+    label: str
+    line: Differential
+    hover: Differential | None = None
+
+
+class PathSearch(msgspec.Struct, frozen=True):
+    """How a path was found.
+
+    Attributes:
+        planner: `straight` where the direct joint motion is free, otherwise the name of OMPL's planner.
+        checker: What called postures free during the search: `spheres`, or `exact` for MuJoCo.
+        goals: Postures that were offered; all of them are roots of one search.
+        iterations: Polls of the planner's termination condition; 0 for `straight`.
+        attempts: Searches until a path stayed free once it was timed.
+        exact_checks: Postures that MuJoCo checked.
+        length_rad: Of the path.
+    """
+
+    planner: str
+    checker: str
+    goals: int
+    iterations: int
+    attempts: int
+    exact_checks: int
+    length_rad: float
+
+
+class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
+    """How a path became a timed motion.
+
+    Attributes:
+        solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra.
+        status: The solver's own word.
+        duration_s: Of the motion.
+        solver_iterations: Of casadi's solver, ipopt.
+        worst_tilt_rad: Of a vessel against its apparent gravity, where that was asked for.
+        unshaped_worst_tilt_rad: The same with toppra alone.
+        unshaped_duration_s: Of the motion with toppra alone.
+    """
+
+    solver: str
+    status: str
+    duration_s: float
+    solver_iterations: int | None = None
+    worst_tilt_rad: float | None = None
+    unshaped_worst_tilt_rad: float | None = None
+    unshaped_duration_s: float | None = None
+
+
+class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Which solvers made an answer; a stage that did not run is absent.
+
+    Attributes:
+        screening: Compiled inverse kinematics (`chain`).
+        goals: mink, for each approach that was found (`kinematics`).
+        path: OMPL, or the direct way (`path`).
+        scaling: toppra or casadi (`timing`, `trajectory`).
+    """
+
+    screening: Screening | None = None
+    goals: tuple[GoalPosture, ...] = ()
+    path: PathSearch | None = None
+    scaling: TimeScaling | None = None
+
+
 class Approaches(msgspec.Struct, frozen=True, tag=True):
     """At least one approach, the nearest first."""
 
     approaches: tuple[Approach, ...]
     timing: Timing
+    stages: Stages = Stages()
 
 
 class Motion(msgspec.Struct, frozen=True, tag=True):
@@ -194,13 +298,12 @@ class Motion(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         goal: Index into `goals_rad` that it reaches.
-        details: Planner, iterations, exact checks, fallbacks; for the trace.
     """
 
     trajectory: Trajectory
     goal: int
     timing: Timing
-    details: dict[str, Any] = {}
+    stages: Stages = Stages()
 
 
 class Stance(msgspec.Struct, frozen=True, tag=True):
@@ -214,6 +317,7 @@ class Stance(msgspec.Struct, frozen=True, tag=True):
     contacts: tuple[str, ...]
     escapes: bool
     timing: Timing
+    stages: Stages = Stages()
 
 
 class NoPlan(msgspec.Struct, frozen=True, tag=True):
@@ -229,6 +333,7 @@ class NoPlan(msgspec.Struct, frozen=True, tag=True):
     message: str
     timing: Timing
     rejected: dict[str, int] = {}
+    stages: Stages = Stages()
 
 
 MotionRequest = FindGrasps | FindPlacements | FindLine | PlanMove | TimeLine | ShapeTransport | CheckPosture

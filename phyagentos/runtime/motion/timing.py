@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from toppra import algorithm, constraint
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.motion.requests import Trajectory
+from phyagentos.runtime.motion.requests import TimeScaling, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -87,16 +87,32 @@ def fit_spline(rows_rad: Array) -> CubicSpline:
     return CubicSpline(along / along[-1], rows_rad, bc_type="natural")
 
 
-def time_path(rows_rad: Array, limits: JointLimits) -> Trajectory:
+@dataclass(frozen=True, slots=True)
+class Timed:
+    """A timed motion, and how it came about."""
+
+    trajectory: Trajectory
+    scaling: TimeScaling
+
+    @classmethod
+    def by(cls, solver: str, status: str, trajectory: Trajectory) -> "Timed":
+        """The motion that a solver found."""
+        return cls(trajectory, TimeScaling(solver, status, round(trajectory.duration_s, 4)))
+
+
+def time_path(rows_rad: Array, limits: JointLimits) -> Timed:
     """The fastest motion through rows (k, n_joints) within the limits, from rest to rest.
 
     Rows closer than 1e-4 rad are dropped; a path that hardly moves takes one control period.
     """
     rows = drop_duplicates(rows_rad)
-    timed = _run_toppra(rows, limits) if len(rows) > 1 else None
+    if len(rows) < 2:
+        return Timed.by("quintic", "too short for toppra", _creep(rows_rad[0], rows_rad[-1], limits))
+    timed, status = _run_toppra(rows, limits)
     if timed is None:
-        return _creep(rows_rad[0], rows_rad[-1], limits)
-    return sample_within_limits(lambda t: (timed(t), timed(t, 1)), float(timed.duration), rows[0], rows[-1], limits)
+        return Timed.by("quintic", f"toppra: {status}", _creep(rows_rad[0], rows_rad[-1], limits))
+    motion = sample_within_limits(lambda t: (timed(t), timed(t, 1)), float(timed.duration), rows[0], rows[-1], limits)
+    return Timed.by("toppra", status, motion)
 
 
 def sample_within_limits(
@@ -155,8 +171,8 @@ def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
     return sample_within_limits(evaluate, period_s, start_rad, end_rad, limits)
 
 
-def _run_toppra(rows: Array, limits: JointLimits) -> "toppra.interpolator.AbstractGeometricPath | None":
-    """Time-optimal traversal of the natural spline through `rows`; None when it hardly moves."""
+def _run_toppra(rows: Array, limits: JointLimits) -> "tuple[toppra.interpolator.AbstractGeometricPath | None, str]":
+    """Time-optimal traversal of the natural spline through `rows`, None when it hardly moves; and toppra's status."""
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
     path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
     solver = algorithm.TOPPRA(
@@ -166,7 +182,8 @@ def _run_toppra(rows: Array, limits: JointLimits) -> "toppra.interpolator.Abstra
         parametrizer="ParametrizeConstAccel",
         solver_wrapper="seidel",
     )
-    return solver.compute_trajectory(0.0, 0.0)
+    timed = solver.compute_trajectory(0.0, 0.0)
+    return timed, solver.problem_data.return_code.name
 
 
 @lru_cache(maxsize=16)

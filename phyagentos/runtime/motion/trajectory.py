@@ -9,16 +9,16 @@ not convex and failed to converge in half of the trials. With toppra, which know
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from phyagentos.runtime.motion.chain import Chain
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.requests import Motion, NoPlan, ShapeTransport, Trajectory
+from phyagentos.runtime.motion.requests import Motion, NoPlan, ShapeTransport, Stages, Trajectory
 from phyagentos.runtime.motion.timing import (
     ACCELERATION_SCALE,
     VELOCITY_SCALE,
@@ -58,43 +58,56 @@ class _Geometry:
     n: CubicSpline
 
 
+@dataclass(frozen=True, slots=True)
+class _Shaped:
+    """A motion as a function of time, its duration, and how ipopt came to it."""
+
+    evaluate: Evaluate
+    duration_s: float
+    status: str
+    iterations: int
+
+
 def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, job: Job) -> Motion | NoPlan:
-    """The timed motion; its details hold the worst apparent tilt, shaped and unshaped."""
+    """The timed motion; its stages hold the worst apparent tilt, shaped and unshaped."""
     rows = drop_duplicates(np.asarray(request.waypoints_rad, dtype=float), SPACING_RAD)
     start = chain.compute_tcp(rows[0])
     axis_tcp = start[:3, :3].T @ np.array((0.0, 0.0, 1.0))
     with job.stage("timing"):
-        plain = time_path(rows, limits)
+        timed = time_path(rows, limits)
+        plain = timed.trajectory
         plain_tilt = compute_worst_tilt(plain, rows[0], chain, axis_tcp)
-    plain_s = len(plain.q_rad) * plain.step_s
-    details: dict[str, Any] = {
-        "method": request.method,
-        "unshaped_worst_tilt_rad": round(plain_tilt, 5),
-        "unshaped_duration_s": round(plain_s, 4),
-    }
+    unshaped = msgspec.structs.replace(
+        timed.scaling,
+        worst_tilt_rad=round(plain_tilt, 5),
+        unshaped_worst_tilt_rad=round(plain_tilt, 5),
+        unshaped_duration_s=timed.scaling.duration_s,
+    )
     if request.method == "toppra" or len(rows) < 2:
-        details |= {"worst_tilt_rad": round(plain_tilt, 5), "duration_s": details["unshaped_duration_s"]}
-        return Motion(trajectory=plain, goal=0, timing=job.timing, details=details)
+        return Motion(trajectory=plain, goal=0, timing=job.timing, stages=Stages(scaling=unshaped))
     with job.stage("shape"):
         geometry = _describe(rows, chain, axis_tcp)
         lean = float(np.arccos(np.clip(geometry.n(np.linspace(0.0, 1.0, GRID))[:, 2].min(), -1.0, 1.0)))
         if lean >= TILT_MARGIN * request.tilt_max_rad:
             return job.fail("TILT", f"The path itself tilts the vessel by {lean:.3f} rad of {request.tilt_max_rad}.")
-        evaluate, duration_s, solver = _optimise(geometry, request.tilt_max_rad, limits, plain_s)
+        shaped = _optimise(geometry, request.tilt_max_rad, limits, plain.duration_s)
         trajectory, tilt = _slow_until_level(
-            evaluate,
-            duration_s,
+            shaped.evaluate,
+            shaped.duration_s,
             rows,
             limits,
             request.tilt_max_rad,
             lambda t: compute_worst_tilt(t, rows[0], chain, axis_tcp),
         )
-    details |= {
-        "worst_tilt_rad": round(tilt, 5),
-        "duration_s": round(len(trajectory.q_rad) * trajectory.step_s, 4),
-        "solver": solver,
-    }
-    return Motion(trajectory=trajectory, goal=0, timing=job.timing, details=details)
+    scaling = msgspec.structs.replace(
+        unshaped,
+        solver="casadi",
+        status=shaped.status,
+        duration_s=round(trajectory.duration_s, 4),
+        solver_iterations=shaped.iterations,
+        worst_tilt_rad=round(tilt, 5),
+    )
+    return Motion(trajectory=trajectory, goal=0, timing=job.timing, stages=Stages(scaling=scaling))
 
 
 def compute_worst_tilt(trajectory: Trajectory, start_rad: Array, chain: Chain, axis_tcp: Array) -> float:
@@ -120,14 +133,8 @@ def _describe(rows: Array, chain: Chain, axis_tcp: Array) -> _Geometry:
     return _Geometry(q=q, p=CubicSpline(s, poses[:, :3, 3]), n=CubicSpline(s, poses[:, :3, :3] @ axis_tcp))
 
 
-def _optimise(
-    geometry: _Geometry, tilt_max_rad: float, limits: JointLimits, fastest_s: float
-) -> tuple[Evaluate, float, str]:
-    """Solve for b = s'^2 at knots of the path; s'' = b'/2 is constant between them, in units of `fastest_s`.
-
-    Returns:
-        The motion as a function of time, its duration [s], and the solver's own word for how it went.
-    """
+def _optimise(geometry: _Geometry, tilt_max_rad: float, limits: JointLimits, fastest_s: float) -> _Shaped:
+    """Solve for b = s'^2 at knots of the path; s'' = b'/2 is constant between them, in units of `fastest_s`."""
     knots = (1.0 - np.cos(np.linspace(0.0, np.pi, INTERVALS + 1))) / 2.0  # denser where it starts and stops
     h = ca.DM(np.diff(knots))
     problem = ca.Opti()
@@ -162,7 +169,8 @@ def _optimise(
         values = np.clip(np.ravel(problem.debug.value(b)), 1e-6, None)
         values[[0, -1]] = 0.0
     evaluate, duration_s = _follow(geometry.q, knots, values, fastest_s, limits.step_s)
-    return evaluate, duration_s, str(problem.stats()["return_status"])
+    stats = problem.stats()
+    return _Shaped(evaluate, duration_s, str(stats["return_status"]), int(stats["iter_count"]))
 
 
 def _follow(q: CubicSpline, knots: Array, b: Array, unit_s: float, step_s: float) -> tuple[Evaluate, float]:

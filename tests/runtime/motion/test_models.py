@@ -9,6 +9,7 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_matrix, compute_rotation_vector
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down
 from phyagentos.runtime.motion.requests import Payload, World
@@ -35,15 +36,18 @@ def test_the_chain_agrees_with_mujoco(planner):
         assert T[:3, :3].reshape(9) == pytest.approx(data.site("tcp").xmat, abs=1e-9)
 
 
-def test_screening_and_mink_both_reach_a_pose_within_tolerance(planner, home):
+def test_screening_and_mink_reach_a_pose_within_their_tolerances(planner, home):
     target = point_tool_down(0.4, np.array((0.5, 0.1, 0.2)))
     screened = planner._chain.solve(target, home)
-    polished = planner._kinematics.solve(target, home)
+    solved = planner._kinematics.solve(target, home)
+    polished = planner._kinematics.solve(target, screened, POLISHED)
 
-    for q in (screened, polished):
+    for q, tolerance in ((screened, REACHED), (solved.q_rad, REACHED), (polished.q_rad, POLISHED)):
         reached = planner._chain.compute_tcp(q)
-        assert np.linalg.norm(reached[:3, 3] - target[:3, 3]) < 1.1e-4
-        assert np.linalg.norm(compute_rotation_vector(reached[:3, :3].T @ target[:3, :3])) < 1.1e-3
+        assert np.linalg.norm(reached[:3, 3] - target[:3, 3]) < 1.1 * tolerance.position_m
+        assert (
+            np.linalg.norm(compute_rotation_vector(reached[:3, :3].T @ target[:3, :3])) < 1.1 * tolerance.rotation_rad
+        )
 
 
 def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, home):
@@ -51,7 +55,7 @@ def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, ho
     down, away = start.copy(), start.copy()
     down[2, 3] -= 0.2
     away[0, 3] += 1.0
-    line = planner._kinematics.solve_line(home, down)
+    line = planner._kinematics.solve_line(home, down).q_rad
     tips = planner._chain.compute_tcp_path(line)[:, :3, 3]
 
     assert len(line) == 21

@@ -6,6 +6,7 @@ import pytest
 
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.escape import leaves_contact
+from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -82,8 +83,25 @@ def test_the_same_request_gives_the_same_bits_in_any_order_and_in_a_fresh_planne
 
 def encode(answer):
     if isinstance(answer, Approaches):
-        return [(approach.label, approach.tcp_end, approach.line_rad.tobytes()) for approach in answer.approaches]
-    return answer.goal, answer.trajectory.q_rad.tobytes(), answer.trajectory.qd_rad_s.tobytes(), answer.details
+        ways = [(approach.label, approach.tcp_end, approach.line_rad.tobytes()) for approach in answer.approaches]
+        return ways, answer.stages
+    return answer.goal, answer.trajectory.q_rad.tobytes(), answer.trajectory.qd_rad_s.tobytes(), answer.stages
+
+
+def test_every_goal_posture_is_polished_by_mink_below_what_screening_reached(planner, build, home):
+    for seed in range(12):
+        found = planner.answer(FindGrasps(world=build.scene(seed), object="cube0", q_rad=home, seed=seed))
+        stages = found.stages
+
+        assert [goal.label for goal in stages.goals] == [approach.label for approach in found.approaches]
+        assert 0 < stages.screening.reached <= stages.screening.solved
+        for goal, approach in zip(stages.goals, found.approaches, strict=True):
+            assert goal.hover.iterations > 0
+            assert goal.hover.position_error_m < POLISHED.position_m < REACHED.position_m
+            assert goal.hover.rotation_error_rad < POLISHED.rotation_rad < REACHED.rotation_rad
+            assert goal.line.iterations >= len(approach.line_rad) - 1
+            tip = planner._chain.compute_tcp(approach.line_rad[0])[:3, 3]
+            assert tip == pytest.approx(np.add(approach.tcp_end.position_m, (0.0, 0.0, 0.08)), abs=2e-7)
 
 
 def test_another_seed_may_go_another_way(planner, build, home):
@@ -94,7 +112,8 @@ def test_another_seed_may_go_another_way(planner, build, home):
         planner.answer(PlanMove(world=World((wall,)), q_rad=start, goals_rad=goals, seed=seed)) for seed in (1, 2)
     ]
 
-    assert [motion.details["iterations"] > 0 for motion in motions] == [True, True]
+    assert [motion.stages.path.planner for motion in motions] == ["RRTConnect"] * 2
+    assert all(motion.stages.path.iterations > 0 for motion in motions)
     assert motions[0].trajectory.q_rad.tobytes() != motions[1].trajectory.q_rad.tobytes()
 
 

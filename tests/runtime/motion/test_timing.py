@@ -21,7 +21,7 @@ def limits(planner):
 def test_random_paths_respect_the_limits_by_finite_differences(limits, home, seed):
     rng = np.random.default_rng(seed)
     rows = densify(home + np.cumsum(rng.normal(0.0, 0.3, (6, len(home))), axis=0), 0.12)
-    trajectory = time_path(rows, limits)
+    trajectory = time_path(rows, limits).trajectory
 
     assert 0.5 < compute_excess(rows[0], trajectory.q_rad, trajectory.qd_rad_s, limits) <= 0.98
     assert np.array_equal(trajectory.q_rad[-1], rows[-1])
@@ -29,7 +29,7 @@ def test_random_paths_respect_the_limits_by_finite_differences(limits, home, see
 
 
 def test_a_straight_motion_is_near_the_time_optimum(limits, home):
-    trajectory = time_path(densify(np.array((home, home + 1.0)), 0.12), limits)
+    trajectory = time_path(densify(np.array((home, home + 1.0)), 0.12), limits).trajectory
     v, a = 0.9 * limits.velocity_rad_s.min(), 0.7 * limits.acceleration_rad_s2.min()
     bound_s = 1.0 / v + v / a
 
@@ -38,7 +38,7 @@ def test_a_straight_motion_is_near_the_time_optimum(limits, home):
 
 @pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-5, 3e-4])
 def test_a_path_that_hardly_moves_ends_at_its_goal_at_rest(limits, home, distance):
-    trajectory = time_path(np.array((home, home + distance)), limits)
+    trajectory = time_path(np.array((home, home + distance)), limits).trajectory
 
     assert np.array_equal(trajectory.q_rad[-1], home + distance)
     assert compute_excess(home, trajectory.q_rad, trajectory.qd_rad_s, limits) < 1.0
@@ -49,7 +49,7 @@ def test_repeated_waypoints_do_no_harm(limits, home):
     rows = densify(np.array((home, home + 0.5)), 0.12)
     repeated = np.repeat(rows, 3, axis=0)
 
-    assert np.array_equal(time_path(repeated, limits).q_rad, time_path(rows, limits).q_rad)
+    assert np.array_equal(time_path(repeated, limits).trajectory.q_rad, time_path(rows, limits).trajectory.q_rad)
     assert len(drop_duplicates(repeated)) == len(rows)
 
 
@@ -78,18 +78,25 @@ def test_a_shaped_transport_keeps_the_vessel_level_where_toppra_spills(planner, 
     motion = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=tilt_max))
     plain = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=tilt_max, method="toppra"))
 
-    assert motion.details["solver"] == "Solve_Succeeded"
-    assert motion.details["worst_tilt_rad"] <= tilt_max < plain.details["worst_tilt_rad"]
-    assert motion.details["unshaped_worst_tilt_rad"] == plain.details["worst_tilt_rad"]
+    shaped, unshaped = motion.stages.scaling, plain.stages.scaling
+    assert (shaped.solver, shaped.status, unshaped.solver, unshaped.status) == (
+        "casadi",
+        "Solve_Succeeded",
+        "toppra",
+        "Ok",
+    )
+    assert shaped.solver_iterations > 0
+    assert shaped.worst_tilt_rad <= tilt_max < unshaped.worst_tilt_rad
+    assert shaped.unshaped_worst_tilt_rad == unshaped.worst_tilt_rad
     assert np.array_equal(motion.trajectory.q_rad[-1], carried[-1])
     assert compute_excess(carried[0], motion.trajectory.q_rad, motion.trajectory.qd_rad_s, limits) < 1.0
 
 
 def test_shaping_beats_slowing_the_whole_motion_down(planner, carried):
-    details = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=0.08)).details
-    uniform_s = details["unshaped_duration_s"] * np.sqrt(np.tan(details["unshaped_worst_tilt_rad"]) / np.tan(0.08))
+    shaped = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=0.08)).stages.scaling
+    uniform_s = shaped.unshaped_duration_s * np.sqrt(np.tan(shaped.unshaped_worst_tilt_rad) / np.tan(0.08))
 
-    assert details["duration_s"] < 0.85 * uniform_s
+    assert shaped.duration_s < 0.85 * uniform_s
 
 
 def test_a_shaped_motion_starts_without_a_step_of_acceleration(planner, carried):
