@@ -67,7 +67,7 @@ class Kinematics:
             error = self._tool.compute_error(configuration)
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
-                return Solution(np.array(configuration.q), Differential(iteration, off_m, off_rad))
+                return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
             try:
                 velocity = mink.solve_ik(
                     configuration, [self._tool, self._posture], _DT_S, "daqp", damping=1e-6, limits=self._limits
@@ -96,6 +96,11 @@ class Kinematics:
             line.append(found.q_rad)
             solved = combine(solved, found.solved)
         return Solution(np.array(line), solved)
+
+
+def _round(error: float) -> float:
+    """Two digits of an error, for the trace."""
+    return float(f"{error:.2g}")
 
 
 def combine(first: Differential, second: Differential) -> Differential:

@@ -162,19 +162,24 @@ def shorten(rows_rad: Array, checker: Checker, rng: np.random.Generator) -> Arra
         checker: Says what is free.
         rng: Chooses the parts.
     """
-    rows = rows_rad
+    rows, along = rows_rad, _measure(rows_rad)
     for fractions in np.sort(rng.random((SHORTCUTS, 2)), axis=1):
         if len(rows) < 3:
             break
-        along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
         low, high = fractions * along[-1]
-        i, j = (int(np.searchsorted(along, x, side="right")) for x in (low, high))
+        i, j = along.searchsorted((low, high), side="right").tolist()
         if i == j or j >= len(rows):
             continue
         a, b = _point_at(rows, along, low, i), _point_at(rows, along, high, j)
         if np.linalg.norm(b - a) < 0.98 * (high - low) and checker.edge_is_free(a, b):
             rows = np.vstack((rows[:i], a, b, rows[j:]))
+            along = _measure(rows)
     return rows
+
+
+def _measure(rows: Array) -> Array:
+    """(k,) length of a path up to each of its corners."""
+    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
 
 
 def _point_at(rows: Array, along: Array, distance: float, end: int) -> Array:

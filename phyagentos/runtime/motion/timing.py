@@ -108,11 +108,38 @@ def time_path(rows_rad: Array, limits: JointLimits) -> Timed:
     rows = drop_duplicates(rows_rad)
     if len(rows) < 2:
         return Timed.by("quintic", "too short for toppra", _creep(rows_rad[0], rows_rad[-1], limits))
-    timed, status = _run_toppra(rows, limits)
-    if timed is None:
+    path, problem = _run_toppra(rows, limits)
+    status = problem.return_code.name
+    if problem.return_code is not algorithm.algorithm.ParameterizationReturnCode.Ok:
         return Timed.by("quintic", f"toppra: {status}", _creep(rows_rad[0], rows_rad[-1], limits))
-    motion = sample_within_limits(lambda t: (timed(t), timed(t, 1)), float(timed.duration), rows[0], rows[-1], limits)
+    knots, speeds = problem.gridpoints, problem.sd_vec
+
+    def evaluate(times_s: Array) -> tuple[Array, Array]:
+        s, speed = compute_progress(knots, speeds, times_s)
+        return path(s), path(s, 1) * speed[:, None]
+
+    motion = sample_within_limits(evaluate, float(end_knots(knots, speeds)[-1]), rows[0], rows[-1], limits)
     return Timed.by("toppra", status, motion)
+
+
+def compute_progress(knots: Array, speeds: Array, times_s: Array) -> tuple[Array, Array]:
+    """Where a motion along a path is, and how fast, when its acceleration is constant between knots.
+
+    Args:
+        knots: (k,) path parameters.
+        speeds: (k,) of the parameter at the knots [1/s].
+        times_s: (n,) since the motion began at the first knot.
+    """
+    ends_s = end_knots(knots, speeds)
+    k = np.clip(np.searchsorted(ends_s, times_s, side="right") - 1, 0, len(knots) - 2)
+    acceleration = (np.diff(speeds**2) / (2.0 * np.diff(knots)))[k]
+    dt = times_s - ends_s[k]
+    return knots[k] + dt * (speeds[k] + 0.5 * dt * acceleration), speeds[k] + dt * acceleration
+
+
+def end_knots(knots: Array, speeds: Array) -> Array:
+    """(k,) times at which the knots are reached [s]."""
+    return np.concatenate(([0.0], np.cumsum(2.0 * np.diff(knots) / (speeds[1:] + speeds[:-1]))))
 
 
 def sample_within_limits(
@@ -171,19 +198,20 @@ def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
     return sample_within_limits(evaluate, period_s, start_rad, end_rad, limits)
 
 
-def _run_toppra(rows: Array, limits: JointLimits) -> "tuple[toppra.interpolator.AbstractGeometricPath | None, str]":
-    """Time-optimal traversal of the natural spline through `rows`, None when it hardly moves; and toppra's status."""
+def _run_toppra(
+    rows: Array, limits: JointLimits
+) -> "tuple[toppra.SplineInterpolator, algorithm.algorithm.ParameterizationData]":
+    """The natural spline through `rows`, and its time-optimal traversal; without one where it hardly moves."""
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
     path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
     solver = algorithm.TOPPRA(
         list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist()))),
         path,
         gridpoints=np.linspace(0.0, 1.0, int(np.clip(6 * len(rows), GRID_MIN, GRID_MAX))),
-        parametrizer="ParametrizeConstAccel",
         solver_wrapper="seidel",
     )
-    timed = solver.compute_trajectory(0.0, 0.0)
-    return timed, solver.problem_data.return_code.name
+    solver.compute_parameterization(0.0, 0.0)
+    return path, solver.problem_data
 
 
 @lru_cache(maxsize=16)

@@ -23,7 +23,9 @@ from phyagentos.runtime.motion.timing import (
     ACCELERATION_SCALE,
     VELOCITY_SCALE,
     JointLimits,
+    compute_progress,
     drop_duplicates,
+    end_knots,
     fit_spline,
     sample_within_limits,
     time_path,
@@ -175,12 +177,8 @@ def _optimise(geometry: _Geometry, tilt_max_rad: float, limits: JointLimits, fas
 
 def _follow(q: CubicSpline, knots: Array, b: Array, unit_s: float, step_s: float) -> tuple[Evaluate, float]:
     """The motion with b = s'^2 at the knots, its progress averaged over a window so that acceleration never steps."""
-    speed = np.sqrt(b) / unit_s
-    times = np.concatenate(([0.0], np.cumsum(2.0 * np.diff(knots) / (speed[1:] + speed[:-1]))))
-    t = np.arange(0.0, times[-1], step_s)
-    k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(knots) - 2)
-    a = (np.diff(b) / (2.0 * np.diff(knots)) / unit_s**2)[k]
-    s = knots[k] + speed[k] * (t - times[k]) + a * (t - times[k]) ** 2 / 2.0
+    speeds = np.sqrt(b) / unit_s
+    s, _ = compute_progress(knots, speeds, np.arange(0.0, end_knots(knots, speeds)[-1], step_s))
     width = max(1, round(RAMP_S / step_s))
     padded = np.concatenate((np.zeros(width), s, np.ones(width)))
     smooth = np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
