@@ -140,6 +140,7 @@ LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
 LIMIT_UNENFORCEABLE      The live target does not tell what a limit of safety.yaml is held against, or not truly.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
+NO_DRIVER                No driver moves a target of this kind, or none of the name that the profile gives.
 NOT_CHECKED              A session was to run without a preflight.
 OBSERVATION_DTYPE        A policy takes another element type than the sensor gives.
 OBSERVATION_FRAME        A policy takes an observation in another frame than the sensor gives.

@@ -4,17 +4,14 @@
 """
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
-
+from phyagentos.assembly.drivers import build_driver_registry
 from phyagentos.assembly.gc_tuning import collect_rarely
-from phyagentos.assembly.paths import FAULTS, STRIKES
 from phyagentos.assembly.rehearsal import make_command
 from phyagentos.assembly.scheduling import ask_for_precedence
 from phyagentos.clock import Clock, SystemClock
@@ -55,35 +52,20 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     else:
         end_with_parent()
     Path(socket).unlink(missing_ok=True)  # of a world that was killed: this is the only one
-    if not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
     from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
-    from phyagentos.protocol.settings.sensors import read_sensors
-    from phyagentos.protocol.world.faults import read_faults
-    from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule, read_strikes
-    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
     from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.targets.driver_registry import DriverSite
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
     from phyagentos.runtime.targets.server import serve
     from phyagentos.runtime.targets.stop_listener import StopListener
-    from phyagentos.runtime.targets.wire import FaultStruck
 
-    library = workspace.library()
-    profile, folder = read_profile(library.get_target(target))
-    path, strikes = workspace.root / FAULTS, workspace.root / STRIKES
-    file = read_faults(path) if path.exists() else None
-
-    def make_faults(episode: str, seed: int) -> FaultInjector:
-        if strikes.exists():
-            return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
-        return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
-
+    profile, folder = read_profile(workspace.library().get_target(target))
+    site = DriverSite(profile=profile, folder=folder, workspace=workspace, clock=clock)
+    driver = build_driver_registry().get(profile, f"{target}/target.yaml").open(site)
     stops = StopListener(workspace.signals.parent, clock)
     mode = read_runtime_contract(workspace.runtime_contract).world_mode
-    sensors = read_sensors(workspace.sensors)
-    driver = MujocoDriver(profile, folder, library, make_faults, mode, sensors)
     log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
     truth = reads_truth(workspace)
     world = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
@@ -97,7 +79,6 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
     """The worker process of one target: serve the watchdog until it is gone."""
     from phyagentos.protocol.settings.runtime_contract import WorldMode
-    from phyagentos.runtime.drivers.debug import DebugDriver
     from phyagentos.runtime.execution.leaf_registry import build_registry
     from phyagentos.runtime.lookahead.gate import LookaheadGate
     from phyagentos.runtime.lookahead.process import RehearsalProcess
@@ -108,6 +89,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.preflight.examination import Examiner
     from phyagentos.runtime.preflight.settings import read_settings
     from phyagentos.runtime.supervision.workers import end_with_parent
+    from phyagentos.runtime.targets.driver_registry import DriverSite
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
     from phyagentos.runtime.targets.server import Loopback
@@ -124,18 +106,20 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     try:
         profile = read_target_registry(workspace.target_registry)[target]
         skills = read_skill_registry(workspace.skill_registry)
+        spec = build_driver_registry().get(profile)
         settings = read_settings(workspace, target)
         registry = build_registry(library)
     except DefinitionError as error:
         serve_refusals(orders, error.problems)
         return
-    planner: Planner
+    planner: Planner = PlannerProcess(profile_path) if profile.model else NoPlanner()
     connection: Channel
-    if profile.kind == "debug":  # no physics, so nothing that a process of its own would protect
-        log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
-        planner, connection = NoPlanner(), Loopback(ServedTarget(DebugDriver(profile, library), log))
+    if spec.own_process:
+        connection = connect_to_world(socket, clock)
     else:
-        planner, connection = PlannerProcess(profile_path), connect_to_world(socket, clock)
+        site = DriverSite(profile=profile, folder=profile_path.parent, workspace=workspace, clock=clock)
+        log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
+        connection = Loopback(ServedTarget(spec.open(site), log))
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
     world = open_world_model(workspace, target, profile, handle, settings)

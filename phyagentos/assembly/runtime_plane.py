@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 from types import FrameType
 
+from phyagentos.assembly.drivers import build_driver_registry
 from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project
 from phyagentos.assembly.processes import reads_truth
@@ -175,7 +176,7 @@ def _read_rules(workspace: Workspace) -> RuntimeContract:
 
 
 def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: bool, outlives: bool = False) -> Worker:
-    """Start the world and the worker of one target; a debug target lives in its worker and begins anew with it.
+    """Start the worker of one target, and its world where the driver needs one; without a driver the worker refuses.
 
     Args:
         workspace: With the documents that count.
@@ -184,11 +185,14 @@ def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: b
         pictures: Whether evidence has pictures.
         outlives: Whether the world waits for another watchdog when this process dies.
     """
-    is_debug = read_target_registry(workspace.target_registry)[target].kind == "debug"
+    profile = read_target_registry(workspace.target_registry)[target]
+    has_world = False
+    with contextlib.suppress(DefinitionError):
+        has_world = build_driver_registry().get(profile).own_process
     place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(sockets / f"{target}.world")]
     return Worker(
         target,
-        world=[] if is_debug else [*_MODULE, "world", *place, *(["--outlives"] if outlives else [])],
+        world=[*_MODULE, "world", *place, *(["--outlives"] if outlives else [])] if has_world else [],
         lock=get_lock(workspace.root, target),
         worker=[*_MODULE, "worker", *place, *([] if pictures else ["--no-pictures"])],
         logs=workspace.logs,

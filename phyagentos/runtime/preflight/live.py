@@ -11,6 +11,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract
 from phyagentos.runtime.preflight.findings import make_problem
+from phyagentos.runtime.targets.driver_registry import find_driver_name
 from phyagentos.runtime.targets.wire import WIRE_VERSION, Description
 
 
@@ -26,6 +27,12 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
     }
     if live.n_joints == len(profile.arm.joints):
         pairs["joints"] = (", ".join(live.joints) or "(none)", ", ".join(profile.arm.joints))
+    driver = find_driver_name(profile)
+    if not driver:
+        fix = "Name a driver in the target's profile; a simulation never stands in for a real robot."
+        yield make_problem("NO_DRIVER", "target.driver", f"kind {profile.kind!r}", "a driver", triggered_by=by, fix=fix)
+    else:
+        pairs["driver"] = (live.driver.split("/")[0], driver)
     for name, (found, expected) in pairs.items():
         if found != expected:
             fix = "TARGETS.md and the running target must be the same robot."

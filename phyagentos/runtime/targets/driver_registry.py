@@ -1,0 +1,102 @@
+"""The registry of drivers, by the names that target profiles use: which one moves a target, and what it needs.
+
+Upstream: TARGETS.md (`kind`, `driver`), assembly. Downstream: `TargetDriver`. A plug-in is a `DriverSpec`, announced by
+the entry point group `phyagentos.drivers`; it imports nothing heavy before `open` is called. What ships is registered
+by assembly, since drivers import this room and never the reverse.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from phyagentos.clock import Clock
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.targets.driver import TargetDriver
+
+ENTRY_POINT_GROUP = "phyagentos.drivers"
+OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has none of itself
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverSite:
+    """Where a driver is opened.
+
+    Attributes:
+        profile: The target.
+        folder: Of its profile; `profile.model` is relative to it.
+        workspace: Settings and library that are in force.
+        clock: The wall clock.
+    """
+
+    profile: TargetProfile
+    folder: Path
+    workspace: Workspace
+    clock: Clock
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverSpec:
+    """How a driver is opened.
+
+    Attributes:
+        open: Makes the driver of one target; raises DefinitionError or ExecutionError where it cannot.
+        kinds: Kinds of targets that it moves. A simulation never stands in for a real robot.
+        own_process: Whether it runs in a process of its own, which outlives workers and keeps real time; otherwise it
+            runs in the worker, and begins anew with it.
+    """
+
+    open: Callable[[DriverSite], TargetDriver]
+    kinds: tuple[str, ...]
+    own_process: bool = True
+
+
+@dataclass(slots=True)
+class DriverRegistry:
+    """Specifications by name."""
+
+    _specs: dict[str, DriverSpec] = field(default_factory=dict)
+
+    def register(self, name: str, spec: DriverSpec) -> None:
+        """Add one; raises ValueError when the name is taken."""
+        if name in self._specs:
+            raise ValueError(f"driver {name!r} is registered already")
+        self._specs[name] = spec
+
+    def load_plug_ins(self) -> None:
+        """Add what installed packages announce."""
+        for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):
+            self.register(point.name, point.load())
+
+    def names(self) -> list[str]:
+        """Every name, sorted."""
+        return sorted(self._specs)
+
+    def get(self, profile: TargetProfile, address: str = "TARGETS.md") -> DriverSpec:
+        """The driver that moves a target.
+
+        Raises:
+            DefinitionError: `NO_DRIVER`, when the kind has none, none has this name, or it moves other kinds.
+        """
+        name = find_driver_name(profile)
+        spec = self._specs.get(name)
+        if spec is not None and profile.kind in spec.kinds:
+            return spec
+        possible = [each for each, known in self._specs.items() if profile.kind in known.kinds]
+        found = f"driver {name!r} for kind {profile.kind!r}" if name else f"kind {profile.kind!r} without a driver"
+        raise DefinitionError(
+            Problem(
+                code="NO_DRIVER",
+                address=f"{address}: {profile.target}.driver",
+                found=found,
+                expected=format_names(possible),
+                hint=format_hint(name, possible) or "Name one that moves this kind, or install its package.",
+            )
+        )
+
+
+def find_driver_name(profile: TargetProfile) -> str:
+    """The driver that a profile names, or that of its kind; empty where there is none."""
+    return profile.driver or OF_KIND.get(profile.kind, "")
