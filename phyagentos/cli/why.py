@@ -54,6 +54,8 @@ def _explain_execution(status: SessionStatus) -> Iterator[str]:
     )
     if execution.message:
         yield f"              {execution.message}"
+    if execution.driver:
+        yield f"  moved by    driver {execution.driver}"
 
 
 def _explain_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[str]:

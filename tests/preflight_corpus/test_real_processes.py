@@ -13,7 +13,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from .corpus import HERE, Edit, make_project, read_case
 
 GRAPH = find_shipped_root() / "goal_graphs" / "tidy_table.yaml"
-OBSERVING = {"process_start", "Describe", "LoadScene", "Observe", "state_write", "Render"}
+OBSERVING = {"process_start", "Describe", "LoadScene", "Observe", "state_write"}
 FAR_CUBE = Edit(
     file="scenes/tabletop/cubes_and_trays.yaml",
     path=("bodies", "red_cube", "place"),
@@ -54,6 +54,16 @@ def test_a_misconfigured_target_gets_no_command_at_all(side, name, rename, tmp_p
     assert report.exit_code == 3
     assert codes == {f"tidy.{node}": set(case.expect) for node in ("red", "green", "blue")}
     assert {line["kind"] for line in received} <= OBSERVING
+
+
+@pytest.mark.journey
+def test_a_real_robot_without_a_driver_is_refused_before_anything_starts(tmp_path):
+    report, codes, received = run(tmp_path, (), ("target: panda\n", "target: panda\nkind: real_robot\n"))
+
+    assert report.exit_code == 3
+    assert codes == {f"tidy.{node}": {"NO_DRIVER"} for node in ("red", "green", "blue")}
+    assert received == []
+    assert not [*(tmp_path / "w" / "logs").glob("world-*.log")]
 
 
 @pytest.mark.journey

@@ -64,6 +64,7 @@ def describe(**changes) -> Description:
         "q_min_rad": limits.joint_position_min.value, "q_max_rad": limits.joint_position_max.value,
         "observations": PROFILE.observations, "actions": PROFILE.actions, "cameras": (), "mode": "lockstep",
         "kinematics": KINEMATICS, "gripper_force_n": 70.0, "joints": PROFILE.arm.joints, "version": WIRE_VERSION,
+        "driver": "mujoco",
     }  # fmt: skip
     return Description(**{**facts, **changes})
 

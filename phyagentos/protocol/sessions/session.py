@@ -203,6 +203,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         interventions: Number of safety interventions.
         ticks: Control periods commanded.
         undecided: What the acceptance speaks of and the last look did not show; the target waits for the verdict.
+        driver: What moved the target, as it described itself; empty in records of before, and when nothing was moved.
     """
 
     ended: Ended
@@ -215,6 +216,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     interventions: int = 0
     ticks: int = 0
     undecided: tuple[str, ...] = ()
+    driver: str = ""
 
 
 class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

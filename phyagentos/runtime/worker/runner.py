@@ -192,7 +192,9 @@ class SessionRunner:
         outputs = run.skill.read_outputs()
         run.skill.close()
         report = _report(outcome, evidence, run, outputs, began_sim_s)
-        return _finish(recorder, msgspec.structs.replace(report, undecided=self._undecided))
+        return _finish(
+            recorder, msgspec.structs.replace(report, undecided=self._undecided, driver=self._handle.describe().driver)
+        )
 
     def observe_only(
         self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str, code: str = ""

@@ -1,0 +1,63 @@
+"""Which driver moves a target: found by name, and refused before anything starts where there is none."""
+
+import pytest
+
+from phyagentos.assembly.drivers import build_driver_registry
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.runtime.targets import driver_registry
+from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSpec, find_driver_name
+
+
+@pytest.fixture
+def panda():
+    return read_target(Library.open().get_target("panda"))
+
+
+def open_nothing(_site):
+    raise AssertionError("nothing is opened to find a driver")
+
+
+@pytest.mark.parametrize(("kind", "name"), [("simulation", "mujoco"), ("debug", "debug"), ("real_robot", "")])
+def test_a_kind_has_its_driver_unless_the_profile_names_one(panda, kind, name):
+    profile = panda.model_copy(update={"kind": kind})
+
+    assert find_driver_name(profile) == name
+    assert find_driver_name(profile.model_copy(update={"driver": "mine"})) == "mine"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kind": "real_robot"}, r"NO_DRIVER: found kind 'real_robot' without a driver; expected ur5\. Name one"),
+        ({"kind": "real_robot", "driver": "mujoco"}, "found driver 'mujoco' for kind 'real_robot'; expected ur5"),
+        ({"kind": "real_robot", "driver": "ur6"}, r"expected ur5\. Did you mean 'ur5'\?"),
+        ({"driver": "mujocco"}, r"expected mujoco\. Did you mean 'mujoco'\?"),
+    ],
+)
+def test_what_no_driver_moves_is_refused_with_the_names_that_are_possible(panda, changes, message):
+    registry = DriverRegistry()
+    registry.register("mujoco", DriverSpec(open=open_nothing, kinds=("simulation",)))
+    registry.register("ur5", DriverSpec(open=open_nothing, kinds=("real_robot",)))
+
+    with pytest.raises(DefinitionError, match=message):
+        registry.get(panda.model_copy(update=changes))
+    assert registry.get(panda).kinds == ("simulation",)
+
+
+def test_a_driver_of_another_package_is_found_by_its_entry_point(monkeypatch):
+    spec = DriverSpec(open=open_nothing, kinds=("real_robot",))
+
+    class Point:
+        name = "ur5"
+
+        def load(self):
+            return spec
+
+    monkeypatch.setattr(driver_registry, "entry_points", lambda group: [Point()] * (group == "phyagentos.drivers"))
+    registry = build_driver_registry()
+
+    assert {"debug", "mujoco", "ur5"} <= set(registry.names())
+    with pytest.raises(ValueError, match="driver 'ur5' is registered already"):
+        registry.register("ur5", spec)
