@@ -70,16 +70,18 @@ def show_schema(
 
 def show_lifecycle(
     mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid statechart.")] = False,
+    target: Annotated[bool, typer.Option("--target", help="The phases of a target instead.")] = False,
 ) -> None:
-    """Print the session statechart: the table that is also the code."""
+    """Print the statechart of a session, or of a target: the table that is also the code."""
     from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
+    from phyagentos.runtime.supervision.target_phase import PHASE_TRANSITIONS, render_phases
 
     if mermaid:
-        print_result(render_mermaid())
+        print_result(render_phases() if target else render_mermaid())
         return
-    for row in SESSION_TRANSITIONS:
-        sources = ", ".join(row.sources)
-        print_result(f"{row.trigger:<15} {sources} -> {row.dest}   by {', '.join(row.by)}")
+    for row in PHASE_TRANSITIONS if target else SESSION_TRANSITIONS:
+        condition = f"by {', '.join(row.by)}" if row.by else f"when {row.when}" if row.when else ""
+        print_result(f"{row.trigger:<15} {', '.join(row.sources)} -> {row.dest}   {condition}".rstrip())
 
 
 def show_tree(

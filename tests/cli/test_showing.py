@@ -30,6 +30,7 @@ def test_the_statechart_that_is_printed_is_the_table(paos):
 def test_the_statechart_in_the_docs_is_the_table(paos):
     text = (ROOT / "docs/lifecycle.md").read_text(encoding="utf-8")
     assert paos("lifecycle", "--mermaid").out.strip() in text
+    assert paos("lifecycle", "--target", "--mermaid").out.strip() in text
 
 
 @pytest.mark.parametrize(

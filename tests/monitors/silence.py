@@ -29,7 +29,8 @@ import msgspec
 
 from phyagentos.protocol.sessions.estop import Latch
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.runtime.supervision.watchdog import POLL_S, STOP_GRACE_S
+from phyagentos.runtime.supervision.target_supervisor import STOP_GRACE_S
+from phyagentos.runtime.supervision.watchdog import POLL_S
 from phyagentos.store.follower import Follower
 from phyagentos.store.records import Record
 

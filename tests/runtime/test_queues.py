@@ -188,7 +188,7 @@ def test_what_a_broken_target_holds_is_refused_and_not_waited_for():
 
     (turn,) = bench.queues.grant(["b"])
 
-    assert turn.refused == "RESOURCE_UNAVAILABLE: 'tray' is held by 'a', which is broken"
+    assert (turn.refused.code, turn.refused.found) == ("RESOURCE_UNAVAILABLE", "'tray' is held by 'a', which is broken")
 
 
 def test_a_session_that_waits_too_long_is_given_back_once():

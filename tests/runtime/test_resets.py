@@ -5,7 +5,7 @@ import pytest
 
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import ResetPolicy, Scene
-from phyagentos.runtime.supervision.resets import compute_may_reset
+from phyagentos.runtime.supervision.target_supervisor import compute_may_reset
 from phyagentos.runtime.worker.orders import Check
 from phyagentos.store.journal import Entry, Journal
 

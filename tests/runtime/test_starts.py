@@ -7,7 +7,7 @@ from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.supervision.watchdog import Watchdog
-from phyagentos.runtime.worker.orders import Check, Prepare, Run
+from phyagentos.runtime.worker.orders import Check, Run
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.segments import SystemIO
 
@@ -139,7 +139,7 @@ class Observer(ScriptedWorker):
         self._course = course
 
     def send(self, order) -> None:
-        self._course.events += [type(order).__name__] if isinstance(order, Prepare | Run) else []
+        self._course.events += [type(order).__name__] if isinstance(order, Run) else []
         super().send(order)
 
 
@@ -161,11 +161,11 @@ def test_a_run_is_ordered_only_when_its_start_is_on_the_disk(stand):  # noqa: F8
 
     told = [event for event in course.events if event != "finish"]
     first = told.index("start")
-    assert told[first : first + 4] == ["start", "Prepare", "on the disk", "Run"]
+    assert told[first : first + 3] == ["start", "on the disk", "Run"]
     assert told.count("Run") == 5
     for index, event in enumerate(told):
         if event == "Run":
-            assert told[index - 3 : index] == ["start", "Prepare", "on the disk"]
+            assert told[index - 2 : index] == ["start", "on the disk"]
 
 
 def test_a_disk_that_does_not_confirm_a_start_lets_nothing_move(stand):  # noqa: F811
@@ -182,7 +182,7 @@ def test_a_disk_that_does_not_confirm_a_start_lets_nothing_move(stand):  # noqa:
     with pytest.raises(Exception, match="JOURNAL_NOT_DURABLE"):
         watchdog.run()
 
-    assert course.events[-2:] == ["start", "Prepare"]
+    assert course.events[-1:] == ["start"]
 
 
 def stop_after(runs: int, stop):

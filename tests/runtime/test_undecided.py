@@ -1,15 +1,19 @@
 """A target whose last look left the acceptance undecided gets no other work before the verdict."""
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import msgspec
 import pytest
 
+from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.runtime.execution.open_criteria import find_undecided
-from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Phase, TargetSupervisor
+from phyagentos.runtime.supervision.target_phase import Phase
+from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Supervision, TargetSupervisor
 from phyagentos.store.ledger import Ledger
 from tests.contracts import make_contract
 
@@ -44,35 +48,41 @@ def test_so_is_what_it_covers_by_a_star(text):
     assert find_undecided(session, make_world(observed_at_s=8.0)) == ("red_cube",)
 
 
-def make_post(*undecided: str, ended: Ended = Ended.COMPLETED) -> TargetSupervisor:
-    post = TargetSupervisor(target="panda", worker=cast(Any, None), monitor=cast(Any, None), phase=Phase.IDLE)
-    post.note_end(SESSION, Execution(ended=ended, evidence="", undecided=undecided), 100.0)
-    return post
+class Target:
+    """A supervisor whose session has just ended, and the ledger that it looks at."""
 
+    def __init__(self, *undecided: str, ended: Ended = Ended.COMPLETED) -> None:
+        self.clock = ManualClock(100.0)
+        self.ledger = Ledger()
+        journal = cast(Any, SimpleNamespace(ledger=self.ledger))
+        shared = Supervision(journal=journal, queues=cast(Any, None), clock=self.clock, logs=Path("logs"))
+        self.supervisor = TargetSupervisor("panda", cast(Any, None), cast(Any, None), shared)
+        self.supervisor.state = Phase.IDLE
+        self.supervisor.note_end(SESSION, Execution(ended=ended, evidence="", undecided=undecided))
 
-def make_ledger(state: SessionState) -> Ledger:
-    ledger = Ledger()
-    ledger.sessions[SESSION.id] = SessionStatus(contract=SESSION, state=state)
-    return ledger
+    def is_free(self, state: SessionState, after_s: float = 0.1) -> bool:
+        self.ledger.sessions[SESSION.id] = SessionStatus(contract=SESSION, state=state)
+        self.clock.advance(after_s)
+        return self.supervisor.is_free()
 
 
 def test_the_target_waits_for_the_verdict_of_a_session_that_is_undecided():
-    post = make_post("red_cube")
-    assert not post.is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.1)
-    assert not post.is_free(make_ledger(SessionState.VERIFYING), 100.2)
-    assert post.is_free(make_ledger(SessionState.REPLANNED), 100.3)
+    target = Target("red_cube")
+    assert not target.is_free(SessionState.AWAITING_VERIFICATION)
+    assert not target.is_free(SessionState.VERIFYING)
+    assert target.is_free(SessionState.REPLANNED)
 
 
 def test_it_does_not_wait_for_an_agent_that_is_gone():
-    assert make_post("red_cube").is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.0 + VERDICT_S)
+    assert Target("red_cube").is_free(SessionState.AWAITING_VERIFICATION, VERDICT_S)
 
 
 def test_it_does_not_wait_when_everything_was_seen():
-    assert make_post().is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.0)
+    assert Target().is_free(SessionState.AWAITING_VERIFICATION)
 
 
 @pytest.mark.parametrize("ended", [Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.SAFETY_STOP, Ended.STALLED])
 def test_it_waits_for_what_follows_an_interrupted_motion_lest_another_session_let_fall_what_it_holds(ended):
-    post = make_post(ended=ended)
-    assert not post.is_free(make_ledger(SessionState.AWAITING_VERIFICATION), 100.1)
-    assert post.is_free(make_ledger(SessionState.REPLANNED), 100.2)
+    target = Target(ended=ended)
+    assert not target.is_free(SessionState.AWAITING_VERIFICATION)
+    assert target.is_free(SessionState.REPLANNED)

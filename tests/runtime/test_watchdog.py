@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
 from phyagentos.runtime.supervision.watchdog import Watchdog
-from phyagentos.runtime.worker.orders import Check, Checked, Finished, Prepare, Ready, Reconcile, Renew, Run, Stop, send
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, Ready, Reconcile, Renew, Run, Stop, send
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from tests.contracts import make_contract
@@ -45,7 +45,7 @@ class ScriptedWorker:
             self._theirs.close()
 
     def send(self, order) -> None:
-        if isinstance(order, Prepare | Renew):
+        if isinstance(order, Renew):
             return  # has no answer
         self.orders.append(order)
         answers = {Check: self._on_check, Run: self._on_run, Reconcile: finish(Ended.RUNNER_LOST)}

@@ -69,7 +69,7 @@ def test_heartbeats_that_contradict_each_other_end_the_session_under_that_code(s
     stand.submit(make_session())
     stand.wait_for("g.a", "running")
     write_heartbeat(stand.workspace.heartbeats, Heartbeat(target="panda", pid=0, sequence=1, session="g.a", tick=1))
-    while stand.watchdog._posts["panda"].monitor._beat is None:
+    while stand.watchdog._supervisors["panda"].monitor._beat is None:
         stand.clock.sleep(0.01)
 
     write_heartbeat(stand.workspace.heartbeats, Heartbeat(target="panda", pid=77, sequence=2, session="g.a", tick=2))
@@ -184,7 +184,7 @@ def test_a_stop_that_no_disk_takes_keeps_every_session_waiting_and_is_latched_as
         full.setattr(requests, "latch", refuse)
         drop_signal(stand.workspace.signals, Signal(kind="estop", by="a button"), stand.clock)
         stand.watch(worker := ScriptedWorker())
-        while stand.watchdog._requests._unkept is None:
+        while stand.watchdog._operator._unkept is None:
             stand.clock.sleep(0.01)
         stand.submit(make_session())
         stand.clock.sleep(0.1)

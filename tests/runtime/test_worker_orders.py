@@ -22,7 +22,6 @@ from phyagentos.runtime.worker.orders import (
     Check,
     Checked,
     Finished,
-    Prepare,
     Ready,
     Reconcile,
     Run,
@@ -47,9 +46,6 @@ class Steps:
     def examine(self, session, **_) -> Finding:
         self.told.append(f"check {session.id}")
         return Finding(plan=PLAN, tools=TOOLS)
-
-    def prepare(self, session, epoch, plan, **_) -> None:
-        self.told.append(f"prepare {session.id}")
 
     def run(self, session, epoch, plan, *, evidence, cancel, beat, **_) -> Execution:
         self.told.append(f"begin {session.id}")
@@ -154,26 +150,6 @@ def test_a_run_of_what_was_not_checked_last_moves_nothing(place):
     place.ask(run("g.b", epoch=2))
     assert place.hear().execution.code == "NOT_CHECKED"
     assert not any(each.startswith("begin") for each in place.steps.told)
-
-
-def test_what_was_prepared_waits_for_the_order_to_run(place):
-    place.ask(check("g.a"))
-    place.hear()
-    place.ask(Prepare(session=make_session("g.a"), epoch=1, evidence="evidence/g.a"), check("g.b"))
-    place.hear()  # so it has dealt with what came before
-
-    assert place.steps.told == ["check g.a", "prepare g.a", "check g.b"]
-
-
-def test_a_watchdog_that_goes_between_prepare_and_run_leaves_nothing_begun(place):
-    place.ask(check("g.a"))
-    place.hear()
-    place.ask(Prepare(session=make_session("g.a"), epoch=1, evidence="evidence/g.a"))
-    place.ours.close()
-    place.thread.join(10.0)
-
-    assert not place.thread.is_alive()
-    assert place.steps.told == ["check g.a", "prepare g.a"]
 
 
 def test_a_watchdog_that_goes_right_after_a_session_leaves_its_bundle_sealed(place):

@@ -6,7 +6,8 @@ Upstream: the watchdog. Downstream: the kernel's poll.
 import select
 from collections.abc import Collection, Iterator
 
-from phyagentos.runtime.supervision.target_supervisor import Phase, TargetSupervisor
+from phyagentos.runtime.supervision.target_phase import Phase
+from phyagentos.runtime.supervision.target_supervisor import TargetSupervisor
 from phyagentos.store.watch import Watch
 
 _WITHOUT_WORKER = frozenset({Phase.RESTING, Phase.BROKEN})
@@ -22,23 +23,23 @@ class EventPoller:
     def __init__(self, *watches: Watch) -> None:
         self._poll = select.poll()
         self._watches = {watch.fileno(): watch for watch in watches}
-        self._posts: dict[int, TargetSupervisor] = {}
+        self._supervisors: dict[int, TargetSupervisor] = {}
         for fd in self._watches:
             self._poll.register(fd, select.POLLIN)
 
-    def wait(self, posts: Collection[TargetSupervisor], timeout_s: float) -> Iterator[Watch | TargetSupervisor]:
+    def wait(self, supervisors: Collection[TargetSupervisor], timeout_s: float) -> Iterator[Watch | TargetSupervisor]:
         """What there is news of, at the latest after `timeout_s` [s]; the news of a folder are taken away.
 
         Args:
-            posts: Whose workers may answer.
+            supervisors: Their workers may answer.
             timeout_s: Longest wait [s].
         """
-        alive = {post.worker.connection.fileno(): post for post in posts if post.phase not in _WITHOUT_WORKER}
-        for fd in self._posts.keys() - alive.keys():
+        alive = {each.worker.connection.fileno(): each for each in supervisors if each.phase not in _WITHOUT_WORKER}
+        for fd in self._supervisors.keys() - alive.keys():
             self._poll.unregister(fd)
-        for fd in alive.keys() - self._posts.keys():
+        for fd in alive.keys() - self._supervisors.keys():
             self._poll.register(fd, select.POLLIN)
-        self._posts = alive
+        self._supervisors = alive
         for fd, _ in self._poll.poll(1e3 * timeout_s):
             if fd in self._watches:
                 self._watches[fd].drain()

@@ -1,25 +1,27 @@
-"""What a limit of time asks for: of a session that is checked or runs, of a worker that starts, looks or rests.
+"""What a limit of time asks for: of a session that is checked or runs, of a worker that starts, observes or rests.
 
-Upstream: a post, and where its session stands. Downstream: the watchdog, which does it. Nothing is changed here.
+Upstream: the target's supervisor, which says how it stands. Downstream: the same, which does it. Nothing is changed
+here.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Session
-from phyagentos.runtime.supervision.liveness import Sign
-from phyagentos.runtime.supervision.target_supervisor import Phase, TargetSupervisor
+from phyagentos.runtime.supervision.liveness import Sign, Trouble
+from phyagentos.runtime.supervision.target_phase import Phase
 
 START_S = 180.0  # a worker that is not ready by then never will be; a first one compiles its kinematics
-OBSERVE_S = 60.0  # nor does one come back that looks for so long at what a lost session left
+OBSERVE_S = 60.0  # nor does one come back that observes for so long what a lost session left
 
 
 class Measure(StrEnum):
-    """What a watchdog can do about a post."""
+    """What a supervisor can do about its target."""
 
     LOSE = "lose"
-    """End the worker, and let the next one look at the world."""
+    """End the worker, and let the next one observe the world."""
     STOP = "stop"
     """Ask the worker to bring its target to rest."""
     REFUSE = "refuse"
@@ -44,39 +46,58 @@ class Due:
     code: str = ""
 
 
-def find_due(post: TargetSupervisor, state: SessionState | None, now_s: float) -> Due | None:
-    """What is to be done about a post now, if anything.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """How a target stands now.
 
-    Args:
-        post: The target under supervision.
-        state: Where its session stands; None without one.
-        now_s: By the watchdog's clock [s].
+    Attributes:
+        age_s: Time in its phase [s].
+        rest_s: How long it is to be left alone before the next attempt [s].
+        has_lost_world: Whether its world process ended.
+        session: What is checked or runs.
+        state: Where that session stands.
+        stop_left_s: Time left to a worker that was asked to stop [s]; None where none was.
+        find_trouble: What is wrong with the worker's signs of life.
     """
-    age_s = now_s - post.since_s
-    if post.phase in {Phase.STARTING, Phase.IDLE} and post.worker.has_lost_world():
+
+    phase: Phase
+    age_s: float
+    rest_s: float
+    has_lost_world: bool
+    session: Session | None
+    state: SessionState | None
+    stop_left_s: float | None
+    find_trouble: Callable[[], Trouble | None]
+
+
+def find_due(standing: Standing) -> Due | None:
+    """What is to be done about a target now, if anything."""
+    phase, age_s = standing.phase, standing.age_s
+    if phase in {Phase.STARTING, Phase.IDLE} and standing.has_lost_world:
         return Due(Measure.LOSE, "the world process ended")
-    if post.phase is Phase.RESTING:
-        return Due(Measure.REPLACE) if age_s > post.compute_rest_s() else None
-    for phase, limit_s in ((Phase.STARTING, START_S), (Phase.RECONCILING, OBSERVE_S)):
-        if post.phase is phase and age_s > limit_s:
+    if phase is Phase.RESTING:
+        return Due(Measure.REPLACE) if age_s > standing.rest_s else None
+    for bounded, limit_s in ((Phase.STARTING, START_S), (Phase.RECONCILING, OBSERVE_S)):
+        if phase is bounded and age_s > limit_s:
             return Due(Measure.LOSE, f"the worker was {phase} for more than {limit_s:.0f} s")
-    if post.session is None or state is None or post.phase not in {Phase.CHECKING, Phase.RUNNING}:
+    if standing.session is None or phase not in {Phase.CHECKING, Phase.RUNNING}:
         return None
-    return _find_due_of_session(post, post.session, state, now_s)
+    return _find_due_of_session(standing, standing.session)
 
 
-def _find_due_of_session(post: TargetSupervisor, session: Session, state: SessionState, now_s: float) -> Due | None:
-    limits, age_s = session.limits, now_s - post.since_s
-    if post.stop_by_s is not None:
-        return Due(Measure.LOSE, "the worker did not stop when asked to") if now_s > post.stop_by_s else None
-    if state is SessionState.CANCELLING:
+def _find_due_of_session(standing: Standing, session: Session) -> Due | None:
+    limits = session.limits
+    if standing.stop_left_s is not None:
+        return Due(Measure.LOSE, "the worker did not stop when asked to") if standing.stop_left_s < 0.0 else None
+    if standing.state is SessionState.CANCELLING:
         return Due(Measure.STOP, ended=Ended.CANCELLED)
-    if post.phase is Phase.CHECKING:
+    if standing.phase is Phase.CHECKING:
         why = f"it was checked for longer than {limits.preflight_s} s"
-        return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT") if age_s > limits.preflight_s else None
-    if age_s > limits.wall_timeout_s:
+        is_late = standing.age_s > limits.preflight_s
+        return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT") if is_late else None
+    if standing.age_s > limits.wall_timeout_s:
         return Due(Measure.STOP, ended=Ended.TIMED_OUT)
-    trouble = post.monitor.find_trouble(limits, post.worker.pid)
+    trouble = standing.find_trouble()
     if trouble is None:
         return None
     if trouble.sign is Sign.STALLED:

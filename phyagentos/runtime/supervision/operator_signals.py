@@ -4,15 +4,17 @@ Upstream: the signal folder. Downstream: the watchdog's journal, its workers, th
 themselves; where none runs, the latch waits for them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
-from phyagentos.protocol.sessions.stop_signals import Signal, take_signals
+from phyagentos.protocol.sessions.lifecycle import find_cancel
+from phyagentos.protocol.sessions.session import SessionId
+from phyagentos.protocol.sessions.stop_signals import EVERY_SESSION, Signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.supervision.cancellation import iter_cancellable
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry
-from phyagentos.runtime.supervision.target_supervisor import Phase, TargetSupervisor
+from phyagentos.runtime.supervision.target_phase import Phase
+from phyagentos.runtime.supervision.target_supervisor import TargetSupervisor
 from phyagentos.runtime.worker.orders import Pause, Resume
 
 
@@ -21,31 +23,31 @@ class OperatorSignals:
 
     Args:
         workspace: With the folder.
-        register: Where a cancellation is recorded.
+        journal: Where a cancellation is recorded.
         clock: For the time of a latch.
     """
 
-    def __init__(self, workspace: Workspace, register: SupervisorJournal, clock: Clock) -> None:
+    def __init__(self, workspace: Workspace, journal: SupervisorJournal, clock: Clock) -> None:
         self._signals = workspace.signals.parent
         self._unkept: Latch | None = None  # a stop that a full disk did not take yet
         self._workspace = workspace
-        self._register = register
+        self._journal = journal
         self._clock = clock
 
-    def take(self, posts: Iterable[TargetSupervisor]) -> None:
+    def take(self, supervisors: Iterable[TargetSupervisor]) -> None:
         """Everything that waits now.
 
         Args:
-            posts: The targets under supervision.
+            supervisors: Of all targets.
         """
         self._keep(self._unkept)
         for signal in take_signals(self._workspace.signals):
             if signal.kind == "cancel":
                 reason = signal.reason or f"asked for by {signal.by}"
-                for id, trigger in iter_cancellable(self._register.ledger, signal.session):
-                    self._register.try_commit(make_entry(id, trigger, reason=reason))
+                for id, trigger in self._iter_cancellable(signal.session):
+                    self._journal.try_commit(make_entry(id, trigger, reason=reason))
             elif signal.kind in {"pause", "resume"}:
-                _pass_on(signal, posts)
+                _pass_on(signal, supervisors)
             elif signal.kind == "estop":
                 at = signal.at or self._clock.wall_iso()
                 self._keep(Latch(by=signal.by, reason=signal.reason, at=at))
@@ -53,6 +55,13 @@ class OperatorSignals:
     def is_stopped(self) -> bool:
         """Whether the emergency stop is in force: latched on the disk, or asked for while the disk was full."""
         return self._unkept is not None or is_latched(self._signals)
+
+    def _iter_cancellable(self, named: str) -> Iterator[tuple[SessionId, str]]:
+        """Sessions that can be cancelled, each with the trigger: at once, or by bringing the target to rest first."""
+        for status in list(self._journal.ledger.live_sessions()):
+            id, trigger = status.contract.id, find_cancel(status.state)
+            if named in {EVERY_SESSION, id} and trigger is not None:
+                yield id, trigger
 
     def _keep(self, wanted: Latch | None) -> None:
         if wanted is None:
@@ -64,9 +73,10 @@ class OperatorSignals:
             self._unkept = wanted
 
 
-def _pass_on(signal: Signal, posts: Iterable[TargetSupervisor]) -> None:
-    """Pause and resume concern what runs; whatever ends a session ends its pause too."""
-    for post in posts:
-        if post.session is not None and post.phase is Phase.RUNNING and signal.session in {"*", post.session.id}:
-            order = Pause if signal.kind == "pause" else Resume
-            post.worker.send(order(session=post.session.id))
+def _pass_on(signal: Signal, supervisors: Iterable[TargetSupervisor]) -> None:
+    """Pause and resume concern what runs; the end of a session ends its pause too."""
+    order = Pause if signal.kind == "pause" else Resume
+    for each in supervisors:
+        is_named = each.session is not None and signal.session in {EVERY_SESSION, each.session.id}
+        if each.session is not None and is_named and each.phase is Phase.RUNNING:
+            each.worker.send(order(session=each.session.id))

@@ -1,6 +1,7 @@
-"""The watchdog's side of the journal: what stands there, and what it adds. A refusal means that somebody was faster.
+"""The watchdog's side of the journal: what stands there, and what it adds.
 
-Upstream: the journal, opened for the runtime. Downstream: the watchdog and its parts, which all look at one ledger.
+Upstream: the journal, opened for the runtime. Downstream: the watchdog and its parts, which all look at one ledger. A
+refusal means that another writer was faster.
 """
 
 from collections.abc import Callable
@@ -8,10 +9,12 @@ from collections.abc import Callable
 import msgspec
 
 from phyagentos.errors import Problem
-from phyagentos.protocol.sessions.lifecycle import IllegalTransition, SessionState
+from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition, SessionState
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.store.journal import Entry, Journal, Record
 from phyagentos.store.ledger import Ledger
+
+TRIES = 5  # at a record that another writer makes out of date
 
 
 class SupervisorJournal:
@@ -20,8 +23,8 @@ class SupervisorJournal:
     Args:
         journal: Opened for the runtime side.
         ledger: Opened with it.
-        on_pending: Told of every session that begins to wait, and of one whose contract was amended while it waits.
-        on_record: Told of every record, once it is applied.
+        on_pending: Called with every session that begins to wait, and with one that was amended while it waits.
+        on_record: Called with every record, once it is applied.
 
     Attributes:
         ledger: Everything as of the latest record that was followed.
@@ -73,6 +76,20 @@ class SupervisorJournal:
             self.follow()
             return False
         return True
+
+    def insist(self, act: Callable[[], None]) -> None:
+        """Act; again, when another writer changed the session between looking and recording.
+
+        Raises:
+            IllegalTransition, Fenced: Of the last try.
+        """
+        for _ in range(TRIES):
+            try:
+                return act()
+            except (IllegalTransition, Fenced) as error:
+                refused = error
+                self.follow()
+        raise refused
 
     def get_state(self, session: SessionId) -> SessionState:
         """Where a session stands."""

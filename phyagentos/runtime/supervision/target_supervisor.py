@@ -1,39 +1,79 @@
-"""What the watchdog keeps of each target: its post.
+"""Supervision of one target: its phase, its worker, its session, and what follows each answer of the worker.
 
-Upstream: the watchdog, which alone changes them. Downstream: workers and heartbeats.
+Upstream: the watchdog's loop, which grants sessions and hands on answers. Downstream: the worker, the journal, the
+queues. The phase is a statechart (`target_phase`), the session's state another (`lifecycle`); neither is changed but by
+an event of its table.
+
+Only `start` waits for the disk before anything moves: no target is commanded on the strength of a record that a power
+cut could take back. `claim` and `check` stand in the same batch, unless the check takes long enough for a person to
+wonder; until then nothing has moved, and another watchdog may claim the session first. `halt` stands in the batch of
+`finish`, unless the supervisor orders the stop. `finish` is covered by the verdict, which rests on it; after a power
+cut in between, the session is taken for running, and the world is observed anew.
 """
 
 from dataclasses import dataclass
-from enum import StrEnum
+from functools import partial
+from pathlib import Path
 
-from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.session import INTERRUPTED, Ended, Execution, Session, SessionId
-from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
-from phyagentos.runtime.supervision.workers import Worker
-from phyagentos.runtime.worker.orders import Reconcile
+import msgspec
+
+from phyagentos.clock import Clock
+from phyagentos.errors import Problem
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions.session import (
+    INTERRUPTED,
+    Ended,
+    Execution,
+    ResetPolicy,
+    Session,
+    SessionId,
+    SessionStatus,
+)
+from phyagentos.runtime.supervision.leases import LEASE_S, Lease
+from phyagentos.runtime.supervision.limits import Due, Measure, Standing, find_due
+from phyagentos.runtime.supervision.liveness import HeartbeatMonitor, Trouble
+from phyagentos.runtime.supervision.queues import Queues
+from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
+from phyagentos.runtime.supervision.target_phase import Phase, PhaseLog, fire_phase
+from phyagentos.runtime.supervision.workers import Worker, explain_failure
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorker, Ready, Reconcile, Renew, Run, Stop
+from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
 
 REST_S = 2.0  # after the first failure, twice as long after each further one
 VERDICT_S = 5.0  # the longest that a target waits for a verdict, by the wall clock: the agent may have gone
+CHECK_SHOWS_S = 0.02  # a check that takes longer shows as `preflight`; a quicker one is recorded with its outcome
+STARTS = 3  # a target that is lost this often in a row is not tried again for the same session
+STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
+TARGET_LOST = "TARGET_LOST"
 _UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
-FAILURES = 6  # one more is the end: a minute has passed, and a full disk or a port in use would have been free again
+_CHECKABLE = frozenset({SessionState.PENDING, SessionState.CLAIMED, SessionState.PREFLIGHT})
 
 
-class Phase(StrEnum):
-    """What the worker of one target is busy with."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Supervision:
+    """What the supervisors of one workspace share.
 
-    STARTING = "starting"
-    IDLE = "idle"
-    CHECKING = "checking"
-    RUNNING = "running"
-    RECONCILING = "reconciling"
-    RESTING = "resting"
-    BROKEN = "broken"
+    Attributes:
+        journal: Where the sessions stand, and where changes are recorded.
+        queues: What waits, and who holds which resource.
+        clock: For limits and leases.
+        logs: Folder for the changes of phase.
+        lease_s: How long a worker goes on without a sign of its watchdog [s].
+        rest_s: How long a target is left alone after the first worker that did not start [s].
+    """
+
+    journal: SupervisorJournal
+    queues: Queues
+    clock: Clock
+    logs: Path
+    lease_s: float = LEASE_S
+    rest_s: float = REST_S
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """A session whose runner or target was lost while it ran; nobody knows yet what it did.
+    """A session whose runner or target was lost while it ran; what it did is unknown until the world is observed.
 
     Attributes:
         epoch: Of its claim.
@@ -49,7 +89,7 @@ class Lost:
     code: str = ""
 
     def make_order(self) -> Reconcile:
-        """To look at the world that it left, under an epoch that no command of it came with."""
+        """To observe the world that it left, under an epoch that no command of it came with."""
         return Reconcile(
             session=self.session,
             epoch=self.epoch + 1,
@@ -60,56 +100,301 @@ class Lost:
         )
 
     def make_unobserved(self) -> Execution:
-        """What is to be said of it when no worker starts that could look."""
+        """Its execution when no worker starts that could observe the world."""
         message = f"{self.reason}; and no worker starts that could look at the world"
         evidence = f"evidence/{self.session.id}"
         return Execution(ended=Ended.TARGET_LOST, evidence=evidence, code="TARGET_UNAVAILABLE", message=message)
 
 
-@dataclass(slots=True)
 class TargetSupervisor:
     """One target under supervision.
 
+    Args:
+        target: Its name.
+        worker: Its processes.
+        monitor: Reads its heartbeats.
+        supervision: Shared with the supervisors of the other targets.
+
     Attributes:
+        state: Its phase, changed by events of `PHASE_TRANSITIONS` only.
+        session: What is checked, runs or is observed.
+        epoch: Of the claim of that session.
         lost: Observed as soon as the new worker is ready.
-        failures: Workers in a row that were lost before they were ready, or while they looked at what was left.
-        rest_s: How long the target is left alone after the first of them [s].
-        renew_at_s: When the lease of its session is due to be renewed, by the watchdog's clock [s].
-        lost_targets: Orders in a row during which the target was lost.
-        stop_by_s: When a worker that was asked to stop is given up, by the watchdog's clock [s].
-        unsure: The session whose verdict the target waits for (its last look left something undecided, or it was
-            interrupted), and when it ended, by the watchdog's clock.
+        failures: Workers in a row that were lost before they were ready, or while they observed what was left.
     """
 
-    target: str
-    worker: Worker
-    monitor: HeartbeatMonitor
-    phase: Phase = Phase.STARTING
-    session: Session | None = None
-    epoch: int = 0
-    since_s: float = 0.0
-    stop_by_s: float | None = None
-    failures: int = 0
-    rest_s: float = REST_S
-    renew_at_s: float = 0.0
-    lost_targets: int = 0
-    lost: Lost | None = None
-    unsure: tuple[SessionId, float] | None = None
+    def __init__(self, target: str, worker: Worker, monitor: HeartbeatMonitor, supervision: Supervision) -> None:
+        self.target, self.worker, self.monitor = target, worker, monitor
+        self.state: str = Phase.STARTING.value
+        self.session: Session | None = None
+        self.epoch = self.failures = 0
+        self.lost: Lost | None = None
+        self._shared, self._journal, self._queues = supervision, supervision.journal, supervision.queues
+        self._clock, self._lease = supervision.clock, Lease(supervision.clock, supervision.lease_s)
+        self._log = PhaseLog(supervision.logs, target, supervision.clock)
+        self._since_s = self._clock.now_s()
+        self._stop_by_s: float | None = None  # when a worker that was asked to stop is given up, by the clock [s]
+        self._lost_targets = 0  # orders in a row during which the target was lost
+        self._unsure: tuple[SessionId, float] | None = None  # whose verdict the target waits for, and since when [s]
 
-    def note_end(self, session: Session, execution: Execution, now_s: float) -> None:
-        """Keep in mind whether the verdict decides what the target does next: a look, or what was interrupted."""
-        waits = bool(execution.undecided) or execution.ended in INTERRUPTED
-        self.unsure = (session.id, now_s) if waits else None
+    @property
+    def phase(self) -> Phase:
+        """What its worker is busy with."""
+        return Phase(self.state)
 
-    def is_free(self, ledger: Ledger, now_s: float) -> bool:
+    def _fire(self, trigger: str) -> None:
+        """Change the phase; times and signs of life count from now."""
+        before = self.state
+        fire_phase(self.target, self, trigger)
+        self._log.note(trigger, before, self.state, self.session.id if self.session is not None else "")
+        self._since_s, self._stop_by_s = self._clock.now_s(), None
+        self.monitor.restart()
+
+    # -- what the watchdog asks for ------------------------------------------------------------------------------------
+
+    def is_free(self) -> bool:
         """Whether it may get work: idle, nothing lost, and no verdict due that may ask for another look."""
-        if self.unsure is not None:
-            status = ledger.sessions.get(self.unsure[0])
-            if status is not None and status.state in _UNJUDGED and now_s - self.unsure[1] < VERDICT_S:
+        if self._unsure is not None:
+            status = self._journal.ledger.sessions.get(self._unsure[0])
+            is_unjudged = status is not None and status.state in _UNJUDGED
+            if is_unjudged and self._clock.now_s() - self._unsure[1] < VERDICT_S:
                 return False
-            self.unsure = None
+            self._unsure = None
         return self.phase is Phase.IDLE and self.lost is None
 
-    def compute_rest_s(self) -> float:
-        """How long a target is left alone before the next worker is started [s]."""
-        return float(self.rest_s * 2 ** (self.failures - 1))
+    def check(self, session: Session) -> None:
+        """Have a session checked under the epoch that its claim will have."""
+        ledger = self._journal.ledger
+        self.session, self.epoch = session, ledger.sessions[session.id].epoch + 1
+        self._fire("check")
+        self.worker.send(Check(session=session, epoch=self.epoch, may_reset=compute_may_reset(session, ledger)))
+
+    def adopt(self, status: SessionStatus, reason: str) -> None:
+        """Observe, as soon as the worker is ready, what a session of an earlier watchdog left."""
+        self.lost = Lost(status.contract, status.epoch, reason)
+        self._queues.hold(self.target, status.contract.resources)
+
+    def explain_failure(self) -> str:
+        """Why the target was given up, and what to do about it."""
+        return explain_failure(self._shared.logs, self.target, self.failures)
+
+    def hear(self, answer: FromWorker | None) -> None:
+        """React to an answer of the worker; None when the worker ended."""
+        self._journal.insist(partial(self._react, answer))
+
+    def attend(self) -> None:
+        """Take the measure that a limit of time asks for; else renew the lease of what runs."""
+        session, age_s = self.session, self._clock.now_s() - self._since_s
+        state = self._journal.get_state(session.id) if session is not None else None
+        if session is not None and state is SessionState.PENDING and age_s > CHECK_SHOWS_S:
+            self._journal.insist(partial(self._show_check, session))
+        due = find_due(self._describe(state, age_s))
+        if due is not None:
+            self._journal.insist(partial(self._take_measure, due))
+        elif self.phase is Phase.RUNNING and self._lease.is_due():
+            self.worker.send(Renew(until_s=self._lease.grant()))
+
+    def dismiss(self) -> None:
+        """End the processes; an idle worker is given time to seal its bundles."""
+        self.worker.stop(at_once=self.phase is not Phase.IDLE)
+
+    # -- answers of the worker -----------------------------------------------------------------------------------------
+
+    def _react(self, answer: FromWorker | None) -> None:
+        if answer is None:
+            self._lose("the worker process ended")
+        elif isinstance(answer, Ready):
+            self._on_ready()
+        elif self.session is not None and answer.session == self.session.id:
+            if isinstance(answer, Finished):
+                self._on_finished(self.session, answer)
+            elif self.phase is Phase.CHECKING:
+                self._on_checked(self.session, answer)
+
+    def _on_ready(self) -> None:
+        self._fire("ready")
+        if self.lost is None:
+            self.failures = 0
+        else:
+            self.session, self.epoch = self.lost.session, self.lost.epoch
+            self.worker.send(self.lost.make_order())
+
+    def _on_checked(self, session: Session, answer: Checked) -> None:
+        status, id, epoch = self._journal.ledger.sessions.get(session.id), session.id, self.epoch
+        state = self._journal.get_state(id)
+        is_pending = state is SessionState.PENDING  # then the claim is still to be recorded
+        is_ours = status is not None and status.epoch == epoch - is_pending and state in _CHECKABLE
+        if state is SessionState.CANCELLING:
+            self._journal.commit(id, "confirm_cancel", epoch)
+            self._free()
+        elif not is_ours:
+            self._free()  # it was cancelled, or another watchdog claimed it; once released it is in the queue again
+        elif any(problem.code == TARGET_LOST for problem in answer.problems) and self._lost_targets < STARTS:
+            self._put_back(session)
+        elif answer.plan is None:
+            refused = make_rejection(id, *answer.problems, epoch=epoch)
+            self._journal.record(*self._journal.open_check(id, epoch), refused)
+            self._free()
+        else:
+            self._start(answer)
+
+    def _start(self, checked: Checked) -> None:
+        """Run a session that passed its check."""
+        id, epoch = SessionId(checked.session), self.epoch
+        start = Entry(id, "start", checked.tell_grant(), epoch)
+        self._journal.record(*self._journal.open_check(id, epoch), start, durable=False)
+        self._journal.sync()  # nothing moves on what a power cut could take back
+        self.session = self._journal.ledger.sessions[id].contract  # limits may have been amended until the claim
+        self._lost_targets = 0
+        self._fire("start")
+        until_s = self._lease.grant()
+        self.worker.send(Run(session=self.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
+
+    def _on_finished(self, session: Session, answer: Finished) -> None:
+        if answer.is_target_lost:
+            self.worker.kill(with_world=True)  # before it is recorded: its last command must not be obeyed later
+            self._lost_targets += 1
+            if self._lost_targets < STARTS:
+                self._lose(answer.execution.message, Ended.TARGET_LOST)
+                return
+        self._lost_targets = 0
+        self.note_end(session, answer.execution)
+        self._record_end(session.id, answer.execution)
+        if answer.is_target_lost:
+            self._let_go()
+            self._replace()
+        else:
+            self._free()
+
+    def _record_end(self, id: SessionId, execution: Execution) -> None:
+        state, body = self._journal.get_state(id), {"execution": msgspec.to_builtins(execution)}
+        if state is SessionState.CANCELLING:
+            self._journal.record(Entry(id, "confirm_cancel", body, self.epoch))
+        elif state is SessionState.OUTCOME_UNKNOWN:
+            self._journal.record(Entry(id, "reconcile", body, self.epoch))
+        elif state not in FINAL_STATES:
+            halt = self._journal.open_halt(id, self.epoch)
+            self._journal.record(*halt, Entry(id, "finish", body, self.epoch), durable=False)
+
+    def note_end(self, session: Session, execution: Execution) -> None:
+        """Note whether the verdict decides what the target does next: another look, or what was interrupted."""
+        waits = bool(execution.undecided) or execution.ended in INTERRUPTED
+        self._unsure = (session.id, self._clock.now_s()) if waits else None
+
+    def _put_back(self, session: Session) -> None:
+        """The target was lost while a session was checked: the contract is not to blame, it waits for another."""
+        self._lost_targets += 1
+        self.worker.kill(with_world=True)
+        if self._journal.get_state(session.id) is not SessionState.PENDING:
+            self._journal.commit(session.id, "release", self.epoch, reason=f"{TARGET_LOST}: while it was checked")
+        self._queues.put(self._journal.ledger.sessions[session.id])
+        self._let_go()
+        self._replace()
+
+    # -- the phase -----------------------------------------------------------------------------------------------------
+
+    def _let_go(self) -> None:
+        """Nothing of the session concerns this target any more."""
+        self._queues.release(self.target)
+        self.session, self.lost, self.failures = None, None, 0
+
+    def _free(self) -> None:
+        self._fire("free")
+        self._let_go()
+
+    def _replace(self) -> None:
+        self.worker.restart()
+        self._fire("replace")
+
+    def _lose(self, reason: str, ended: Ended = Ended.RUNNER_LOST, code: str = "") -> None:
+        """The worker is gone or silent: record it, replace it, observe the world before anything else."""
+        session = self.session
+        self.worker.kill()  # before it is recorded: a worker that is only slow must not go on afterwards
+        if session is not None and (state := self._journal.get_state(session.id)) not in FINAL_STATES:
+            if state is not SessionState.OUTCOME_UNKNOWN:
+                lost = make_entry(session.id, "lose", self.epoch, reason=reason)
+                self._journal.record(*self._journal.open_check(session.id, self.epoch), lost)
+            if self.lost is None or ended is Ended.TARGET_LOST:  # the first loss is the one that is reported
+                self.lost = Lost(session, self.epoch, reason, ended, code)
+        if self.lost is None:
+            self._queues.release(self.target)
+        self.failures += self.phase in {Phase.STARTING, Phase.RECONCILING}
+        self._fire("lose")
+        self.session = None
+        if self.phase is Phase.STARTING:
+            self.worker.restart()
+        elif self.phase is Phase.BROKEN and self.lost is not None:  # the world will not be observed: an end too
+            unseen = msgspec.to_builtins(self.lost.make_unobserved())
+            self._journal.commit(self.lost.session.id, "reconcile", self.lost.epoch, execution=unseen)
+            self._queues.forsake(self.target)
+            self.lost = None
+
+    # -- limits of time ------------------------------------------------------------------------------------------------
+
+    def _describe(self, state: SessionState | None, age_s: float) -> Standing:
+        return Standing(
+            phase=self.phase,
+            age_s=age_s,
+            rest_s=float(self._shared.rest_s * 2 ** max(0, self.failures - 1)),
+            has_lost_world=self.worker.has_lost_world(),
+            session=self.session,
+            state=state,
+            stop_left_s=None if self._stop_by_s is None else self._stop_by_s - self._clock.now_s(),
+            find_trouble=self._find_trouble,
+        )
+
+    def _find_trouble(self) -> Trouble | None:
+        return self.monitor.find_trouble(self.session.limits, self.worker.pid) if self.session is not None else None
+
+    def _take_measure(self, due: Due) -> None:
+        if due.measure is Measure.LOSE:
+            self._lose(due.reason, code=due.code)
+        elif due.measure is Measure.REPLACE:
+            self._replace()
+        elif self.session is not None and due.measure is Measure.STOP:
+            halt = self._journal.open_halt(self.session.id, self.epoch)
+            if halt:
+                self._journal.record(*halt, durable=False)
+            self.worker.send(Stop(session=self.session.id, reason=due.ended))
+            self._stop_by_s = self._clock.now_s() + STOP_GRACE_S
+        elif self.session is not None:
+            self._refuse(self.session, Problem(code=due.code, address=str(self.session.id), found=due.reason))
+
+    def _show_check(self, session: Session) -> None:
+        """Record that a session is being checked, as long as no other watchdog holds it."""
+        status = self._journal.ledger.sessions.get(session.id)
+        if status is not None and status.state == SessionState.PENDING and status.epoch == self.epoch - 1:
+            self._journal.record(*self._journal.open_check(session.id, self.epoch), durable=False)
+
+    def _refuse(self, session: Session, problem: Problem) -> None:
+        """Nothing was commanded, so the world needs no observation."""
+        self.worker.kill()
+        if self._journal.get_state(session.id) in _CHECKABLE:
+            refused = make_rejection(session.id, problem, epoch=self.epoch)
+            self._journal.record(*self._journal.open_check(session.id, self.epoch), refused)
+        self._let_go()
+        self._replace()
+
+
+def compute_may_reset(session: Session, ledger: Ledger) -> bool:
+    """Whether another episode may end for this session; the target itself refuses with `RESET_FORBIDDEN`.
+
+    Args:
+        session: The contract.
+        ledger: Every session that is not over.
+    """
+    if session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
+        return session.reset_policy is ResetPolicy.ON_NEW_EPISODE
+    return not any(
+        status.contract.target == session.target
+        and status.contract.scene.episode != session.scene.episode
+        and status.epoch
+        and _matters(status, ledger)
+        for status in ledger.sessions.values()
+    )
+
+
+def _matters(status: SessionStatus, ledger: Ledger) -> bool:
+    """Whether a goal still counts on what this session, which was claimed, did to its world."""
+    goal = ledger.goals.get(status.contract.goal)
+    return status.state not in FINAL_STATES or (goal is not None and not goal.verdict and not goal.is_cancelled)

@@ -49,18 +49,6 @@ class Renew(msgspec.Struct, frozen=True, tag=True):
     until_s: float
 
 
-class Prepare(msgspec.Struct, frozen=True, tag=True):
-    """Make ready what a `Run` of the session that was checked last begins with, and command nothing. No answer.
-
-    Its start stands in the journal, but may not be on the disk yet; meanwhile authority can be taken, the world
-    observed, and the first half of the evidence written.
-    """
-
-    session: Session
-    epoch: int
-    evidence: str
-
-
 class Stop(msgspec.Struct, frozen=True, tag=True):
     """Bring the running session to an end. No answer of its own; `Finished` comes sooner.
 
@@ -138,7 +126,7 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
     is_target_lost: bool = False
 
 
-ToWorker = Check | Prepare | Run | Renew | Stop | Pause | Resume | Reconcile
+ToWorker = Check | Run | Renew | Stop | Pause | Resume | Reconcile
 FromWorker = Ready | Checked | Finished
 
 _ENCODER = msgspec.msgpack.Encoder()

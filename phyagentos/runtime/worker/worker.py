@@ -33,7 +33,6 @@ from phyagentos.runtime.worker.orders import (
     Checked,
     Finished,
     Pause,
-    Prepare,
     Ready,
     Reconcile,
     Renew,
@@ -60,7 +59,7 @@ class _Checked:
     epoch: int
     plan: dict[str, Any]
 
-    def is_of(self, order: Prepare | Run) -> bool:
+    def is_of(self, order: Run) -> bool:
         """Whether the order is about this session, under the epoch that was checked."""
         return (self.session.id, self.epoch) == (order.session.id, order.epoch)
 
@@ -124,8 +123,6 @@ class WorkerLoop:
                 return
             if isinstance(order, Check):
                 send(self._control, self._check(order))
-            elif isinstance(order, Prepare):
-                self._prepare(order)
             elif isinstance(order, Run):
                 send(self._control, self._finish(order))
                 self._unsealed.append(order.evidence)
@@ -196,17 +193,6 @@ class WorkerLoop:
         while self._is_asked():
             self._obey(receive_order(self._control))
         return self._stop_reason is not None
-
-    def _prepare(self, order: Prepare) -> None:
-        if self._checked is not None and self._checked.is_of(order):
-            self._runner.prepare(
-                order.session,
-                order.epoch,
-                self._checked.plan,
-                evidence=order.evidence,
-                cancel=self._find_stop_reason,
-                beat=self._heartbeat.beat,
-            )
 
     def _finish(self, order: Run) -> Finished:
         """Carry out a session."""

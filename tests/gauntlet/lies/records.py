@@ -23,8 +23,8 @@ SABOTAGES = (
         lie="A motion is ordered before its start is on the disk.",
         edits=(
             Edit(
-                "phyagentos.runtime.supervision.watchdog",
-                "self._register.sync()  # nothing moves",
+                "phyagentos.runtime.supervision.target_supervisor",
+                "self._journal.sync()  # nothing moves",
                 "pass  # nothing moves",
             ),
         ),
