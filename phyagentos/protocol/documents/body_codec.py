@@ -2,12 +2,12 @@
 
 Upstream: writers of the journal. Downstream: the fold, and readers in other languages. The writer keeps to a small
 subset of YAML (block mappings and lists, flow style only as JSON, words plain, other texts quoted as JSON), so that
-its own blocks are written and read some thirty times faster than with libyaml; any other YAML is left to libyaml.
-Words and lines come back again and again in a journal, so each is judged once and remembered.
+its own blocks are written and read many times faster than with libyaml; any other YAML is left to libyaml.
 """
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import msgspec
@@ -22,24 +22,9 @@ _BREAKS_YAML = re.compile("[\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]")  # JSON l
 _NUMBERS = re.compile(rb"[\[\]0-9.,-]*")  # lists of those that JSON, YAML and `repr` write alike
 _CONSTANTS = {"true": True, "false": False, "null": None}
 _JSON_BEGINS = frozenset('"[{-0123456789')
-_CONTAINERS = frozenset({dict, list, tuple})
-_TEXTS = {str}
 _ENCODE, _DECODE = msgspec.json.Encoder().encode, msgspec.json.Decoder().decode
 _INDENT = 2
-_REMEMBERED = 8192  # texts and lines that are kept; all are let go when one more comes
-_SHAPES_REMEMBERED = 1024  # mappings of the same keys; likewise
-_BODIES_REMEMBERED = 64  # likewise
-_LONGEST_REMEMBERED = 200  # characters; longer ones do not come back
-_LONGEST_BODY_REMEMBERED = 1000  # bytes; plans and reasons come back, longer bodies do not
-
-_words: dict[str, str] = {}  # text -> as a plain or quoted scalar, behind a space
-_quoted: dict[str, str] = {}  # text -> as JSON
-_shapes: dict[tuple[str, ...], str] = {}  # margin and keys of a mapping -> its lines without the values
-_flows: dict[tuple[str, ...], str] = {}  # lists of texts -> on one line, behind a space
-_bodies: dict[bytes, str] = {}  # body as JSON -> its Markdown
-_floats: dict[float, str] = {}  # number -> behind a space
-_lines: dict[str, "_Line"] = {}
-_heads: dict[str, tuple[int, bool, str | None]] = {}  # what stands before ": " -> indent, is_item and key
+_REMEMBERED = 4096  # words and lines come back again and again in a journal
 
 
 def render_yaml(value: Any) -> str:
@@ -61,18 +46,9 @@ def prepare_body(body: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None,
     if not body:
         return None, ""
     data = _ENCODE(body)
-    if b"null" in data:  # JSON has no infinity
-        plain = _to_lists(msgspec.to_builtins(body, str_keys=True))
-        return plain, _fence(_render_plain(plain))
-    plain = _DECODE(data)
-    markdown = _bodies.get(data)
-    if markdown is None:
-        markdown = _fence(_render_plain(plain))
-        if len(data) <= _LONGEST_BODY_REMEMBERED:
-            if len(_bodies) >= _BODIES_REMEMBERED:
-                _bodies.clear()
-            _bodies[data] = markdown
-    return plain, markdown
+    # JSON has no infinity
+    plain = _to_lists(msgspec.to_builtins(body, str_keys=True)) if b"null" in data else _DECODE(data)
+    return plain, _fence(_render_plain(plain))
 
 
 def render_body(body: Mapping[str, Any] | None) -> str:
@@ -107,12 +83,9 @@ def _fence(yaml: str) -> str:
 
 
 def _to_lists(value: Any) -> Any:
-    kind = type(value)
-    if kind is dict:
-        return {key: _to_lists(each) if type(each) in _CONTAINERS else each for key, each in value.items()}
-    if kind is list or kind is tuple:
-        return [_to_lists(each) if type(each) in _CONTAINERS else each for each in value]
-    return value
+    if isinstance(value, dict):
+        return {key: _to_lists(each) for key, each in value.items()}
+    return [_to_lists(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def _load_yaml(text: str) -> Any:
@@ -125,108 +98,35 @@ def _load_yaml(text: str) -> Any:
 
 
 def _render_plain(plain: Any) -> str:
-    if plain and type(plain) is dict:
-        return _render_map(plain, "")[1:] + "\n"
-    if plain and isinstance(plain, list | tuple):
-        return _render_list(plain, "")[1:] + "\n"
-    return _render_flow(plain) + "\n"
+    rendered = _render_value(plain, "")
+    return rendered[1:] + "\n"
 
 
-def _render_map(value: dict[str, Any], margin: str) -> str:
-    """Its lines, each with a line feed in front."""
-    parts = []
-    for each in value.values():
-        kind = type(each)
-        if kind is str:
-            parts.append(_words.get(each) or _render_word(each))
-        elif kind is int:
-            parts.append(f" {each}")
-        elif kind is float:
-            parts.append((_floats.get(each) if each else None) or _render_number(each))
-        elif kind is dict and each:
-            parts.append(_render_map(each, margin + "  "))
-        elif kind is list or kind is tuple:
-            kinds = {*map(type, each)}
-            if kinds == _TEXTS:
-                words = tuple(each)
-                parts.append(_flows.get(words) or _render_words(words))
-            elif dict in kinds and not _is_flow(each):
-                parts.append(_render_list(each, margin + "  "))
-            else:
-                parts.append(f" {_render_flow(each)}")
-        else:
-            parts.append(f" {_render_flow(each)}")
-    keys = (margin, *value)
-    return (_shapes.get(keys) or _render_shape(keys)) % tuple(parts)
+def _render_value(value: Any, margin: str) -> str:
+    """What follows a colon or a dash: lines below it, each with a line feed in front, or a scalar behind a space."""
+    kind = type(value)
+    if kind is str:
+        return " " + _render_word(value)
+    if kind is dict and value:
+        return "".join(
+            [f"\n{margin}{_render_word(k)}:{_render_value(each, margin + '  ')}" for k, each in value.items()]
+        )
+    if (kind is list or kind is tuple) and any(type(each) is dict and each for each in value):
+        return "".join([f"\n{margin}-{_render_item(each, margin + '  ')}" for each in value])
+    return " " + _render_flow(value)
 
 
-def _render_list(value: list[Any] | tuple[Any, ...], margin: str) -> str:
-    """Its lines, each with a line feed in front."""
-    return "".join(
-        [
-            f"\n{margin}- {_render_map(each, margin + '  ')[len(margin) + 3 :]}"
-            if isinstance(each, dict) and each
-            else f"\n{margin}-{_render_scalar(each)}"
-            for each in value
-        ]
-    )
+def _render_item(value: Any, margin: str) -> str:
+    """An item of a list that holds mappings: a mapping begins behind the dash, a list stands on one line."""
+    if type(value) is dict and value:
+        return " " + _render_value(value, margin)[len(margin) + 1 :]
+    return " " + (_render_word(value) if type(value) is str else _render_flow(value))
 
 
-def _render_shape(keys: tuple[str, ...]) -> str:
-    """The lines of a mapping with these keys (the margin comes first), with a gap for each value."""
-    margin, *names = keys
-    lines = [f"\n{margin}{_render_word(name)[1:]}:".replace("%", "%%") + "%s" for name in names]
-    shape = "".join(lines)
-    if len(_shapes) >= _SHAPES_REMEMBERED:
-        _shapes.clear()
-    _shapes[keys] = shape
-    return shape
-
-
-def _render_number(value: float) -> str:
-    """A number behind a space; zero is not remembered, for it has two signs."""
-    rendered = f" {_render_float(value)}"
-    if value:
-        if len(_floats) >= _SHAPES_REMEMBERED:
-            _floats.clear()
-        _floats[value] = rendered
-    return rendered
-
-
-def _render_words(words: tuple[str, ...]) -> str:
-    """A list of texts on one line, behind a space."""
-    rendered = " " + _render_flow(words)
-    if len(rendered) <= _LONGEST_REMEMBERED:
-        if len(_flows) >= _SHAPES_REMEMBERED:
-            _flows.clear()
-        _flows[words] = rendered
-    return rendered
-
-
-def _is_flow(value: list[Any] | tuple[Any, ...]) -> bool:
-    return not any(isinstance(each, dict) and each for each in value)
-
-
-def _render_scalar(value: Any) -> str:
-    """A scalar or a list on one line, behind a space."""
-    return (_words.get(value) or _render_word(value)) if isinstance(value, str) else f" {_render_flow(value)}"
-
-
+@lru_cache(maxsize=_REMEMBERED)
 def _render_word(text: str) -> str:
-    """A text behind a space."""
     is_plain = _PLAIN.fullmatch(text) is not None and text.lower() not in _RESERVED
-    rendered = f" {text if is_plain else _quote(text)}"
-    _remember(_words, text, rendered)
-    return rendered
-
-
-def _render_text(text: str) -> str:
-    """A text as JSON."""
-    rendered = _quoted.get(text)
-    if rendered is None:
-        rendered = _quote(text)
-        _remember(_quoted, text, rendered)
-    return rendered
+    return text if is_plain else _quote(text)
 
 
 def _quote(text: str) -> str:
@@ -240,7 +140,7 @@ def _render_flow(value: Any) -> str:
     """JSON, which is YAML, with numbers as YAML 1.1 reads them."""
     kind = type(value)
     if kind is str:
-        return _render_text(value)
+        return _quote(value)
     if kind is float:
         return _render_float(value)
     if kind is dict:
@@ -261,13 +161,6 @@ def _render_float(value: float) -> str:
     if text[-1] in "fn":  # inf, -inf, nan
         return text.replace("inf", ".inf").replace("nan", ".nan")
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
-
-
-def _remember(known: dict[str, Any], text: str, value: Any) -> None:
-    if len(text) <= _LONGEST_REMEMBERED:
-        if len(known) >= _REMEMBERED:
-            known.clear()
-        known[text] = value
 
 
 # -- reading -----------------------------------------------------------------------------------------------------------
@@ -298,8 +191,7 @@ class _Line(NamedTuple):
 
 
 def _parse_block(text: str) -> Any:
-    known = _lines.get
-    lines = [known(line) or _read_line(line) for line in text.split("\n") if line]
+    lines = [_read_line(line) for line in text.split("\n") if line]
     if not lines or lines[0].indent:
         raise _OtherYaml
     value, at = _parse_lines(lines, 0, 0)
@@ -308,32 +200,17 @@ def _parse_block(text: str) -> Any:
     return value
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def _read_line(line: str) -> _Line:
-    head, colon, value = line.partition(": ")
-    place = _heads.get(head) if colon else None
-    if place is not None:
-        read = _Line(*place, *_read_value(value))
-    else:
-        read = _read_new_line(line)
-        if colon and read.key is not None:
-            _remember(_heads, head, read[:3])
-    _remember(_lines, line, read)
-    return read
-
-
-def _read_new_line(line: str) -> _Line:
-    """One with a key that was not met before, or without one."""
     match = _LINE.fullmatch(line)
     if match is None:
         raise _OtherYaml
     margin, dash, key, value, other = match.groups()
-    if key is not None:
-        if other or key.lower() in _RESERVED:
-            raise _OtherYaml
-        return _Line(len(margin), bool(dash), key, *_read_value(value))
-    if dash:
+    if key is None and dash:
         return _Line(len(margin), True, None, *_read_value(other))
-    raise _OtherYaml
+    if key is None or other or key.lower() in _RESERVED:
+        raise _OtherYaml
+    return _Line(len(margin), bool(dash), key, *_read_value(value))
 
 
 def _read_value(text: str | None) -> tuple[str | None, Any, bool]:
