@@ -104,7 +104,7 @@ class Stage:
     def __init__(self, library: Library, scene: str, seed: int, sensors: Sensors, level: str) -> None:
         profile, folder = read_profile(library.get_target("panda"))
         spec = read_scene(library.get_scene(scene))
-        self.physics = Physics(profile, folder, spec, seed)
+        self.physics = Physics.alone(profile, folder, spec, seed)
         self.physics.start(spec.settle_s)
         self._cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
         noisy = sensors.get_noise(level).varies

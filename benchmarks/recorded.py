@@ -15,7 +15,7 @@ from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.planner import MotionPlanner
@@ -113,12 +113,8 @@ def record_tidy_table(robot: Robot, seeds: Sequence[int], faults: FaultFile | No
 
 
 def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFile) -> list[Recording]:
-    driver = MujocoDriver(
-        robot.profile,
-        robot.folder,
-        robot.library,
-        faults=lambda episode, number: FaultInjector(draw_schedule(faults, episode, number)),
-    )
+    simulated = SimulatedWorld(robot.library, faults=lambda *episode: FaultInjector(draw_schedule(faults, *episode)))
+    driver = MujocoDriver(simulated, robot.profile, robot.folder)
     world = ServedTarget(driver, ReceiveLog(None))
     tap = TappedConnection(world)
     handle = TargetSessionHandle(tap, robot.limits, sees_truth=True)

@@ -18,7 +18,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.runtime_contract import WorldMode
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.models.robot import name_actuator, read_profile
 from phyagentos.runtime.supervision.workers import end_with_parent
 from phyagentos.runtime.targets.realtime import serve_realtime
@@ -94,7 +94,7 @@ def main() -> None:
     stops = StopListener(given.signals, clock) if given.signals else None
     mode = WorldMode.REALTIME if given.realtime else WorldMode.LOCKSTEP
     world = ServedTarget(
-        MujocoDriver(profile, folder, library, mode=mode),
+        MujocoDriver(SimulatedWorld(library, mode=mode), profile, folder),
         log,
         is_estopped=stops.is_latched if stops else lambda: False,
         keep_stop=stops.keep if stops else lambda: None,

@@ -22,7 +22,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
@@ -167,12 +167,8 @@ class Studio:
     def _record(self, job: Job, seed: int) -> Recorded:
         robot = self._robot
         spec = FaultFile.model_validate({"version": 1, "faults": list(job.fault)})
-        driver = MujocoDriver(
-            robot.profile,
-            robot.folder,
-            robot.library,
-            faults=lambda episode, number: FaultInjector(draw_schedule(spec, episode, number)),
-        )
+        simulated = SimulatedWorld(robot.library, faults=lambda *episode: FaultInjector(draw_schedule(spec, *episode)))
+        driver = MujocoDriver(simulated, robot.profile, robot.folder)
         world = ServedTarget(driver, ReceiveLog(None))
         handle = TargetSessionHandle(TappedConnection(world), robot.limits, sees_truth=True)
         runner = SessionRunner(

@@ -17,7 +17,7 @@ def look(world: World, revision: int = 2) -> Environment:
     target = world.recorded.bundle.session.target
     physics.look()
     state = physics.read_target(physics.find_touching())
-    entities = physics.read_entities(target, state.holding)
+    entities = physics.read_entities(dict.fromkeys(state.holding, target))
     return Environment(
         time_s=physics.time_s,
         scene=scene.name,

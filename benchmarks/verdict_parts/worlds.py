@@ -14,6 +14,7 @@ from benchmarks.recorded import Robot
 from benchmarks.verdict_parts.recordings import Recorded
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR
 
 REST_S = 0.6  # things of a few centimetres come to rest within this
 MORE_S = 0.3  # longer, a few times, while something still moves
@@ -42,7 +43,7 @@ class World:
         """The world of a recording, as it was left."""
         scene = recorded.bundle.session.scene
         spec = read_scene(robot.library.get_scene(scene.name))
-        world = cls(Physics(robot.profile, robot.folder, spec, scene.seed), recorded)
+        world = cls(Physics.alone(robot.profile, robot.folder, spec, scene.seed), recorded)
         world.restore(recorded.after)
         return world
 
@@ -116,7 +117,7 @@ class World:
 
     def set_fingers(self, width_m: float) -> None:
         """What the gripper is asked for from now on."""
-        self.physics.data.ctrl[self.physics._gripper] = width_m
+        self.physics.data.actuator(GRIPPER_ACTUATOR).ctrl = width_m
 
     def set_opening(self, name: str, fraction: float) -> None:
         """Open what slides by a fraction of its travel."""

@@ -31,7 +31,7 @@ def _open_mujoco(site: DriverSite) -> TargetDriver:
     from phyagentos.protocol.settings.sensors import read_sensors
     from phyagentos.protocol.world.faults import read_faults
     from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule, read_strikes
-    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
     from phyagentos.runtime.targets.wire import FaultStruck
 
     workspace = site.workspace
@@ -43,11 +43,10 @@ def _open_mujoco(site: DriverSite) -> TargetDriver:
             return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
-    return MujocoDriver(
-        site.profile,
-        site.folder,
+    world = SimulatedWorld(
         workspace.library(),
-        make_faults,
-        read_runtime_contract(workspace.runtime_contract).world_mode,
-        read_sensors(workspace.sensors),
+        faults=make_faults,
+        mode=read_runtime_contract(workspace.runtime_contract).world_mode,
+        sensors=read_sensors(workspace.sensors),
     )
+    return MujocoDriver(world, site.profile, site.folder)

@@ -45,8 +45,7 @@ def get_file(scene: str) -> Path:
 
 def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recorded:
     """Ask a simulated world, as the world process would hold it."""
-    from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule
-    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.perception.true_world import TrueWorld
     from phyagentos.runtime.perception.world_model import WORLD
@@ -56,7 +55,7 @@ def record(scene: str, target: str, library: Library, seed: int = SEED) -> Recor
     profile, folder = read_profile(library.get_target(target))
     with tempfile.TemporaryDirectory() as logs:
         log = ReceiveLog(Path(logs) / "receive.jsonl")
-        driver = MujocoDriver(profile, folder, library, lambda episode, seed: FaultInjector(Schedule()))
+        driver = MujocoDriver(SimulatedWorld(library), profile, folder)
         world = ServedTarget(driver, log)
         world.handle(wire.LoadScene(scene=scene, seed=seed, episode=EPISODE))
         description, observation = world.handle(wire.Describe()), world.handle(wire.Observe(truth=True))

@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.session import Ended, GoalId, Scene, SessionId
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -34,12 +34,8 @@ def build_world(build_bench, library, profile, planner):
     def build(*faults):
         folder = library.get_target("panda").parent
         file = FaultFile(version=1, faults=faults)
-        driver = MujocoDriver(
-            profile,
-            folder,
-            library,
-            faults=lambda episode, seed: FaultInjector(draw_schedule(file, episode, seed)),
-        )
+        shared = SimulatedWorld(library, faults=lambda *episode: FaultInjector(draw_schedule(file, *episode)))
+        driver = MujocoDriver(shared, profile, folder)
         world = ServedTarget(driver, ReceiveLog(None))
         return build_bench(target=world, planner=LocalPlanner(planner), clock=SystemClock())
 

@@ -5,16 +5,21 @@ stand, what they weigh, how they slip) is never read: poses and shapes come from
 middle of what the inventory declares.
 """
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from typing_extensions import override
 
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Environment, Status
 from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec, Solid
+from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.physics import Physics
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import SimulatedWorld
 from phyagentos.runtime.lookahead.resolve_penetration import stand_up_sunk
 
 Array = NDArray[np.float64]
@@ -22,18 +27,22 @@ Array = NDArray[np.float64]
 SETTLE_S = 0.3  # what was put a millimetre into its support has come to rest by then; simulated time
 
 
-class ImaginedWorld(MujocoDriver):
-    """A world of the same robot whose one scene is what is believed."""
+class BelievedWorld(SimulatedWorld):
+    """A world whose one scene is the estimate.
 
-    believed: SceneSpec
+    Args:
+        library: Where scenes are found.
+        believed: The scene.
+        faults: See `SimulatedWorld`.
+    """
 
-    def _find_scene(self, name: str) -> SceneSpec:
-        return self.believed
+    def __init__(self, library: Library, believed: SceneSpec, faults: Callable[[str, int], FaultInjector]) -> None:
+        super().__init__(library, faults=faults)
+        self._believed = believed
 
-    @property
-    def physics(self) -> Physics:
-        """What is simulated."""
-        return self._get_physics()
+    @override
+    def find_scene(self, name: str) -> SceneSpec:
+        return self._believed
 
 
 def believe_scene(spec: SceneSpec, environment: Environment) -> SceneSpec:

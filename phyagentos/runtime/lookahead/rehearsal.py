@@ -22,6 +22,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.execution.context import open_context
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
@@ -29,7 +30,7 @@ from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.loop import Outcome, SessionLoop
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
-from phyagentos.runtime.lookahead.estimate import Array, ImaginedWorld, believe_scene, settle_estimate
+from phyagentos.runtime.lookahead.estimate import Array, BelievedWorld, believe_scene, settle_estimate
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.true_world import TrueWorld
 from phyagentos.runtime.perception.world_model import WORLD
@@ -110,28 +111,28 @@ class Stage:
     """The imagined world of one estimate.
 
     Args:
-        world: Believed; its scene is loaded here.
+        robot: Of a believed world; its scene is loaded here.
         environment: The estimate.
         profile: The robot.
         limits: Of the robot, from safety.yaml.
     """
 
     def __init__(
-        self, world: ImaginedWorld, environment: Environment, profile: TargetProfile, limits: TargetLimits
+        self, robot: MujocoDriver, environment: Environment, profile: TargetProfile, limits: TargetLimits
     ) -> None:
-        self._world, self._profile = world, profile
+        self._robot, self._profile = robot, profile
         self._epoch = 0
         self.scene = Scene(name=environment.scene, seed=0, episode="imagined")
-        self.handle = TargetSessionHandle(Loopback(ServedTarget(world, ReceiveLog(None))), limits, sees_truth=True)
+        self.handle = TargetSessionHandle(Loopback(ServedTarget(robot, ReceiveLog(None))), limits, sees_truth=True)
         self.handle.load(self.scene)
         self.start = settle_estimate(self.physics, environment, profile)
-        self._snapshot = world.snapshot().data
+        self._snapshot = robot.snapshot().data
         self.world = TrueWorld(profile.target, self.handle)
 
     @property
     def physics(self) -> Physics:
         """What is simulated at present."""
-        return self._world.physics
+        return self._robot.physics
 
     def open_epoch(self) -> int:
         """A new fencing token: the same session is rehearsed several times."""
@@ -177,9 +178,9 @@ class Rehearser:
         Raises:
             ExecutionError: `SCENE_OVERFULL` and others of building a scene.
         """
-        world = ImaginedWorld(self.profile, self.folder, self.library, faults=self._make_tape)
-        world.believed = believe_scene(read_scene(self.library.get_scene(environment.scene)), environment)
-        return Stage(world, environment, self.profile, self.limits)
+        believed = believe_scene(read_scene(self.library.get_scene(environment.scene)), environment)
+        robot = MujocoDriver(BelievedWorld(self.library, believed, self._make_tape), self.profile, self.folder)
+        return Stage(robot, environment, self.profile, self.limits)
 
     def rehearse(self, stage: Stage, session: Session, tree: str) -> Rehearsal:
         """Carry out a session's tree on a stage, from the estimate on."""

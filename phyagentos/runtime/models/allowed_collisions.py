@@ -1,7 +1,7 @@
 """The allowed-collision matrix of a robot, found by sampling postures, as MoveIt's setup assistant does it.
 
-Upstream: `robot`. Downstream: `scene` (pairs that always touch are switched off in the simulation) and the planning
-model (pairs that never touch need no test). Pairs are body names, sorted; the same robot gives the same matrix.
+Upstream: `robot`. Downstream: `world` (pairs that always touch are switched off in the simulation) and the planning
+model (pairs that never touch need no test either). Pairs are body names; the same robot gives the same matrix.
 """
 
 import functools
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.robot import build_robot
@@ -39,6 +40,11 @@ class CollisionMatrix:
         """Pairs to switch off in the simulation too."""
         return tuple(sorted({*self.adjacent, *self.always}))
 
+    @property
+    def idle(self) -> tuple[Pair, ...]:
+        """Pairs that planning need not test."""
+        return (*self.adjacent, *self.always, *self.never)
+
 
 def compute_collision_matrix(profile: TargetProfile, folder: Path) -> CollisionMatrix:
     """Sample postures of the arm (fingers open) and sort every pair of colliding bodies.
@@ -55,15 +61,32 @@ def compute_collision_matrix(profile: TargetProfile, folder: Path) -> CollisionM
 
 
 def exclude_pairs(spec: mujoco.MjSpec, pairs: tuple[Pair, ...]) -> None:
-    """Switch the collision of body pairs off."""
+    """Switch the collision of body pairs off, unless the file already does."""
+    known = {frozenset((exclude.bodyname1, exclude.bodyname2)) for exclude in spec.excludes}
     for first, second in pairs:
-        spec.add_exclude(name=f"{first}|{second}", bodyname1=first, bodyname2=second)
+        if frozenset((first, second)) not in known:
+            spec.add_exclude(name=f"{first}|{second}", bodyname1=first, bodyname2=second)
 
 
 @functools.lru_cache(maxsize=16)
 def _compute(profile: TargetProfile, folder: Path, _changed_ns: int) -> CollisionMatrix:
     model = build_robot(profile, folder).compile()
-    counts = _count_contacts(model, profile)
+    data = mujoco.MjData(model)
+    for name in profile.gripper.joints:
+        data.qpos[model.joint(name).qposadr[0]] = profile.gripper.max_width_m / len(profile.gripper.joints)
+    return sample_collision_matrix(model, data, [int(model.joint(name).qposadr[0]) for name in profile.arm.joints])
+
+
+def sample_collision_matrix(model: mujoco.MjModel, data: mujoco.MjData, addresses: list[int]) -> CollisionMatrix:
+    """Sort every pair of colliding bodies of a robot that is alone in its model.
+
+    Args:
+        model: Compiled.
+        data: Of it; what is not sampled stays as it is here.
+        addresses: Of the arm's joints in `qpos`; their ranges are sampled.
+    """
+    ranges = {int(model.jnt_qposadr[joint]): model.jnt_range[joint] for joint in range(model.njnt)}
+    counts = _count_contacts(model, data, addresses, np.array([ranges[address] for address in addresses]))
     bodies = [body for body in range(1, model.nbody) if _collides(model, body)]
     adjacent: list[Pair] = []
     always: list[Pair] = []
@@ -73,7 +96,7 @@ def _compute(profile: TargetProfile, folder: Path, _changed_ns: int) -> Collisio
             if model.body_weldid[first] == model.body_weldid[second]:
                 continue
             a, b = sorted((model.body(first).name, model.body(second).name))
-            fraction = counts.get((first, second), 0) / SAMPLES
+            fraction = counts[first, second] / SAMPLES
             if _is_adjacent(model, first, second):
                 adjacent.append((a, b))
             elif fraction > ALWAYS:
@@ -83,22 +106,18 @@ def _compute(profile: TargetProfile, folder: Path, _changed_ns: int) -> Collisio
     return CollisionMatrix(tuple(sorted(adjacent)), tuple(sorted(always)), tuple(sorted(never)))
 
 
-def _count_contacts(model: mujoco.MjModel, profile: TargetProfile) -> dict[tuple[int, int], int]:
-    data = mujoco.MjData(model)
+def _count_contacts(
+    model: mujoco.MjModel, data: mujoco.MjData, addresses: list[int], ranges: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """(n_bodies, n_bodies) postures in which two bodies touch; upper triangle."""
     rng = np.random.default_rng(SEED)
-    joints = [model.joint(name) for name in profile.arm.joints]
-    address = [int(joint.qposadr[0]) for joint in joints]
-    low, high = np.array([joint.range for joint in joints]).T
-    for name in profile.gripper.joints:
-        data.qpos[model.joint(name).qposadr[0]] = profile.gripper.max_width_m / len(profile.gripper.joints)
-    counts: dict[tuple[int, int], int] = {}
-    for _ in range(SAMPLES):
-        data.qpos[address] = rng.uniform(low, high)
+    counts = np.zeros((model.nbody, model.nbody), dtype=np.intp)
+    for q in rng.uniform(ranges[:, 0], ranges[:, 1], size=(SAMPLES, len(addresses))):
+        data.qpos[addresses] = q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        pairs = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
-        for first, second in {(int(a), int(b)) for a, b in pairs}:
-            counts[first, second] = counts.get((first, second), 0) + 1
+        pairs = np.unique(np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1), axis=0)
+        counts[pairs[:, 0], pairs[:, 1]] += 1
     return counts
 
 

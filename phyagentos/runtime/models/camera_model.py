@@ -140,18 +140,30 @@ class Mounting:
         return body.then(self.body_T_camera)
 
 
-def find_mounting(model: mujoco.MjModel, settings: CameraSettings) -> Mounting | None:
-    """How a camera is fixed in a model; None where the model lacks the body or the scene's camera."""
+def find_mounting(model: mujoco.MjModel, settings: CameraSettings, prefix: str = "") -> Mounting | None:
+    """How a camera is fixed in a model; None where the model lacks the body or the scene's camera.
+
+    Args:
+        model: Compiled model.
+        settings: Of the camera.
+        prefix: Of the robot's names; a body or camera of that robot comes before one of the scene.
+    """
     if settings.scene_camera:
-        camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, settings.scene_camera)
+        camera = _find(model, mujoco.mjtObj.mjOBJ_CAMERA, prefix, settings.scene_camera)
         if camera < 0:
             return None
         rotation = compute_rotation(model.cam_quat[camera])
         place = Viewpoint(np.array(model.cam_pos[camera]), rotation @ _MUJOCO_T_OPENCV)
         lens = compute_lens(settings, float(model.cam_fovy[camera]))
         return Mounting(lens, int(model.cam_bodyid[camera]), place)
-    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, settings.mount)
+    body = _find(model, mujoco.mjtObj.mjOBJ_BODY, prefix, settings.mount)
     if body < 0 or settings.position_m is None or settings.target_m is None:
         return None
     place = look_at(np.array(settings.position_m), np.array(settings.target_m), np.array(settings.up))
     return Mounting(compute_lens(settings), body, place)
+
+
+def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, prefix: str, name: str) -> int:
+    """Id of an element of the robot or, failing that, of the scene; -1 without one."""
+    own = mujoco.mj_name2id(model, kind, prefix + name)
+    return int(own if own >= 0 else mujoco.mj_name2id(model, kind, name))

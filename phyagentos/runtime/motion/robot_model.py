@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.motion.collision_matrix import exclude_pairs, find_idle_pairs
+from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
             )
         )
     limits = np.array([joint.range for joint in joints])
-    exclude_pairs(spec, find_idle_pairs(model, limits[:, 0], limits[:, 1]))
+    exclude_pairs(spec, sample_collision_matrix(model, mujoco.MjData(model), list(range(model.nq))).idle)
     tool = int(model.site_bodyid[model.site(profile.tcp).id])
     first_link = model.body(int(joints[0].bodyid[0])).name
     return RobotModel(

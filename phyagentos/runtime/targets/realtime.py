@@ -7,7 +7,7 @@ Stop requests are looked for in every control period, so they never wait for a c
 
 from collections.abc import Callable
 from multiprocessing.connection import Connection, Listener, wait
-from typing import Any
+from typing import Any, Protocol
 
 from phyagentos.clock import Clock
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -21,6 +21,20 @@ BEHIND_MAX_S = 1.0  # a process that slept longer (a debugger, SIGSTOP) does not
 MOVING = (Command, Halt, Settle)  # requests that take simulated time
 
 
+class Paced(Protocol):
+    """What simulates."""
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]; NaN while there is no world."""
+        ...
+
+    @property
+    def control_period_s(self) -> float:
+        """Length of a command [s]."""
+        ...
+
+
 class Pace:
     """How far simulated time is behind the wall clock.
 
@@ -29,7 +43,7 @@ class Pace:
         clock: The wall clock.
     """
 
-    def __init__(self, target: ServedTarget, clock: Clock) -> None:
+    def __init__(self, target: Paced, clock: Clock) -> None:
         self._target, self._clock = target, clock
         self._offset_s = clock.now_s() - target.time_s
 

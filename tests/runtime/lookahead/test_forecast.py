@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.session import Ended, Scene
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.lookahead.estimate import believe_scene
 from phyagentos.runtime.lookahead.forecast import BATCH, Forecaster
@@ -54,7 +54,7 @@ def rehearser(library, profile, limits):
 
 @pytest.fixture(scope="module")
 def environment(library, profile, limits):
-    driver = MujocoDriver(profile, library.get_target("panda").parent, library)
+    driver = MujocoDriver(SimulatedWorld(library), profile, library.get_target("panda").parent)
     handle = TargetSessionHandle(Loopback(ServedTarget(driver, ReceiveLog(None))), limits, sees_truth=True)
     scene = Scene(name=WAITER, seed=SEED, episode="e")
     handle.load(scene)

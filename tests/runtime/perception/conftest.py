@@ -78,7 +78,7 @@ class Stage:
     def __init__(self, library, scene, seed=0, level="nominal"):
         profile, folder = read_profile(library.get_target("panda"))
         spec = read_scene(library.get_scene(scene))
-        self.physics = Physics(profile, folder, spec, seed)
+        self.physics = Physics.alone(profile, folder, spec, seed)
         self.physics.start(spec.settle_s)
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
         self.cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)

@@ -10,7 +10,7 @@ from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Ended, GoalId, Scene, SessionId
 from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.world.environment import Environment, Pose
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.perceived_world import PerceivedWorld
@@ -51,7 +51,7 @@ def run_session(build_bench, build_session, library, profile):
     def run(kind):
         folder = library.get_target("panda").parent
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-        world = ServedTarget(kind(profile, folder, library, sensors=sensors), ReceiveLog(None))
+        world = ServedTarget(kind(SimulatedWorld(library, sensors=sensors), profile, folder), ReceiveLog(None))
         bench = build_bench(target=world, planner=LocalPlanner(planner), clock=SystemClock())
         bench.runner._world = PerceivedWorld(
             "panda", bench.handle, library, RobotMask(profile, folder), moving=("wrist",)

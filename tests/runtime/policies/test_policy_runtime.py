@@ -18,7 +18,7 @@ from phyagentos.protocol.settings.sensors import Sensors, read_sensors
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.runtime.actions.chunks import iter_periods
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.policies.policy_skills import Policies
 from phyagentos.runtime.policies.server import serve_policy
 from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -185,13 +185,10 @@ def watch(run_policy, library, profile):
         faults = [{"camera": "overhead", "when": when} | fault] if fault else []
         file = FaultFile.model_validate({"version": 1, "faults": faults})
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-        driver = MujocoDriver(
-            profile,
-            library.get_target("panda").parent,
-            library,
-            faults=lambda episode, seed: FaultInjector(draw_schedule(file, episode, seed)),
-            sensors=sensors,
+        shared = SimulatedWorld(
+            library, faults=lambda *episode: FaultInjector(draw_schedule(file, *episode)), sensors=sensors
         )
+        driver = MujocoDriver(shared, profile, library.get_target("panda").parent)
         world = ServedTarget(driver, ReceiveLog(None))
         return run_policy(policy, world, sensors, CAMERA)[1]
 

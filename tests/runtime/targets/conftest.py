@@ -12,7 +12,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
-from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -41,7 +41,7 @@ class Rig:
         make = lambda episode, seed: FaultInjector(  # noqa: E731
             draw_schedule(schedule, episode, seed) if isinstance(schedule, FaultFile) else schedule or Schedule()
         )
-        self.driver = MujocoDriver(self.profile, folder, library, make, sensors=sensors)
+        self.driver = MujocoDriver(SimulatedWorld(library, faults=make, sensors=sensors), self.profile, folder)
         self.world = ServedTarget(self.driver, ReceiveLog(log))
         self.sequence = 0
         self.session = "s"
@@ -84,7 +84,7 @@ class Rig:
         Returns:
             Rows (10, 7) of positions and velocities, one pair a command.
         """
-        start = np.array(self.driver._drive.q_rad)
+        start = np.array(self.driver.controller.q_rad)
         way = np.asarray(goal) - start
         fastest = 2.1 * float(np.max(np.abs(way) / np.array(self.profile.arm.velocity_rad_s)))
         n = round(max(seconds, fastest) / 0.02)
@@ -101,17 +101,17 @@ class Rig:
         return reply
 
     def hold(self, width, seconds):
-        return self.move(self.driver._drive.q_rad, width, seconds)
+        return self.move(self.driver.controller.q_rad, width, seconds)
 
     def reach(self, point, yaw=0.0):
         """Joint angles that bring the tool to a point, pointing down (damped least squares on MuJoCo's Jacobian)."""
-        model, data = self.driver._physics.model, mujoco.MjData(self.driver._physics.model)
-        site, dofs = model.site("tcp").id, self.driver._physics.v_address
+        model, data = self.driver.physics.model, mujoco.MjData(self.driver.physics.model)
+        site, dofs = model.site("tcp").id, self.driver.physics.v_address
         q = np.array(self.profile.arm.home_rad)
         wanted = np.array([[np.cos(yaw), np.sin(yaw), 0], [np.sin(yaw), -np.cos(yaw), 0], [0, 0, -1]]).T
         jacobian_p, jacobian_r = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         for _ in range(200):
-            data.qpos[self.driver._physics.q_address] = q
+            data.qpos[self.driver.physics.q_address] = q
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             rotation = data.site_xmat[site].reshape(3, 3)

@@ -15,14 +15,14 @@ SPEC = read_scene(Library.open().get_scene("tabletop/drawer"))
 
 
 def start(panda, seed, spec=SPEC):
-    physics = Physics(*panda, spec, seed)
+    physics = Physics.alone(*panda, spec, seed)
     physics.start(spec.settle_s)
     physics.look()
     return physics
 
 
 def read(physics, name):
-    return next(each for each in physics.read_entities("panda", ()) if each.name == name)
+    return next(each for each in physics.read_entities({}) if each.name == name)
 
 
 def test_each_seed_opens_the_drawer_within_its_span_and_everything_else_stays(panda):

@@ -82,7 +82,7 @@ def test_a_removed_cube_is_off_the_table(begin):
 
 def test_a_stalled_joint_does_not_turn_and_recovers(begin):
     rig = begin(kind="stall", joint="joint1", when={"time_s": 0.5}, duration_s=1.0)
-    goal = np.array(rig.driver._drive.q_rad) + np.array([0.4, 0, 0, 0, 0, 0, 0])
+    goal = np.array(rig.driver.controller.q_rad) + np.array([0.4, 0, 0, 0, 0, 0, 0])
     rig.hold(0.08, 0.3)
     stalled = rig.move(goal, seconds=0.6)
     assert abs(stalled.target.q_rad[0]) < 0.05

@@ -188,18 +188,18 @@ def test_an_arm_that_presses_on_something_stops_and_takes_no_further_command_of_
         if stopped:
             break
     assert stopped == "COLLISION_STOP"
-    assert rig.send(rig.make_command(rig.driver._drive.q_rad)).code == "COLLISION_STOP"
+    assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "COLLISION_STOP"
     assert isinstance(rig.begin("s", 1), wire.Ack)  # the same claim again does not undo it
-    assert rig.send(rig.make_command(rig.driver._drive.q_rad)).code == "COLLISION_STOP"
+    assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "COLLISION_STOP"
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
-    assert isinstance(rig.send(rig.make_command(rig.driver._drive.q_rad)), wire.Step)
+    assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
 
 
 def test_a_stop_of_category_one_ends_the_motion_of_its_session(rig):
-    assert isinstance(rig.send(rig.make_command(rig.driver._drive.q_rad)), wire.Step)
+    assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
     assert isinstance(rig.world.handle(wire.Halt(session="s", epoch=1, category=1)), wire.Step)
-    assert rig.send(rig.make_command(rig.driver._drive.q_rad)).code == "DRIVES_OFF"
+    assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "DRIVES_OFF"
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
-    assert isinstance(rig.send(rig.make_command(rig.driver._drive.q_rad)), wire.Step)
+    assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)

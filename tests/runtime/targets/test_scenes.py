@@ -27,7 +27,7 @@ def test_a_scene_settles_with_everything_where_it_was_put(make_rig, scene, seed)
     for entity in rig.observe().entities:
         assert np.linalg.norm(np.array(entity.pose.position_m) - starts[entity.name]) < 0.02, entity.name
         assert entity.speed_m_s < 0.05, entity.name
-    physics = rig.driver._physics
+    physics = rig.driver.physics
     assert physics.data.contact.dist[: physics.data.ncon].min(initial=0.0) > -0.002
     robot = {physics.model.body(name).id for name in ("link1", "link4", "link7", "hand", "left_finger")}
     touched = physics.model.geom_bodyid[physics.data.contact.geom[: physics.data.ncon]]
@@ -91,7 +91,7 @@ def test_an_overfull_area_is_told(tmp_path, make_rig):
 def test_fingers_that_have_just_closed_upon_each_other_are_nothing_the_arm_would_run_into(make_rig):
     rig = make_rig()
     rig.load()
-    physics = rig.driver._physics
+    physics = rig.driver.physics
     for joint in rig.profile.gripper.joints:
         physics.data.joint(joint).qpos[:] = -0.0005  # they touch and let go with every step of the servo
-    assert physics.imagine(rig.profile.arm.home_rad)[1] == ""
+    assert physics.check_posture(rig.profile.arm.home_rad)[1] == ""

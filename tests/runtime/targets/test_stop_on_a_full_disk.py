@@ -28,7 +28,7 @@ def test_the_arm_is_at_rest_before_the_disk_is_asked_and_nothing_is_accepted_whi
     asked = []
 
     def refuse(*_):
-        asked.append(rig.driver._drive.is_moving)
+        asked.append(rig.driver.controller.is_moving)
         raise OSError(errno.ENOSPC, "No space left on device")
 
     drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())

@@ -121,7 +121,7 @@ def test_a_restored_world_goes_on_bit_for_bit(make_rig):
     middle = rig.observe().snapshot.data
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
-    motion = rig.plan(rig.driver._drive.q_rad + 0.03, 0.6)
+    motion = rig.plan(rig.driver.controller.q_rad + 0.03, 0.6)
     for q, qd in motion:
         assert isinstance(rig.send(rig.make_command(q, 0.0, qd)), wire.Step)
     first = rig.observe().snapshot.data

@@ -1,4 +1,4 @@
-"""The cameras of one episode: which frame each can give now, when it was exposed, and what it lies about.
+"""The cameras of one episode: which frame each can give now, when it was exposed, and how a fault corrupts it.
 
 Upstream: `world`. Downstream: `simulated_camera`. Exposures fall on the control periods of simulated time; a frame can
 be had one latency later. Every random number follows from the scene's seed, the episode, the camera and the number of
@@ -25,9 +25,9 @@ from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 MAX_LOST = 16  # frames in a row, before a camera has none to give
 LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
 _PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
-_LIES_AS_IT_IS: tuple[FaultActivation, ...] = ()
+_UNCORRUPTED: tuple[FaultActivation, ...] = ()
 
-FindLies = Callable[[str], tuple[FaultActivation, ...]]
+FindCorruption = Callable[[str], tuple[FaultActivation, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +53,12 @@ class CameraRig:
         sensors: Their settings.
         seed: Of the scene.
         episode: The run of the scene.
+        prefix: Of the names of the robot that carries some of them.
     """
 
-    def __init__(self, model: mujoco.MjModel, sensors: Sensors, seed: int, episode: str) -> None:
+    def __init__(self, model: mujoco.MjModel, sensors: Sensors, seed: int, episode: str, prefix: str = "") -> None:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
-        self._cameras = open_cameras(model, sensors, seed=seed)
+        self._cameras = open_cameras(model, sensors, seed=seed, prefix=prefix)
         self._data = mujoco.MjData(model)
         self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
 
@@ -71,7 +72,7 @@ class CameraRig:
         request: Capture,
         now_s: float,
         history: StateHistory,
-        find_lies: FindLies = lambda _camera: _LIES_AS_IT_IS,
+        find_corruption: FindCorruption = lambda _camera: _UNCORRUPTED,
     ) -> Frames:
         """The latest frames.
 
@@ -79,7 +80,7 @@ class CameraRig:
             request: Of which cameras, and which windows of their pictures.
             now_s: Simulated time.
             history: What there was to see.
-            find_lies: What a camera lies about at the moment.
+            find_corruption: What is wrong with the pictures of a camera at the moment.
 
         Raises:
             ExecutionError: `UNKNOWN_CAMERA`, `INVALID_CROP`.
@@ -97,14 +98,14 @@ class CameraRig:
             camera = self._cameras[name]
             limit_s = latest_s if self._sensors.synchronised else now_s - camera.settings.latency_s
             exposure = self._find_exposure(camera, limit_s, history)
-            lies = find_lies(name)
+            corruptions = find_corruption(name)
             if exposure is None:
                 missing[name] = "FRAME_DROPPED"
-            elif any(lie.kind == "blackout" and lie.mode == "silent" for lie in lies):
+            elif any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
                 missing[name] = "CAMERA_SILENT"
             else:
                 try:
-                    frames.append(self._expose(camera, exposure, request.crops.get(name), request.every, lies))
+                    frames.append(self._expose(camera, exposure, request.crops.get(name), request.every, corruptions))
                 except ExecutionError as error:
                     if error.code != "NO_GRAPHICS":
                         raise
@@ -142,26 +143,26 @@ class CameraRig:
         exposure: Exposure,
         crop: Crop | None,
         every: int,
-        lies: tuple[FaultActivation, ...],
+        corruptions: tuple[FaultActivation, ...],
     ) -> Frame:
         claimed = shown = exposure
         told: Viewpoint | None = None
-        for lie in lies:
-            if lie.kind == "freeze":
-                number = int(lie.time_s * self._sensors.sensors[camera.name].rate_hz)
-                shown = Exposure(number, lie.time_s, np.array(lie.qpos))
-                claimed = exposure if lie.mode == "fresh" else shown
-        for lie in lies:
-            if lie.kind == "miscalibrate":
-                error = Viewpoint(np.array(lie.by_m), turn(np.array(lie.by_rad)))
+        for each in corruptions:
+            if each.kind == "freeze":
+                number = int(each.time_s * self._sensors.sensors[camera.name].rate_hz)
+                shown = Exposure(number, each.time_s, np.array(each.qpos))
+                claimed = exposure if each.mode == "fresh" else shown
+        for each in corruptions:
+            if each.kind == "miscalibrate":
+                error = Viewpoint(np.array(each.by_m), turn(np.array(each.by_rad)))
                 told = (told or self._find_place(camera, claimed)).then(error)
         if claimed is not shown:
             told = told or self._find_place(camera, claimed)
         pose_state(self._model, shown.qpos, self._data)
         rng = self._draw(camera.name, "frame", shown.number)
         frame = camera.capture(self._data, claimed.time_s, rng, crop, told, every)
-        for lie in lies:
-            frame = _alter(frame, lie)
+        for each in corruptions:
+            frame = _alter(frame, each)
         return frame
 
     def _find_place(self, camera: SimulatedCamera, exposure: Exposure) -> Viewpoint:
@@ -169,11 +170,11 @@ class CameraRig:
         return camera.mounting.find(pose_state(self._model, exposure.qpos, self._data))
 
 
-def _alter(frame: Frame, lie: FaultActivation) -> Frame:
-    """A frame as a camera with a fault tells it."""
-    if lie.kind == "misdate":
-        return msgspec.structs.replace(frame, time_s=frame.time_s + lie.by_s)
-    if lie.kind == "blackout":
+def _alter(frame: Frame, corruption: FaultActivation) -> Frame:
+    """A frame as a camera with a fault gives it."""
+    if corruption.kind == "misdate":
+        return msgspec.structs.replace(frame, time_s=frame.time_s + corruption.by_s)
+    if corruption.kind == "blackout":
         black, nothing = np.zeros_like(frame.rgb), np.full_like(frame.depth_m, np.nan)
         return msgspec.structs.replace(frame, rgb=black, depth_m=nothing)
     return frame

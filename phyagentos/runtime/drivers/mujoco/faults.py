@@ -36,7 +36,7 @@ HAND_STIFFNESS, HAND_DAMPING, HAND_SPIN_DAMPING = 900.0, 60.0, 60.0  # 1/s^2, 1/
 HAND_HEIGHT_M = 0.14  # how high a person lifts
 MOVE_RADIUS_M = (0.06, 0.12)  # how far a person moves a thing when no place is given
 CLEARANCE_M = 0.075
-LIES = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
+SENSOR_KINDS = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
 
 
 class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,15 +44,15 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         kind: As in the fault file.
-        body: The object, the joint that seizes, or the pattern of the cameras that lie.
+        body: The object, the joint that seizes, or the pattern of the cameras that are corrupted.
         time_s: When it began.
         start_m: Where the object stood then.
         goal_m: Where a hand brings it.
         lift_m: How high the hand lifts it on the way.
-        mode: Of a lie: which stamp a frozen picture has, how a camera is black.
+        mode: Of a corruption: which stamp a frozen picture has, how a camera is black.
         by_s: Error of a camera's clock.
-        by_m: Error of a camera's told place.
-        by_rad: Error of its told direction.
+        by_m: Error of a camera's reported position.
+        by_rad: Error of its reported direction.
         qpos: What a frozen picture goes on to show.
     """
 
@@ -107,7 +107,7 @@ def read_strikes(records: Sequence[FaultStruck]) -> Schedule:
 
 
 class FaultInjector:
-    """The faults of one episode at work."""
+    """The faults of one episode, as they act on one robot and on what it touches."""
 
     def __init__(self, schedule: Schedule = Schedule()) -> None:
         self._waiting = list(schedule.faults)
@@ -117,6 +117,14 @@ class FaultInjector:
         self._session = ""
         self._heights_m: dict[str, float] = {}
         self._steps = 0
+        self._all = [self]
+
+    def fork(self) -> "FaultInjector":
+        """For another robot of the same world; a fault that strikes one is over for the other."""
+        other = FaultInjector()
+        other._waiting, other._recorded, other._rng, other._all = self._waiting, self._recorded, self._rng, self._all
+        self._all.append(other)
+        return other
 
     def on_session(self, session: str) -> tuple[FaultStruck, ...]:
         """A session began; what is still going on from before."""
@@ -139,13 +147,15 @@ class FaultInjector:
                 _carry(physics, strike)
         return [_report(strike) for strike in struck]
 
-    def find_lies(self, camera: str) -> tuple[FaultActivation, ...]:
-        """What a camera lies about at the moment."""
-        return tuple(s for s in self._active if s.kind in LIES and fnmatch.fnmatchcase(camera, s.body))
+    def find_sensor_corruption(self, camera: str) -> tuple[FaultActivation, ...]:
+        """What is wrong with the pictures of a camera at the moment."""
+        active = (each for injector in self._all for each in injector._active)
+        return tuple(s for s in active if s.kind in SENSOR_KINDS and fnmatch.fnmatchcase(camera, s.body))
 
     def _find_due(self, physics: Physics) -> list[Fault]:
         due = [fault for fault in self._waiting if self._holds(physics, fault.when, fault.object)]
-        self._waiting = [fault for fault in self._waiting if fault not in due]
+        for fault in due:
+            self._waiting.remove(fault)
         return due
 
     def _holds(self, physics: Physics, when: When, name: str) -> bool:
@@ -190,7 +200,7 @@ class FaultInjector:
                 kind=fault.kind, body=fault.joint, time_s=physics.time_s, duration_s=fault.duration_s
             )
         if isinstance(fault, SensorFault):
-            return _resolve_lie(physics, fault)
+            return _resolve_corruption(physics, fault)
         start = physics.find_position(fault.object)
         goal, lift = start, 0.0
         if isinstance(fault, Nudge):
@@ -229,8 +239,8 @@ class FaultInjector:
         return max(places, key=lambda place: physics.find_clearance(place, start))
 
 
-def _resolve_lie(physics: Physics, fault: SensorFault) -> FaultActivation:
-    """A camera's lie, with the state that a frozen picture shows."""
+def _resolve_corruption(physics: Physics, fault: SensorFault) -> FaultActivation:
+    """What is wrong with a camera, with the state that a frozen picture shows."""
     strike = FaultActivation(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
     match fault:
         case Freeze():
@@ -266,7 +276,7 @@ def _release(physics: Physics, strike: FaultActivation) -> None:
         physics.set_pad_friction(None)
     elif strike.kind == "stall":
         physics.set_joint_friction(strike.body, None)
-    elif strike.kind not in LIES:
+    elif strike.kind not in SENSOR_KINDS:
         physics.let_go(strike.body)
 
 

@@ -1,9 +1,11 @@
-"""The drives of one robot in one scene: they follow set-points, come to rest by themselves, and stop on a collision.
+"""The joint controller of one robot: it follows set-points, comes to rest by itself, and stops on a collision.
 
 Upstream: `world`, which decides who may command. Downstream: `physics`, `faults`. What is generated here (the
-deceleration to a hold, a protective stop) is no command and needs no authority.
+deceleration to a hold, a protective stop) is no command and needs no authority. Each motion is a generator that yields
+once before every physics step, so that several robots move under one time.
 """
 
+from collections.abc import Generator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +18,9 @@ from phyagentos.runtime.targets.wire import Command, FaultStruck, Refused
 
 if TYPE_CHECKING:
     from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
+
+Motion = Generator[None, None, str]
+"""Physics steps of one robot; returns the code of the stop that broke it off, empty when it was carried out."""
 
 HALT_MAX_S = 2.0  # longest deceleration to a hold
 REST_RAD_S = 0.01  # every joint slower than this is at rest
@@ -32,7 +37,7 @@ class JointController:
         n_steps: Rows of one command.
 
     Attributes:
-        struck: Faults that struck since this was emptied.
+        activations: Faults that struck since this was emptied.
         history: What there was to see, control period by control period, since the session or the scene began.
     """
 
@@ -42,7 +47,7 @@ class JointController:
         self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
         self._width_m = profile.gripper.max_width_m
         self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since it was told
-        self.struck: list[FaultStruck] = []
+        self.activations: list[FaultStruck] = []
         self.history = StateHistory()
         self._n_steps, self._steps = n_steps, 0
         self._begin_history()
@@ -63,9 +68,7 @@ class JointController:
         self._width_m = float(np.clip(self._physics.gripper_width_m, 0.0, self._profile.gripper.max_width_m))
 
     def begin(self) -> None:
-        """A session begins: its set-points go on from where the arm stands, as it sees it, at rest."""
-        if self.is_moving:
-            self.halt()
+        """A session begins, the arm being at rest: its set-points go on from where the arm stands, as it sees it."""
         self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
         self._force_max_n = 0.0
         self._begin_history()
@@ -78,31 +81,25 @@ class JointController:
         """The target's own limits on a command."""
         return self._limits.check(command, self._held)
 
-    def follow(self, command: Command) -> str:
-        """Carry out one command.
-
-        Returns:
-            Code of the protective stop that broke it off, empty when it was carried out.
-        """
+    def follow(self, command: Command) -> Motion:
+        """Carry out one command, which `check` did not refuse."""
         physics = self._physics
         controls = physics.compute_controls(command.q_rad, command.qd_rad_s, command.gripper_width_m)
-        inputs = physics.data.ctrl
         self._width_m = float(command.gripper_width_m[-1])
         for row in controls:
-            inputs[:] = row
-            self._limits.restrain()
-            self._step()
+            physics.data.ctrl[physics.inputs] = row
+            yield from self._step()
             if self._is_in_collision():
-                self.halt()
+                yield from self.halt()
                 return "COLLISION_STOP"
         last = command.q_rad[-2] if len(command.q_rad) > 1 else self._held.q_rad
         self._held = SetPoint(command.q_rad[-1], command.qd_rad_s[-1], command.q_rad[-1] - last)
         if self._limits.find_excess():
-            self.halt()
+            yield from self.halt()
             return "PROTECTIVE_STOP"
         return ""
 
-    def halt(self) -> None:
+    def halt(self) -> Motion:
         """Decelerate within the joint limits, all joints in proportion, then hold."""
         physics, dt = self._physics, self._profile.physics_step_s
         q, moving = physics.q_rad, physics.qd_rad_s
@@ -111,32 +108,43 @@ class JointController:
             qd = moving * max(1.0 - step / max(braking, 1), 0.0)
             q = np.clip(q + qd * dt, self._limits.low, self._limits.high)
             physics.set_servos(q, qd, self._width_m)
-            self._limits.restrain()
-            self._step()
+            yield from self._step()
             if self._is_in_collision():  # whatever is pressed is not pressed on
                 q, moving = physics.q_rad, np.zeros_like(q)
             if step >= braking and np.abs(physics.qd_rad_s).max() < REST_RAD_S:
                 break
         self._held = SetPoint.at_rest(q)
+        return ""
 
-    def settle(self, duration_s: float) -> None:
+    def settle(self, duration_s: float) -> Motion:
         """Hold still for some simulated time [s]; a motion that was left in its middle is brought to rest first."""
         if self.is_moving:
-            self.halt()
-        physics = self._physics
+            yield from self.halt()
         for _ in range(round(duration_s / self._profile.physics_step_s)):
-            physics.set_servos(self.q_rad, np.zeros_like(self.q_rad), self._width_m)
-            self._limits.restrain()
-            self._step()
+            yield from self._hold_step()
+        return ""
+
+    def stand(self) -> Motion:
+        """Come to rest and hold for as long as time passes; never returns."""
+        if self.is_moving:
+            yield from self.halt()
+        while True:
+            yield from self._hold_step()
 
     def take_force(self) -> float:
-        """The greatest contact force [N] since this was last asked; one that the joints do not feel is none."""
+        """The greatest contact force [N] since this was last asked; contacts that load no joint are ignored."""
         taken, self._force_max_n = self._force_max_n, 0.0
         return taken
 
-    def _step(self) -> None:
-        self.struck += self._faults.act(self._physics)
-        self._physics.step()
+    def _hold_step(self) -> Generator[None, None, None]:
+        self._physics.set_servos(self.q_rad, np.zeros_like(self.q_rad), self._width_m)
+        yield from self._step()
+
+    def _step(self) -> Generator[None, None, None]:
+        """Limit the servo inputs and let faults act; after the physics step, feel and remember what came of it."""
+        self._limits.restrain()
+        self.activations += self._faults.act(self._physics)
+        yield
         self._feel()
         self._steps += 1
         if self._steps % self._n_steps == 0:

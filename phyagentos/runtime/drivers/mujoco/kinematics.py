@@ -12,9 +12,15 @@ from phyagentos.runtime.targets.wire import Kinematics
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def read_kinematics(model: mujoco.MjModel, profile: TargetProfile) -> Kinematics | None:
-    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides."""
-    joints = [model.joint(name) for name in profile.arm.joints]
+def read_kinematics(model: mujoco.MjModel, profile: TargetProfile, prefix: str = "") -> Kinematics | None:
+    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides.
+
+    Args:
+        model: Compiled, with the robot in it.
+        profile: The robot.
+        prefix: Of its names in the model.
+    """
+    joints = [model.joint(prefix + name) for name in profile.arm.joints]
     kinds = [int(joint.type[0]) for joint in joints]
     if not {_HINGE, _SLIDE}.issuperset(kinds):
         return None
@@ -27,7 +33,7 @@ def read_kinematics(model: mujoco.MjModel, profile: TargetProfile) -> Kinematics
     return Kinematics(
         axes=_as_triples(data.xaxis[ids]),
         anchors_m=_as_triples(data.xanchor[ids]),
-        tcp_m=_as_triples(data.site_xpos[model.site(profile.tcp).id][None])[0],
+        tcp_m=_as_triples(data.site_xpos[model.site(prefix + profile.tcp).id][None])[0],
         slides=tuple(kind == _SLIDE for kind in kinds) if _SLIDE in kinds else (),
     )
 

@@ -20,7 +20,7 @@ WORKSPACE_MARGIN_M = 0.02  # the way of a tool between two looks is bent, and a 
 BRAKING_SHARE = 0.8  # of the acceleration limit, for the drives' own deceleration: the torque for it is always there
 FORESIGHT_SHARE = 0.65  # of the acceleration limit, for where the arm is assumed to come to rest; less than it brakes
 FAST_RAD = 0.05  # of a braking way: two to four centimetres at the tool, thinner than anything it could pass through
-LOOKS_SLOW, LOOKS_FAST = (1.0,), (1.0, 0.5, 0.0)  # shares of the braking way at which the arm is imagined
+LOOKS_SLOW, LOOKS_FAST = (1.0,), (1.0, 0.5, 0.0)  # shares of the braking way at which the arm's posture is checked
 CHANGE_TOLERANCE = 0.15  # of two velocity rows against the acceleration limit; a little more than the guard's
 BEND_TOLERANCE = 0.30  # of second differences of position rows
 ROUNDING = 1e-6
@@ -119,7 +119,7 @@ class LocalLimits:
         looks = LOOKS_FAST if (np.abs(way) > FAST_RAD).any() else LOOKS_SLOW
         for share in looks:
             posture = np.clip(q + share * way, self.low, self.high)
-            tcp, contact = self._physics.imagine(posture)
+            tcp, contact = self._physics.check_posture(posture)
             if contact:
                 return Refused("TARGET_LIMIT", f"the arm would run into something: {contact}")
             if self._box is None:

@@ -1,11 +1,12 @@
-"""One episode's physics: the compiled model, its state, stepping and looking.
+"""One robot in the physics of an episode: its joints, servos and pads, its contacts, and what there is to see.
 
-Upstream: `world`. Looking never touches the state that is stepped: what is seen is computed in a second MjData, so that
-a run with more eyes has the same bits.
+Upstream: `world`. Downstream: `compiled_scene`, which several robots share. Looking never touches the state that is
+stepped: what is seen is computed in a second MjData, so that a run with more eyes has the same bits.
 """
 
-import hashlib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Self
 
 import msgspec
 import mujoco
@@ -14,11 +15,10 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import as_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
+from phyagentos.protocol.world.environment import Entity, Pose, TargetState
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
-from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, build_robot, name_actuator
-from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
+from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
+from phyagentos.runtime.models.world import CompiledScene, compile_scene
 
 Array = NDArray[np.float64]
 RIGID = 0.9999  # constraint impedance of what must not give way
@@ -31,37 +31,33 @@ class Physics:
 
     Args:
         profile: The robot.
-        folder: Where its model lies.
-        spec: The scene.
-        seed: Of the scene.
+        scene: Compiled, with this robot in it; several robots may share one.
+        prefix: Of the robot's names in the model.
     """
 
-    def __init__(self, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> None:
-        placed = draw_bodies(spec, seed)
-        self.spec = self._build_spec(profile, folder, spec, seed)
-        self.model = self.spec.compile()
-        self.data = mujoco.MjData(self.model)
+    def __init__(self, profile: TargetProfile, scene: CompiledScene, prefix: str = "") -> None:
+        self.scene, self.model, self.data = scene, scene.model, scene.data
+        self.entities, self.regions = scene.entities, scene.regions
         self.seen = mujoco.MjData(self.model)
-        self._imagined = mujoco.MjData(self.model)
-        self._profile = profile
-        self.entities = tuple(item.as_entity() for item in placed)
-        self.regions: tuple[Region, ...] = read_regions(spec, placed)
+        self._considered = mujoco.MjData(self.model)
+        self._profile, self._prefix = profile, prefix
         model = self.model
-        joints = [model.joint(name) for name in profile.arm.joints]
+        joints = [model.joint(prefix + name) for name in profile.arm.joints]
+        fingers = [model.joint(prefix + name) for name in profile.gripper.joints]
         self.q_address = _as_slice([int(joint.qposadr[0]) for joint in joints])
         self.v_address = _as_slice([int(joint.dofadr[0]) for joint in joints])
         self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
-        self.servos = _as_slice([model.actuator(name_actuator(name)).id for name in profile.arm.joints])
-        self._gripper = model.actuator(GRIPPER_ACTUATOR).id
-        self._fingers = np.array([int(model.joint(name).qposadr[0]) for name in profile.gripper.joints])
-        self._pads = [model.geom(name).id for name in profile.gripper.pads]
+        servos = [model.actuator(prefix + name_actuator(name)).id for name in profile.arm.joints]
+        self.servos = _as_slice(servos)
+        self.inputs = _as_slice([*servos, model.actuator(prefix + GRIPPER_ACTUATOR).id])
+        self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers])
+        self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
         self._is_pad = np.zeros(model.ngeom, dtype=np.bool_)
         self._is_pad[self._pads] = True
-        self._tcp = model.site(profile.tcp).id
+        self._tcp = model.site(prefix + profile.tcp).id
         self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
-        arm = {model.joint(name).bodyid[0] for name in (*profile.arm.joints, *profile.gripper.joints)}
-        moving = {int(model.body_weldid[body]) for body in arm}
-        self._of_fingers = np.isin(model.geom_bodyid, [model.joint(n).bodyid[0] for n in profile.gripper.joints])
+        moving = {int(model.body_weldid[joint.bodyid[0]]) for joint in (*joints, *fingers)}
+        self._of_fingers = np.isin(model.geom_bodyid, [joint.bodyid[0] for joint in fingers])
         self._of_robot = np.array([int(model.body_weldid[body]) in moving for body in model.geom_bodyid])
         loose = {model.body(entity.name).id for entity in self.entities if entity.movable}
         self._is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
@@ -70,26 +66,18 @@ class Physics:
         self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
         self._joint_friction = np.array(model.dof_frictionloss)
         self._joint_impedance = np.array(model.dof_solimp[:, :2])
-        self.model_sha256 = hashlib.sha256(self._read_model_bytes()).hexdigest()
 
-    def _build_spec(self, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> mujoco.MjSpec:
-        robot = build_robot(profile, folder)
-        robot.option.timestep = profile.physics_step_s
-        robot.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        robot.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        robot.option.impratio = 10.0
-        robot.visual.quality.shadowsize = 4096
-        robot.visual.headlight.ambient = [0.35, 0.35, 0.35]
-        robot.visual.headlight.diffuse = [0.25, 0.25, 0.25]
-        robot.visual.map.znear = 0.01
-        exclude_pairs(robot, compute_collision_matrix(profile, folder).excluded)
-        add_scene(robot, spec, draw_bodies(spec, seed))
-        return robot
+    @classmethod
+    def alone(cls, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> Self:
+        """The only robot of a scene.
 
-    def _read_model_bytes(self) -> bytes:
-        buffer = np.zeros(mujoco.mj_sizeModel(self.model), dtype=np.uint8)
-        mujoco.mj_saveModel(self.model, None, buffer)
-        return buffer.tobytes()
+        Args:
+            profile: The robot.
+            folder: Where its model lies.
+            spec: The scene.
+            seed: Of the scene.
+        """
+        return cls(profile, compile_scene(((profile, folder),), spec, seed))
 
     @property
     def time_s(self) -> float:
@@ -112,14 +100,18 @@ class Physics:
         return float(self.data.qpos[self._fingers].sum())
 
     def start(self, settle_s: float) -> None:
-        """Put the arm at home with an open gripper, and let things come to rest."""
+        """Begin at time zero with the arm at home, and let things come to rest."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.place_at_home()
+        self.step(round(settle_s / self._profile.physics_step_s))
+
+    def place_at_home(self) -> None:
+        """Write the home posture with an open gripper, and let the servos hold it; before time begins."""
         home = np.array(self._profile.arm.home_rad)
         width = self._profile.gripper.max_width_m
-        mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[self.q_address] = home
         self.data.qpos[self._fingers] = width / len(self._fingers)
         self.set_servos(home, np.zeros_like(home), width)
-        self.step(round(settle_s / self._profile.physics_step_s))
 
     def restore(self, state: Array) -> None:
         """Continue from a recorded state vector, bit for bit."""
@@ -132,15 +124,16 @@ class Physics:
         return state
 
     def compute_controls(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: Array) -> Array:
-        """(n, n_servos) servo inputs for n physics steps; damping leads by kv/kp so that the servo does not lag."""
-        controls = np.empty((len(q_rad), self.model.nu))
-        controls[:, self.servos] = q_rad + self.lead_s * qd_rad_s
-        controls[:, self._gripper] = gripper_width_m
+        """(n, n_joints + 1) of `inputs` for n physics steps; damping leads by kv/kp so that the servo does not lag."""
+        controls = np.empty((len(q_rad), len(self.lead_s) + 1))
+        controls[:, :-1] = q_rad + self.lead_s * qd_rad_s
+        controls[:, -1] = gripper_width_m
         return controls
 
     def set_servos(self, q_rad: Array, qd_rad_s: Array, gripper_width_m: float) -> None:
         """Servo inputs of the coming physics steps."""
-        self.data.ctrl[:] = self.compute_controls(q_rad[None], qd_rad_s[None], np.array([gripper_width_m]))[0]
+        row = self.compute_controls(q_rad[None], qd_rad_s[None], np.array([gripper_width_m]))[0]
+        self.data.ctrl[self.inputs] = row
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` physics steps."""
@@ -192,8 +185,12 @@ class Physics:
         pairs: list[list[int]] = geoms[self._is_pad[geoms].any(axis=1)].tolist()
         return pairs
 
-    def read_entities(self, holder: str, holding: tuple[str, ...]) -> tuple[Entity, ...]:
-        """Ground truth of every thing (after `look`)."""
+    def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
+        """Ground truth of every thing (after `look`).
+
+        Args:
+            holders: Target that holds an entity, by the entity's name.
+        """
         found = []
         for body, entity in self._bodies.items():
             pose = Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
@@ -203,7 +200,7 @@ class Physics:
                     pose=pose,
                     speed_m_s=self._find_speed(body),
                     joint=self._find_opening(body),
-                    held_by=holder if entity.name in holding else None,
+                    held_by=holders.get(entity.name),
                     observed_at_s=self.time_s,
                 )
             )
@@ -286,14 +283,14 @@ class Physics:
         """No hand on this body any more."""
         self.data.xfrc_applied[self.model.body(name).id] = 0.0
 
-    def imagine(self, q_rad: Array) -> tuple[Array, str]:
-        """What would be, were the arm in this posture (n_joints,) and everything else where it is.
+    def check_posture(self, q_rad: Array) -> tuple[Array, str]:
+        """The arm in another posture (n_joints,) [rad], everything else where it is.
 
         Returns:
-            (3,) position of the tool centre point, and `part|other` of a contact of the robot with itself or with
-            something that stands fixed; empty when there is none that is not there already.
+            (3,) position of the tool centre point [m], and `part|other` of a contact of the robot with itself, another
+            robot or something fixed; empty when there is none that is not there already.
         """
-        seen = self._imagined
+        seen = self._considered
         seen.qpos[:] = self.data.qpos
         seen.qpos[self.q_address] = q_rad
         mujoco.mj_kinematics(self.model, seen)
@@ -305,7 +302,7 @@ class Physics:
         return np.array(seen.site_xpos[self._tcp]), names[0] if names else ""
 
     def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
-        """Pairs of bodies: a moving part of the robot, and the robot itself or something that stands fixed."""
+        """Pairs of bodies: a moving part of the robot, and the robot itself, another robot or something fixed."""
         geoms = data.contact.geom[: data.ncon]
         firm = self._of_robot[geoms].any(axis=1) & ~self._is_loose[geoms].any(axis=1)
         firm &= ~self._of_fingers[geoms].all(axis=1)  # closed fingers touch each other
@@ -342,14 +339,10 @@ class Physics:
 
     def set_joint_friction(self, joint: str, torque_nm: float | None) -> None:
         """Dry friction of a joint [Nm]; None for what the model says."""
-        dof = int(self.model.joint(joint).dofadr[0])
+        dof = int(self.model.joint(self._prefix + joint).dofadr[0])
         own = torque_nm is None
         self.model.dof_frictionloss[dof] = self._joint_friction[dof] if own else torque_nm
         self.model.dof_solimp[dof, :2] = self._joint_impedance[dof] if own else RIGID  # a soft friction would creep
-
-    def export(self) -> dict[str, bytes]:
-        """The scene as files: `scene.mjb`, compiled, and `scene.xml`."""
-        return {"scene.mjb": self._read_model_bytes(), "scene.xml": self.spec.to_xml().encode()}
 
 
 def _as_slice(places: list[int]) -> slice | NDArray[np.intp]:

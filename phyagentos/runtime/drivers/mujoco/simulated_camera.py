@@ -57,6 +57,7 @@ class SimulatedCamera:
         noise: What spoils its pictures and its placing.
         caster: The back end.
         seed: Of the error of its calibration, which never changes.
+        prefix: Of the names of the robot that carries it.
 
     Raises:
         UnknownMountingError: When the model lacks the body or the scene's camera that the settings name.
@@ -70,8 +71,9 @@ class SimulatedCamera:
         noise: NoiseLevel,
         caster: Caster,
         seed: int = 0,
+        prefix: str = "",
     ) -> None:
-        mounting = find_mounting(model, settings)
+        mounting = find_mounting(model, settings, prefix)
         if mounting is None:
             raise UnknownMountingError(settings.scene_camera or settings.mount)
         self.name, self.settings, self.noise, self.mounting = name, settings, noise, mounting
@@ -146,7 +148,13 @@ class SimulatedCamera:
 
 
 def open_cameras(
-    model: mujoco.MjModel, sensors: Sensors, *, seed: int, level: str = "", names: Sequence[str] = ()
+    model: mujoco.MjModel,
+    sensors: Sensors,
+    *,
+    seed: int,
+    level: str = "",
+    names: Sequence[str] = (),
+    prefix: str = "",
 ) -> dict[str, SimulatedCamera]:
     """The cameras of sensors.yaml that a model can carry.
 
@@ -156,6 +164,7 @@ def open_cameras(
         seed: Of the scene.
         level: Name of a noise level; the file's choice when empty.
         names: Which cameras; all when empty.
+        prefix: Of the names of the robot that carries some of them.
 
     Raises:
         KeyError: When there is no such noise level.
@@ -167,7 +176,7 @@ def open_cameras(
         if sensor.camera is None or (names and name not in names):
             continue
         try:
-            cameras[name] = SimulatedCamera(model, name, sensor.camera, noise, caster, seed)
+            cameras[name] = SimulatedCamera(model, name, sensor.camera, noise, caster, seed, prefix)
         except UnknownMountingError:
             continue
     return cameras

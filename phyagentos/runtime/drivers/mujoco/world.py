@@ -1,14 +1,17 @@
-"""A simulated target: MuJoCo behind the port. Paper section 4.5 (target-local constraints).
+"""Simulated targets: robots of a MuJoCo world behind the port. Paper section 4.5 (target-local constraints).
 
-Upstream: `served_target`. Downstream: `physics`, `joint_controller`, `faults`. Time moves only by commands, halts and
-holding; state is written only when a scene is loaded.
+Upstream: `served_target`, or `shared_target` where several robots share a world. Downstream: `simulation`, `physics`,
+`joint_controller`, `faults`. Time moves only by commands, halts and holding; state is written only when a scene is
+loaded.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import mujoco
 import numpy as np
 from typing_extensions import override
 
@@ -18,16 +21,19 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
+from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.initial_state import refuse_bad_state
-from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
+from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.rendering import render_png
+from phyagentos.runtime.drivers.mujoco.simulation import ReadAgreement, Simulation
 from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, build_robot, count_steps
+from phyagentos.runtime.models.world import CompiledScene, compile_scene, name_prefix
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 
@@ -43,56 +49,177 @@ class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     height: int = 480
 
 
-class MujocoDriver(TargetDriver):
-    """One robot, one scene at a time.
+class SimulatedWorld:
+    """One scene at a time, with the robots that joined.
 
     Args:
-        profile: The robot.
-        folder: Where its model lies.
         library: Where scenes are found.
         faults: Makes the injector of a new episode from its name and its scene's seed.
-        mode: How it is served; stands in its description.
+        mode: How it is served; stands in the descriptions of its robots.
         sensors: The settings of its cameras; it has none without.
+        read_agreement: See `Simulation`.
     """
 
     def __init__(
         self,
-        profile: TargetProfile,
-        folder: Path,
         library: Library,
+        *,
         faults: Callable[[str, int], FaultInjector] | None = None,
         mode: WorldMode = WorldMode.LOCKSTEP,
         sensors: Sensors | None = None,
+        read_agreement: ReadAgreement | None = None,
     ) -> None:
-        self._sensors = sensors or Sensors(sensors={})
-        self._rig: CameraRig | None = None
-        self._mode = mode
-        self._profile, self._folder, self._library = profile, folder, library
-        self._make_faults = faults or (lambda _episode, _seed: FaultInjector())
-        self._faults = self._make_faults("", 0)
-        self._physics: Physics | None = None
-        self._drive: JointController | None = None
+        self.mode, self.sensors = mode, sensors or Sensors(sensors={})
+        self.simulation = Simulation(read_agreement)
+        self.robots: dict[str, MujocoDriver] = {}
+        self._library, self._make_faults = library, faults or (lambda _episode, _seed: FaultInjector())
+        self._present: tuple[wire.LoadScene, wire.Loaded] | None = None
+
+    @property
+    def episode(self) -> str:
+        """The present one; empty before the first."""
+        return self._present[0].episode if self._present is not None else ""
+
+    def join(self, name: str, robot: "MujocoDriver") -> None:
+        """Add a robot, before the first scene is loaded."""
+        self.robots = dict(sorted({**self.robots, name: robot}.items()))
+        self.simulation.join(name, robot)
+        self.simulation.control_period_s = robot.control_period_s
+
+    def find_scene(self, name: str) -> SceneSpec:
+        """The scene of a name."""
+        return read_scene(self._library.get_scene(name))
+
+    def find_holders(self) -> dict[str, str]:
+        """Target that holds an entity, by the entity's name."""
+        return {entity: name for name, robot in self.robots.items() for entity in robot.look().holding}
+
+    def load(self, request: wire.LoadScene) -> wire.Loaded:
+        """Begin an episode; one that another robot began already goes on.
+
+        Raises:
+            ExecutionError: `EPISODE_CONFLICT`, `NO_AUTHORITY`, `RESET_FORBIDDEN` for the sake of another robot's
+                episode; `MALFORMED`, `TARGET_LIMIT` for a snapshot; `SCENE_OVERFULL`.
+        """
+        if len(self.robots) > 1 and self._present is not None and not request.snapshot:
+            standing, loaded = self._present
+            if request.episode == standing.episode:
+                known, asked = (standing.scene, standing.seed), (request.scene, request.seed)
+                if known != asked:
+                    raise ExecutionError("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {asked}")
+                return loaded
+            busy = next((robot.session for robot in self.robots.values() if robot.session), "")
+            if busy:
+                raise ExecutionError("NO_AUTHORITY", f"{busy} has authority in episode {standing.episode}")
+            if not request.may_reset:
+                message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
+                raise ExecutionError("RESET_FORBIDDEN", message)
+        spec = self.find_scene(request.scene)
+        scene = compile_scene([(each.profile, each.folder) for each in self.robots.values()], spec, request.seed)
+        bodies = {name: Physics(each.profile, scene, each.prefix) for name, each in self.robots.items()}
+        mujoco.mj_resetData(scene.model, scene.data)
+        for physics in bodies.values():
+            physics.place_at_home()
+        physics.step(round(spec.settle_s / scene.model.opt.timestep))
+        if request.snapshot:
+            state = decode_arrays(request.snapshot).get("state", np.empty(0))
+            for name, physics in bodies.items():
+                refuse_bad_state(state, physics, self.robots[name].profile)
+            next(iter(bodies.values())).restore(state)
+        self._enter(request, scene, bodies)
+        return self._present[1] if self._present is not None else wire.Loaded(request.episode, scene.model_sha256)
+
+    def _enter(self, request: wire.LoadScene, scene: CompiledScene, bodies: Mapping[str, Physics]) -> None:
+        """Another episode is the present."""
+        faults = self._make_faults(request.episode, request.seed)
+        for name, physics in bodies.items():
+            robot = self.robots[name]
+            own = faults if name == next(iter(bodies)) else faults.fork()
+            controller = JointController(robot.profile, physics, own, count_steps(robot.profile))
+            controller.hold(physics.q_rad if request.snapshot else np.array(robot.profile.arm.home_rad))
+            rig = CameraRig(scene.model, self.sensors, request.seed, request.episode, robot.prefix)
+            robot.enter(Embodiment(physics, controller, rig, own))
+        self._present = request, wire.Loaded(request.episode, scene.model_sha256)
+        self.simulation.begin_episode(scene)
+
+
+@dataclass(frozen=True, slots=True)
+class Embodiment:
+    """A robot in the present episode.
+
+    Attributes:
+        physics: Its part of the model.
+        controller: Of its joints.
+        rig: Its view of the world's cameras.
+        faults: As they act on it.
+    """
+
+    physics: Physics
+    controller: JointController
+    rig: CameraRig
+    faults: FaultInjector
+
+
+class MujocoDriver(TargetDriver):
+    """One robot of a simulated world.
+
+    Args:
+        world: It joins it.
+        profile: The robot.
+        folder: Where its model lies.
+    """
+
+    def __init__(self, world: SimulatedWorld, profile: TargetProfile, folder: Path) -> None:
+        self.world, self.profile, self.folder = world, profile, folder
+        self.session = ""
+        self._present: Embodiment | None = None
+        world.join(profile.target, self)
+
+    @property
+    def prefix(self) -> str:
+        """Of its names in the model."""
+        return name_prefix(self.profile.target, len(self.world.robots))
+
+    @property
+    def physics(self) -> Physics:
+        """Its part of the model, in the present episode."""
+        return self._get_present().physics
+
+    @property
+    def controller(self) -> JointController:
+        """Of its joints, in the present episode."""
+        return self._get_present().controller
+
+    def enter(self, present: Embodiment) -> None:
+        """Another episode begins."""
+        self._present = present
+
+    def look(self) -> TargetState:
+        """Its own state now."""
+        self.physics.look()
+        return self.physics.read_target(self.physics.find_touching())
 
     @property
     @override
     def time_s(self) -> float:
-        return self._physics.time_s if self._physics is not None else float("nan")
+        return self.world.simulation.time_s
 
     @property
     @override
     def control_period_s(self) -> float:
-        return self._profile.control_period_s
+        return self.profile.control_period_s
 
     @property
     @override
     def is_moving(self) -> bool:
-        return self._drive is not None and self._drive.is_moving
+        return self._present is not None and self._present.controller.is_moving
 
     @override
     def describe(self) -> wire.Description:
-        profile = self._profile
-        model = self._physics.model if self._physics else build_robot(profile, self._folder).compile()
-        ranges = np.array([model.joint(name).range for name in profile.arm.joints])
+        profile, present = self.profile, self._present
+        model = present.physics.model if present else build_robot(profile, self.folder).compile()
+        prefix = self.prefix if present else ""
+        ranges = np.array([model.joint(prefix + name).range for name in profile.arm.joints])
         cameras = tuple(model.camera(index).name for index in range(model.ncam))
         return wire.Description(
             target=profile.target,
@@ -104,11 +231,11 @@ class MujocoDriver(TargetDriver):
             observations=profile.observations,
             actions=profile.actions,
             cameras=cameras,
-            mode=self._mode,
-            kinematics=read_kinematics(model, profile),
-            gripper_force_n=float(np.abs(model.actuator(GRIPPER_ACTUATOR).forcerange).max()),
+            mode=self.world.mode,
+            kinematics=read_kinematics(model, profile, prefix),
+            gripper_force_n=float(np.abs(model.actuator(prefix + GRIPPER_ACTUATOR).forcerange).max()),
             joints=profile.arm.joints,
-            depth_cameras=self._rig.names if self._rig is not None else (),
+            depth_cameras=present.rig.names if present else (),
             version=wire.WIRE_VERSION,
             driver="mujoco",
             tools=TOOLS,
@@ -118,78 +245,66 @@ class MujocoDriver(TargetDriver):
 
     @override
     def load(self, request: wire.LoadScene) -> wire.Loaded:
-        spec = self._find_scene(request.scene)
-        physics = Physics(self._profile, self._folder, spec, request.seed)
-        physics.start(spec.settle_s)
-        if request.snapshot:
-            state = decode_arrays(request.snapshot).get("state", np.empty(0))
-            refuse_bad_state(state, physics, self._profile)
-            physics.restore(state)
-        self._faults = self._make_faults(request.episode, request.seed)
-        drive = JointController(self._profile, physics, self._faults, count_steps(self._profile))
-        drive.hold(physics.q_rad if request.snapshot else np.array(self._profile.arm.home_rad))
-        self._physics, self._drive = physics, drive
-        self._rig = CameraRig(physics.model, self._sensors, request.seed, request.episode)
-        return wire.Loaded(request.episode, physics.model_sha256)
-
-    def _find_scene(self, name: str) -> SceneSpec:
-        """The scene of a name; a world of the imagination has its own."""
-        return read_scene(self._library.get_scene(name))
+        return self.world.load(request)
 
     @override
     def begin(self, session: str, epoch: int) -> None:
-        self._get_drive().begin()
-        self._get_drive().struck = list(self._faults.on_session(session))
+        present, self.session = self._get_present(), session
+        if self.is_moving:
+            self._carry_out(present.controller.halt())
+        present.controller.begin()
+        present.controller.activations = list(present.faults.on_session(session))
 
     @override
     def end(self) -> tuple[wire.FaultStruck, ...]:
-        super().end()
-        return tuple(self._get_drive().struck)
+        self.session = ""
+        self.world.simulation.let_stand(self.profile.target)
+        return tuple(self.controller.activations)
 
     @override
     def apply(self, command: wire.Command) -> str:
-        drive = self._get_drive()
-        if refused := drive.check(command):
+        if refused := self.controller.check(command):
             raise ExecutionError(refused.code, refused.message)
-        return drive.follow(command)
+        return self._carry_out(self.controller.follow(command))
 
     @override
     def halt(self, category: int = 2) -> None:
-        self._get_drive().halt()
+        self._carry_out(self.controller.halt())
 
     @override
     def hold(self, duration_s: float) -> None:
-        self._get_drive().settle(duration_s)
+        if duration_s > 0.0 or self.is_moving:
+            self._carry_out(self.controller.settle(duration_s))
+
+    def _carry_out(self, motion: Motion) -> str:
+        return self.world.simulation.carry_out(self.profile.target, motion)
 
     @override
     def report(self) -> wire.Step:
-        physics, drive = self._get_physics(), self._get_drive()
-        physics.look()
+        physics, controller = self.physics, self.controller
         return wire.Step(
             time_s=physics.time_s,
-            target=physics.read_target(physics.find_touching()),
-            tracking_error_rad=float(np.abs(physics.q_rad - drive.q_rad).max()),
-            contact_force_n=drive.take_force(),
+            target=self.look(),
+            tracking_error_rad=float(np.abs(physics.q_rad - controller.q_rad).max()),
+            contact_force_n=controller.take_force(),
         )
 
     @override
     def observe(self, *, truth: bool) -> wire.Observation:
-        physics = self._get_physics()
-        physics.look()
-        target = physics.read_target(physics.find_touching())
+        physics, target = self.physics, self.look()
         if not truth:
             return wire.Observation(time_s=physics.time_s, target=target)
         return wire.Observation(
             time_s=physics.time_s,
             target=target,
-            entities=physics.read_entities(self._profile.target, target.holding),
+            entities=physics.read_entities(self.world.find_holders()),
             regions=physics.regions,
         )
 
     @override
     def snapshot(self) -> wire.Artefact:
         """An NPZ of `state` (the mjSTATE_INTEGRATION vector), `time`, `qpos`, `qvel` and `act`."""
-        physics = self._get_physics()
+        physics = self.physics
         arrays = {
             "state": physics.read_state(),
             "time": np.asarray(physics.time_s, dtype=np.float64),
@@ -201,16 +316,17 @@ class MujocoDriver(TargetDriver):
 
     @override
     def capture(self, request: wire.Capture) -> wire.Frames:
-        physics, drive = self._get_physics(), self._get_drive()
-        if self._rig is None:
-            raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
-        return self._rig.capture(request, physics.time_s, drive.history, self._faults.find_lies)
+        present = self._get_present()
+        find_corruption = present.faults.find_sensor_corruption
+        return present.rig.capture(request, present.physics.time_s, present.controller.history, find_corruption)
 
     @override
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
-        physics = self._get_physics()
+        physics = self.physics
         if name == wire.SCENE_MODEL:
-            files = {name: wire.Artefact("application/octet-stream", data) for name, data in physics.export().items()}
+            files = {
+                name: wire.Artefact("application/octet-stream", data) for name, data in physics.scene.export().items()
+            }
             return wire.ToolResult(files)
         wanted = msgspec.convert(dict(arguments), RenderArguments)
         if not (1 <= wanted.width <= PICTURE_MAX and 1 <= wanted.height <= PICTURE_MAX):
@@ -219,12 +335,7 @@ class MujocoDriver(TargetDriver):
         physics.look()
         return render_png(physics.model, physics.seen, wanted.camera, wanted.width, wanted.height)
 
-    def _get_physics(self) -> Physics:
-        if self._physics is None:
+    def _get_present(self) -> Embodiment:
+        if self._present is None:
             raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
-        return self._physics
-
-    def _get_drive(self) -> JointController:
-        if self._drive is None:
-            raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
-        return self._drive
+        return self._present

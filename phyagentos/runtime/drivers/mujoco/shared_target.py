@@ -1,0 +1,138 @@
+"""Several robots of one simulated world, each served to its own commander: under one lock, one time, one stop.
+
+Upstream: the world process. Downstream: `served_target` (authority, log and deadman of each robot), `simulation`. A
+thread serves each robot; it waits inside a command until the command's motion has ended. In real time one more thread
+lets time keep pace with the wall clock. An emergency stop brings every robot to rest.
+"""
+
+import threading
+from collections.abc import Callable, Mapping
+
+from typing_extensions import override
+
+from phyagentos.clock import Clock
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.targets.realtime import AHEAD_PERIODS, Pace
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.targets.wire import Reply, Request
+
+ESTOPPED = "ESTOPPED"
+
+
+class SharedTarget(ServedTarget):
+    """One robot of a world that it shares.
+
+    Args:
+        driver: The robot.
+        log: Its receive log.
+        everybody: All targets of the world, this one included, once they are made.
+        is_estopped: Whether the emergency stop is latched.
+        keep_stop: Makes the latch durable; called once every robot is at rest.
+        truth: Whether the ground truth may be read here.
+    """
+
+    def __init__(
+        self,
+        driver: MujocoDriver,
+        log: ReceiveLog,
+        everybody: "list[SharedTarget]",
+        *,
+        is_estopped: Callable[[], bool] = lambda: False,
+        keep_stop: Callable[[], None] = lambda: None,
+        truth: bool = True,
+    ) -> None:
+        super().__init__(driver, log, is_estopped=is_estopped, keep_stop=keep_stop, truth=truth)
+        self.robot, self._everybody = driver, everybody
+        everybody.append(self)
+
+    @override
+    def handle(self, request: Request) -> Reply:
+        with self.robot.world.simulation.lock:
+            if self._scene is not None and self._scene.episode != self.robot.world.episode:  # another robot began it
+                self._scene = self._loaded = self._description = None
+            return super().handle(request)
+
+    @override
+    def withdraw(self) -> None:
+        with self.robot.world.simulation.lock:
+            super().withdraw()
+
+    @override
+    def look_for_stops(self) -> bool:
+        with self.robot.world.simulation.lock:
+            if not self._is_estopped():
+                return False
+            stopped = [each for each in self._everybody if each._authority.session]
+            stopped = [each for each in stopped if each._authority.stopped != ESTOPPED]
+            for each in stopped:
+                each._authority.stop(ESTOPPED)
+            if stopped:
+                self.robot.world.simulation.rest(ESTOPPED)
+            for each in stopped:
+                each._note_event("EStop")
+        self._keep_stop()
+        return True
+
+    def note_deadman(self) -> None:
+        """No command came in time, in the middle of a motion: the session commands no more."""
+        if self._authority.session:
+            self._authority.stop("DEADMAN")
+            self._note_event("Deadman")
+
+
+def serve_together(
+    targets: Mapping[str, SharedTarget],
+    serve: Callable[[SharedTarget, str], None],
+    pace_by: Clock | None = None,
+    should_end: Callable[[], bool] = lambda: False,
+) -> None:
+    """Serve the robots of one world, each at its own socket, until each was shut down.
+
+    Args:
+        targets: By path of the UNIX socket.
+        serve: Answers one target's clients, one after the other, at a socket.
+        pace_by: The wall clock, for a world in real time; None in lockstep.
+        should_end: Asked in every control period of a world in real time.
+    """
+    threads = [
+        threading.Thread(target=serve, args=(target, socket), daemon=True, name=f"serve-{target.robot.profile.target}")
+        for socket, target in targets.items()
+    ]
+    for thread in threads:
+        thread.start()
+    if pace_by is not None:
+        keep_pace(list(targets.values()), pace_by, lambda: should_end() or not any(each.is_alive() for each in threads))
+    for thread in threads:
+        thread.join()
+
+
+def keep_pace(targets: list[SharedTarget], clock: Clock, should_end: Callable[[], bool]) -> None:
+    """Let the time of a shared world keep pace with the wall clock.
+
+    Time runs ahead of the clock by two control periods at most, and only while every robot in motion has its next
+    command. A robot whose command is a whole period late comes to rest; the others go on.
+
+    Args:
+        targets: All robots of the world.
+        clock: The wall clock.
+        should_end: Asked in every control period.
+    """
+    simulation = targets[0].robot.world.simulation
+    simulation.is_paced = True
+    pace, period_s = Pace(simulation, clock), simulation.control_period_s
+    while not should_end():
+        with simulation.lock:
+            targets[0].look_for_stops()
+            lag_s = pace.compute_lag_s()
+            is_ahead = lag_s <= -AHEAD_PERIODS * period_s
+            if lag_s < period_s and (is_ahead or not simulation.is_eager()):
+                simulation.lock.wait(min(period_s - lag_s, period_s))
+                continue
+            moving, commanded = {each for each in targets if each.is_moving}, simulation.find_commanded()
+            for target in moving:
+                if target.robot.profile.target not in commanded:
+                    target.note_deadman()
+            simulation.pass_period()
+            if not moving and any(each.is_moving for each in targets):
+                pace.begin_motion()

@@ -1,0 +1,121 @@
+"""A scene with its robots as one MuJoCo model, and the state that is stepped.
+
+Upstream: `robot`, `scene`, `allowed_collisions`. Downstream: the driver, look-ahead, benchmarks. A scene's only robot
+is the root of the model, so that its names stay as its file gives them. Of several, each is attached with its target's
+name as prefix: `left_arm/joint1`. Robots collide with each other; what each leaves out of its own body stays left out.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Entity, Region
+from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
+from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
+
+Robot = tuple[TargetProfile, Path]
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledScene:
+    """Robots and things, compiled, and their state.
+
+    Attributes:
+        spec: As it was compiled.
+        model: One for all robots.
+        data: The state that is stepped.
+        entities: The things, at their start.
+        regions: Named regions in the world.
+        model_sha256: Of the model's bytes.
+    """
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    entities: tuple[Entity, ...]
+    regions: tuple[Region, ...]
+    model_sha256: str
+
+    def export(self) -> dict[str, bytes]:
+        """The scene as files: `scene.mjb`, compiled, and `scene.xml`."""
+        return {"scene.mjb": _read_bytes(self.model), "scene.xml": self.spec.to_xml().encode()}
+
+
+def name_prefix(target: str, robots: int) -> str:
+    """Prefix of a robot's names in a model of so many robots."""
+    return f"{target}/" if robots > 1 else ""
+
+
+def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> CompiledScene:
+    """Robots in a scene.
+
+    Args:
+        robots: Each with the folder where its model lies.
+        spec: The scene.
+        seed: Of the scene.
+
+    Raises:
+        DefinitionError: `PERIODS_DIFFER` when the robots count on different control periods or physics steps.
+        ExecutionError: `SCENE_OVERFULL`.
+    """
+    placed = draw_bodies(spec, seed)
+    world = _join(robots)
+    world.option.timestep = robots[0][0].physics_step_s
+    world.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    world.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    world.option.impratio = 10.0
+    world.visual.quality.shadowsize = 4096
+    world.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    world.visual.headlight.diffuse = [0.25, 0.25, 0.25]
+    world.visual.map.znear = 0.01
+    add_scene(world, spec, placed)
+    model = world.compile()
+    return CompiledScene(
+        spec=world,
+        model=model,
+        data=mujoco.MjData(model),
+        entities=tuple(item.as_entity() for item in placed),
+        regions=read_regions(spec, placed),
+        model_sha256=hashlib.sha256(_read_bytes(model)).hexdigest(),
+    )
+
+
+def _read_bytes(model: mujoco.MjModel) -> bytes:
+    buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
+
+
+def _join(robots: Sequence[Robot]) -> mujoco.MjSpec:
+    """The robots alone; the only one as it is, several with prefixes."""
+    specs = []
+    for profile, folder in robots:
+        robot = build_robot(profile, folder)
+        exclude_pairs(robot, compute_collision_matrix(profile, folder).excluded)
+        specs.append(robot)
+    if len(specs) == 1:
+        return specs[0]
+    periods = {profile.target: (profile.control_period_s, profile.physics_step_s) for profile, _ in robots}
+    if len(set(periods.values())) > 1:
+        raise DefinitionError(
+            Problem(
+                code="PERIODS_DIFFER",
+                address="control_period_s and physics_step_s of the targets of one world",
+                found=", ".join(
+                    f"{target}: {period_s} s, {step_s} s" for target, (period_s, step_s) in periods.items()
+                ),
+                expected="the same control period and physics step for all",
+            )
+        )
+    world = mujoco.MjSpec()
+    for (profile, _), robot in zip(robots, specs, strict=True):
+        world.attach(robot, prefix=name_prefix(profile.target, len(robots)), frame=world.worldbody.add_frame())
+    return world
