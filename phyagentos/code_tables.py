@@ -36,6 +36,7 @@ NOT_A_WIRING         The ports of a node are no mapping.
 NOT_COMPARED         A number stands without a comparison, or a truth with one.
 NO_CANDIDATE         No skill and target together guarantee what is asked.
 NO_SERIAL_CHAIN      The model's arm is no serial chain from base to tool.
+PERIODS_DIFFER       Targets of one world count on different control periods or physics steps.
 PREDICATE_SYNTAX     A predicate cannot be parsed.
 RECURSION            A tree contains itself.
 SCENE_OVERFULL       The bodies of a scene find no room without touching.
@@ -275,6 +276,7 @@ PROTECTIVE_STOP     The target stopped itself and waits for a halt.
 RATE                Commands come faster than allowed.
 ROTATION_INVALID    Columns that should be a rotation are none.
 SAFETY_STOP         A safety layer stopped the execution.
+SESSION_LOST        The runtime gave a session up while its target waited in a shared world.
 SESSION_TOO_LONG    The session has been commanding for longer than allowed.
 SET_POINTS_DISAGREE The velocity rows are not the velocity of the position rows.
 WORKSPACE           The tool centre point is outside the workspace.
