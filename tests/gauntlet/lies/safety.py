@@ -5,7 +5,7 @@ from tests.gauntlet.sabotage import Edit, Sabotage
 GUARD = "phyagentos.runtime.actions.guard"
 LIMITS = "phyagentos.runtime.drivers.mujoco.local_limits"
 AUTHORITY = "phyagentos.runtime.targets.authority"
-WORLD = "phyagentos.runtime.drivers.mujoco.world"
+SERVED = "phyagentos.runtime.targets.served_target"
 
 SABOTAGES = (
     Sabotage(
@@ -63,7 +63,7 @@ SABOTAGES = (
     Sabotage(
         name="deadman_off",
         lie="An arm whose client falls silent in mid-motion may be commanded on as if nothing had happened.",
-        edits=(Edit(WORLD, "if self._drive.is_moving and self._authority.session:", "if False:"),),
+        edits=(Edit(SERVED, "if self.driver.is_moving and self._authority.session:", "if False:"),),
         tests=(
             "tests/runtime/targets/test_realtime.py::"
             "test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_up_again",
@@ -86,7 +86,7 @@ SABOTAGES = (
     Sabotage(
         name="estop_latch_ignored_by_target",
         lie="The target never looks at the latch.",
-        edits=(Edit(WORLD, "if not self._is_estopped():", "if True:"),),
+        edits=(Edit(SERVED, "if not self._is_estopped():", "if True:"),),
         tests=(
             "tests/runtime/targets/test_stop_on_a_full_disk.py::"
             "test_the_arm_is_at_rest_before_the_disk_is_asked_and_nothing_is_accepted_while_it_is_full",
