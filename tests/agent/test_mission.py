@@ -319,7 +319,7 @@ def test_cancel_ends_every_session_and_the_exit_code_says_so(make_stage, tidy):
 def test_a_dead_runtime_ends_the_mission_and_a_later_one_continues(make_stage, tidy):
     stage = make_stage()
     stage.runtime.paused = True
-    with pytest.raises(ExecutionError, match=r"nobody runs tidy-7\.red, tidy-7\.green"):
+    with pytest.raises(ExecutionError, match=r"no watchdog runs tidy-7\.red, tidy-7\.green"):
         stage.make_mission(is_runtime_alive=lambda _: False).run(tidy, seed=7)
     stage.runtime.paused = False
     stage.runtime.on_change(None, None)

@@ -94,7 +94,7 @@ def test_what_succeeded_is_no_success_when_nobody_judged(make_stage, write_graph
     mission = stage.make_mission(verifier=SessionVerifier(mode=VerificationMode.OFF))
     report = mission.run(write_graph(GRAPH), seed=7)
     assert report.first_attempt_success == {"red": False, "blue": False}
-    assert report.reason == "verification is off: every execution completed, and nobody judged"
+    assert report.reason == "verification is off: every execution completed, none was judged"
 
 
 # -- unknown -----------------------------------------------------------------------------------------------------------

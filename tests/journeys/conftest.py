@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.agent.mission.goal_controller import GoalController
+from phyagentos.agent.mission.worklist import Worklist
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
@@ -70,13 +70,13 @@ def make_plane(tmp_path):
 @pytest.fixture(autouse=True)
 def graphs_are_recorded(monkeypatch, tmp_path_factory):
     """The agent's graph of a goal, followed to the end or made anew from the journal, is what the records draw."""
-    take_in = GoalController.take_in
+    take_in = Worklist.take_in
 
-    def take_in_and_compare(controller, record):
-        take_in(controller, record)
-        if record.ev in {"goal_verdict", "goal_cancelled"} and record.id == f"goal:{controller.goal}":
-            assert_same_graph(controller.worklist.dag, controller.status)
+    def take_in_and_compare(worklist, record):
+        take_in(worklist, record)
+        if record.ev in {"goal_verdict", "goal_cancelled"} and record.id == f"goal:{worklist.goal}":
+            assert_same_graph(worklist.dag, worklist.ledger.goals[worklist.goal])
 
-    monkeypatch.setattr(GoalController, "take_in", take_in_and_compare)
+    monkeypatch.setattr(Worklist, "take_in", take_in_and_compare)
     yield
     check_recorded_graphs(tmp_path_factory.getbasetemp())

@@ -1,6 +1,6 @@
 """The judgement of a whole goal, and the evidence of its sessions.
 
-Upstream: finished sessions. Downstream: `progress`. A goal is met when every node is done and its own acceptance is
+Upstream: finished sessions. Downstream: the controller. A goal is met when every node is done and its own acceptance is
 true in the latest snapshot, changes measured against the first one. Each simulated target has a world of its own: where
 those of a goal do not agree, nothing is known.
 """

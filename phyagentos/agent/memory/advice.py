@@ -1,16 +1,15 @@
-"""Two ports on the way from a compiled contract to the journal: what memory advises, and what look-ahead refuses.
+"""The port on the way from a compiled contract to the journal: what memory advises.
 
-Upstream: `progress`, which asks before it submits a session, and after preflight refused one. Downstream: `memory` and
-`lookahead`. Both answers end in the contract of a session, so they are recorded and never asked for again.
+Upstream: `drafting` asks before a session is submitted. Downstream: `memory`. The answer ends in the contract, so it is
+recorded and never asked for again. What look-ahead proposes (`repair.foresight`) has the same form.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import msgspec
 
-from phyagentos.protocol.sessions.session import Session, SessionStatus
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.world.environment import Environment
 
@@ -45,33 +44,12 @@ class Advisor(Protocol):
         ...
 
 
-class Foresight(Protocol):
-    """Asked when preflight refused a session for what its simulation came to (`LOOKAHEAD_LOW`)."""
-
-    def revise(self, refused: SessionStatus, folder: Path) -> Advice | None:
-        """What a child should do differently, or None when nothing is worth a try.
-
-        Args:
-            refused: The rejected session; `reason` is what preflight said.
-            folder: Its evidence folder, which holds the look-ahead's result.
-        """
-        ...
-
-
 class NoAdvice:
     """Nothing is remembered."""
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
         """Nothing."""
         return NOTHING
-
-
-class NoForesight:
-    """A refused session is not revised."""
-
-    def revise(self, refused: SessionStatus, folder: Path) -> Advice | None:
-        """Nothing is worth a try."""
-        return None
 
 
 NOTHING = Advice()

@@ -6,33 +6,31 @@ answer is one batch, recorded whole or not. A step costs what has changed, howev
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 
 from phyagentos.agent.goals.compiler import Revision, SessionCompiler
-from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.judging.goal_judgement import Evidence, judge_goal
 from phyagentos.agent.judging.verifier import History, SessionVerifier
-from phyagentos.agent.memory.advice import Advisor, Foresight, NoAdvice, NoForesight, apply_advice
-from phyagentos.agent.mission.goal_facts import GoalFacts, is_foreseen
-from phyagentos.agent.mission.recovery import Recovery, is_look, join
+from phyagentos.agent.memory.advice import Advisor
+from phyagentos.agent.mission.drafting import Drafter, join
+from phyagentos.agent.mission.goal_facts import GoalFacts
+from phyagentos.agent.mission.recovery import Recovery, is_look
 from phyagentos.agent.mission.worklist import Worklist
 from phyagentos.agent.repair.case import join_evidence
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
-from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
-from phyagentos.errors import DefinitionError
+from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.session import Ended, GoalId, Session, SessionStatus
+from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
+from phyagentos.protocol.sessions.session import Ended, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.records import Record
 
 NODES_A_RECORD = 1000  # a record has an upper limit; a larger graph takes several
 BATCH = 64  # verdicts recorded as one: enough to share the wait for the disk, few enough that nobody waits for them
@@ -41,63 +39,55 @@ _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLA
 _OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class GoalController:
     """The decisions of one goal.
 
-    Attributes:
+    Args:
         compiler: Of its graph.
         ledger: Kept up to date by the mission.
         evidence: Reads the bundles of its sessions.
         verifier: Judges them.
-        worklist: What has changed since the last look, and the goal's graph.
         advisor: Asked before a session is submitted.
-        foresight: Asked when look-ahead has refused one.
         policy: Chooses what follows when a session did not meet its objective.
-        facts: What the records tell.
+
+    Attributes:
+        goal: Its id.
+        graph: As authored.
+        worklist: What has changed since the last look, and the goal's one graph.
     """
 
-    compiler: SessionCompiler
-    ledger: Ledger
-    evidence: Evidence
-    verifier: SessionVerifier
-    worklist: Worklist
-    advisor: Advisor = field(default_factory=NoAdvice)
-    foresight: Foresight = field(default_factory=NoForesight)
-    policy: RepairPolicy = field(default_factory=GraphRepair)
-    facts: GoalFacts = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "facts", GoalFacts(graph=self.graph, goal=self.goal, ledger=self.ledger, dag=self.worklist.dag)
-        )
-
-    @property
-    def graph(self) -> GoalGraph:
-        """The goal graph."""
-        return self.compiler.graph
-
-    @property
-    def goal(self) -> GoalId:
-        """Its id."""
-        return self.compiler.goal
-
-    @property
-    def recovery(self) -> Recovery:
-        """What follows for a miss."""
-        return Recovery(
-            facts=self.facts,
-            compiler=self.compiler,
-            evidence=self.evidence,
-            policy=self.policy,
-            restores=self.policy.restores and self.verifier.mode is VerificationMode.RECOVERY,
-            compile=self._compile,
+    def __init__(
+        self,
+        *,
+        compiler: SessionCompiler,
+        ledger: Ledger,
+        evidence: Evidence,
+        verifier: SessionVerifier,
+        advisor: Advisor,
+        policy: RepairPolicy,
+    ) -> None:
+        self.goal, self.graph = compiler.goal, compiler.graph
+        self.worklist = Worklist(self.graph, self.goal, ledger)
+        self._seed, self._ledger, self._evidence, self._verifier = compiler.seed, ledger, evidence, verifier
+        self._facts = GoalFacts(graph=self.graph, goal=self.goal, ledger=ledger, dag=self.worklist.dag)
+        self._drafter = Drafter(facts=self._facts, compiler=compiler, evidence=evidence, advisor=advisor)
+        self._recovery = Recovery(
+            facts=self._facts,
+            drafter=self._drafter,
+            evidence=evidence,
+            policy=policy,
+            restores=policy.restores and verifier.mode is VerificationMode.RECOVERY,
         )
 
     @property
     def status(self) -> GoalStatus:
         """The goal as it stands."""
-        return self.ledger.goals[self.goal]
+        return self._ledger.goals[self.goal]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more is to be recorded: it has its verdict, or is cancelled and no session lives."""
+        return bool(self.status.verdict) or (self.status.is_cancelled and not self.worklist.has_live())
 
     def open(self) -> list[Entry]:
         """The goal, its graph, and the sessions of every node that waits for nothing."""
@@ -112,7 +102,7 @@ class GoalController:
             }
             for name, node in self.graph.nodes.items()
         }
-        asked = {"graph": spec.goal, "seed": self.compiler.seed, "objective": spec.objective, "scene": spec.scene}
+        asked = {"graph": spec.goal, "seed": self._seed, "objective": spec.objective, "scene": spec.scene}
         judged = {"accept": list(spec.accept), "constraints": list(spec.constraints)}
         names = list(nodes)
         parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
@@ -123,19 +113,27 @@ class GoalController:
             *self._keep_to_budget(self._start(first, {})),
         ]
 
-    def take_in(self, record: Record) -> None:
-        """Note what a record changed; the ledger knows it already."""
-        self.worklist.take_in(record, self.ledger)
-
     def decide(self) -> list[Entry]:
         """The next batch; empty when there is nothing to do but wait."""
-        if self.status.verdict or self.status.is_cancelled:
+        if self.status.verdict:
             return []
+        if self.status.is_cancelled:
+            return self.cancel()
         return self._keep_to_budget(self._judge_ended() or self._look_at_changed() or self._finish())
 
     def iter_live(self) -> Iterator[SessionStatus]:
         """Sessions of this goal that are not final."""
-        return (self.ledger.sessions[id] for id in self.worklist.iter_live())
+        return (self._ledger.sessions[id] for id in self.worklist.iter_live())
+
+    def cancel(self) -> list[Entry]:
+        """The end of the goal, where it is not yet recorded, and of every session that has not been asked to end."""
+        body = {"reason": "the goal is cancelled"}
+        entries = [
+            Entry(status.contract.id, trigger, body)
+            for status in self.iter_live()
+            if (trigger := find_cancel(status.state)) is not None
+        ]
+        return entries if self.status.is_cancelled else [*entries, self._say(GoalEvent.GOAL_CANCELLED, body)]
 
     # -- sessions ------------------------------------------------------------------------------------------------------
 
@@ -144,7 +142,7 @@ class GoalController:
 
         Those whose judgement was interrupted come first, then the others in the order of their end.
         """
-        waiting = [self.ledger.sessions[id] for id in self.worklist.iter_unjudged()]
+        waiting = [self._ledger.sessions[id] for id in self.worklist.iter_unjudged()]
         waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)
         entries: list[Entry] = []
         fresh: dict[str, Mapping[str, Any]] = {}
@@ -154,11 +152,11 @@ class GoalController:
             finishes = not status.contract.purpose or is_look(status.contract)
             if _lets_go_on(attempt, bundle) and finishes:
                 fresh[node] = bundle.execution.outputs
-                done = self._say_of(node, GoalEvent.NODE_DONE, attempt.reason)
+                done = self._drafter.say(node, GoalEvent.NODE_DONE, attempt.reason)
                 freed = self._find_freed_by(node, fresh)
                 entries += [*_record_verdict(status, attempt), done, *self._start(freed, fresh)]
             elif not entries:
-                attempt, follow = self.recovery.follow(status, bundle, attempt)
+                attempt, follow = self._recovery.follow(status, bundle, attempt)
                 return [*_record_verdict(status, attempt), *follow]
             else:
                 break
@@ -169,18 +167,18 @@ class GoalController:
 
         A session that only looked is judged by the criteria of the one for whose sake it did, on what it saw.
         """
-        facts, node = self.facts, status.contract.node
+        facts, node = self._facts, status.contract.node
         history = History(replans=facts.count_replans(node), max_replans=self.graph.max_replans(node))
-        judges_another = is_look(status.contract) and not self.recovery.prepares(status)
+        judges_another = is_look(status.contract) and not self._recovery.prepares(status)
         subject = facts.find_subject(status.contract) if judges_another else status
         looks = subject is not status
-        seen = self.evidence.read(status, with_course=False)
-        bundle = join_evidence(self.evidence.read(subject, with_course=False), seen) if looks else seen
-        attempt = self.verifier.judge(bundle, history)
+        seen = self._evidence.read(status, with_course=False)
+        bundle = join_evidence(self._evidence.read(subject, with_course=False), seen) if looks else seen
+        attempt = self._verifier.judge(bundle, history)
         if attempt.found is not Verdict.SUCCESS:  # now it matters what happened on the way
-            course = self.evidence.read(subject)
+            course = self._evidence.read(subject)
             bundle = join_evidence(course, seen) if looks else course
-            attempt = self.verifier.judge(bundle, history)
+            attempt = self._verifier.judge(bundle, history)
         if looks:
             told = f"{subject.contract.id}, on what {status.contract.id} saw: {attempt.reason}"
             attempt = msgspec.structs.replace(attempt, reason=told)
@@ -208,11 +206,11 @@ class GoalController:
     def _look_at(self, name: str, blocked: set[str]) -> list[Entry]:
         """What is to be done about one node; `blocked` are by this batch."""
         node = self.status.nodes[name]
-        latest = self.ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
+        latest = self._ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
         if latest is not None and latest.state == SessionState.REJECTED:
-            return self._follow_refusal(latest)
+            return self._recovery.follow_refusal(latest)
         if latest is not None and latest.state == SessionState.CANCELLED:
-            return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+            return [self._drafter.say(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
         if node.state not in _OPEN and not waits_for_restoration:
             return []
@@ -221,50 +219,26 @@ class GoalController:
         missing = dag.find_open(name, further=not waits) if waits or node.sessions else []
         for before in missing:
             if before in blocked or self._get_state(before) is NodeState.BLOCKED:
-                return [self._say_of(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
+                return [self._drafter.say(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
         if waits:
             return []
         if missing:  # what it had begun with has been undone further back
-            return [self.recovery.wait_for(missing, name)]
-        return self._start((name,), {}) if latest is None else self.recovery.go_on(latest)
-
-    def _follow_refusal(self, refused: SessionStatus) -> list[Entry]:
-        """Preflight refused a session: revise it when look-ahead says how, go on when it only prepared, else stop."""
-        name, contract = refused.contract.node, refused.contract
-        if contract.purpose:
-            return self.recovery.go_on(refused)
-        if is_foreseen(refused):
-            advice = self.foresight.revise(refused, self.evidence.root / "evidence" / contract.id)
-            if advice is not None:
-                reasons = (refused.reason, *advice.reasons)
-                revision = Revision(
-                    parent=contract.id,
-                    strategy=advice.strategy,
-                    requires=contract.requires,
-                    reasons=reasons,
-                    threshold=advice.threshold,
-                )
-                child = self._compile(name, {}, revision)
-                if isinstance(child, Session):
-                    return self.recovery.submit_child(child, reasons)
-        return self.recovery.follow_refusal(refused)
+            return [self._recovery.wait_for(missing, name)]
+        return self._start((name,), {}) if latest is None else self._recovery.go_on(latest)
 
     def _start(self, names: Iterable[str], fresh: Mapping[str, Mapping[str, Any]]) -> list[Entry]:
         """Sessions for nodes that wait for nothing any more; `fresh` are outputs not yet in the records."""
         entries: list[Entry] = []
         for name in names:
-            again = self.facts.get_ids(name)
+            again = self._facts.get_ids(name)
             revision = Revision(parent=again[-1]) if again else None
-            session = self._compile(name, fresh, revision)
+            session = self._drafter.draft(name, revision, fresh)
             if isinstance(session, str):
-                entries.append(self._say_of(name, GoalEvent.NODE_BLOCKED, session))
+                entries.append(self._drafter.say(name, GoalEvent.NODE_BLOCKED, session))
                 continue
             ready = join(("everything before it is done", *session.advice))
-            entries.append(self._say_of(name, GoalEvent.NODE_READY, ready))
-            if revision:
-                entries += self.recovery.submit_child(session, ("it has to be done again",), Relation.AGAIN)
-            else:
-                entries.append(Entry(session.id, "submit", _to_body(session)))
+            entries.append(self._drafter.say(name, GoalEvent.NODE_READY, ready))
+            entries += self._drafter.submit(session, ("it has to be done again",), Relation.AGAIN)
         return entries
 
     # -- the goal ------------------------------------------------------------------------------------------------------
@@ -273,7 +247,7 @@ class GoalController:
         """The same records, without the sessions that the goal's budget does not pay for: these block their nodes."""
         if self.graph.spec.budget.is_endless or not any(entry.ev == "submit" for entry in entries):
             return entries
-        left = self.facts.compute_left()
+        left = self._facts.compute_left()
         kept: list[Entry] = []
         submitted = 0
         for entry in entries:
@@ -285,53 +259,40 @@ class GoalController:
             node = str((entry.body or {}).get("node"))
             id = f"node:{self.goal}/{node}"
             kept = [each for each in kept if each.id != id or each.ev not in {GoalEvent.NODE_READY, GoalEvent.CHILD_OF}]
-            kept.append(self._say_of(node, GoalEvent.NODE_BLOCKED, why))
+            kept.append(self._drafter.say(node, GoalEvent.NODE_BLOCKED, why))
         return kept
 
     def _finish(self) -> list[Entry]:
         """The verdict of the goal, or the nodes that the world has undone; empty while a session lives."""
         if self.worklist.has_live():
             return []
-        for status in self.facts.find_ended():
-            self.evidence.take_in(status)
+        for status in self._facts.find_ended():
+            self._evidence.take_in(status)
         blocked = {name: n.reason for name, n in self.status.nodes.items() if n.state is NodeState.BLOCKED}
-        outcome = judge_goal(self.graph, self.evidence, blocked)
-        mode = self.verifier.mode
+        outcome = judge_goal(self.graph, self._evidence, blocked)
+        mode = self._verifier.mode
         if mode is VerificationMode.OFF and not blocked:
-            told = "verification is off: every execution completed, and nobody judged"
+            told = "verification is off: every execution completed, none was judged"
             outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=told)
         decides = mode in {VerificationMode.ENFORCE, VerificationMode.RECOVERY} and not blocked
         if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
-            undone = self.recovery.find_undone()
-            restores = self.recovery.restores
-            payable = {name: reason for name, reason in undone.items() if restores and self.facts.has_replans(name)}
+            regressions = self._recovery.find_regressions()
+            restores = self._recovery.restores
+            payable = {
+                name: reason for name, reason in regressions.items() if restores and self._facts.has_replans(name)
+            }
             if payable:
-                return self.recovery.reopen(payable)
-            if undone:
-                outcome = replace(outcome, verdict=Verdict.FAILURE, reason=next(iter(undone.values())))
+                return self._recovery.reopen(payable)
+            if regressions:
+                outcome = replace(outcome, verdict=Verdict.FAILURE, reason=next(iter(regressions.values())))
             if restores and outcome.now is not None and not any(c.truth is Truth.FALSE for c in outcome.criteria):
-                looks = self.recovery.look_for(outcome.criteria, outcome.now)
+                looks = self._recovery.look_for(outcome.criteria, outcome.now)
                 if looks:
                     return looks
         body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
         return [self._say(GoalEvent.GOAL_VERDICT, body)]
 
     # -- facts ---------------------------------------------------------------------------------------------------------
-
-    def _compile(self, name: str, fresh: Mapping[str, Mapping[str, Any]], revision: Revision | None) -> Session | str:
-        """The next session of a node, or why it cannot be compiled."""
-        sources = {edge.node for edge in self.graph.nodes[name].data}
-        outputs = {
-            source: fresh[source] if source in fresh else self.facts.find_outputs(source)
-            for source in sources
-            if source in fresh or self._get_state(source) is NodeState.DONE
-        }
-        attempt = len(self.facts.get_ids(name))
-        try:
-            session = self.compiler.compile_node(name, outputs=outputs, attempt=attempt, revision=revision)
-        except DefinitionError as error:
-            return str(error)
-        return apply_advice(session, self.advisor.advise(session, self.evidence.all.now))
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""
@@ -349,9 +310,6 @@ class GoalController:
     def _say(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
         return Entry(f"goal:{self.goal}", event, body)
 
-    def _say_of(self, node: str, event: GoalEvent, reason: str) -> Entry:
-        return Entry(f"node:{self.goal}/{node}", event, {"reason": reason})
-
 
 def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
     """Whether what waits for the session may begin; where nobody judges, because its execution completed."""
@@ -365,7 +323,3 @@ def _record_verdict(status: SessionStatus, attempt: Attempt) -> list[Entry]:
     if status.state == SessionState.VERIFYING:
         return [verdict]
     return [Entry(id, "verify", epoch=status.epoch), verdict]
-
-
-def _to_body(session: Session) -> dict[str, Any]:
-    return dict(msgspec.to_builtins(session))

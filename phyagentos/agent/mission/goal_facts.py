@@ -1,6 +1,6 @@
 """What the records tell of one goal: the sessions of its nodes, which of them pursued the objective, what is spent.
 
-Upstream: the fold of the journal. Downstream: `progress` and `recovery`, which decide. Nothing here decides or records.
+Upstream: the fold of the journal. Downstream: controller and `recovery`, which decide. Nothing here decides or records.
 """
 
 from collections.abc import Mapping

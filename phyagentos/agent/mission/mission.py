@@ -1,11 +1,11 @@
 """The mission: the only loop of the agent plane. It submits what is ready, waits, judges, until the goal is judged.
 
 Upstream: a goal graph and a seed. Downstream: the journal, where the runtime finds its sessions. The loop holds no
-state of its own: what to do next is decided by `progress` from the records, so a mission may be killed and run again.
+state of its own: the controller decides from the records what is next, so a mission may be killed and run again.
 """
 
+import logging
 import os
-import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,21 +19,19 @@ from phyagentos.agent.goals.graph import GoalGraph, override_yaml, read_goal_gra
 from phyagentos.agent.goals.spec import GoalSpec
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import SessionVerifier
-from phyagentos.agent.memory.advice import Advisor, Foresight, NoAdvice
+from phyagentos.agent.memory.advice import Advisor, NoAdvice
 from phyagentos.agent.mission.goal_controller import GoalController
 from phyagentos.agent.mission.report import MissionReport, build_report
-from phyagentos.agent.mission.worklist import Worklist
-from phyagentos.agent.repair.foresight import LookaheadForesight
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, format_names
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import read_yaml, validate
-from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition, find_cancel
+from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition
 from phyagentos.protocol.sessions.session import GoalId, check_goal_id
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.admission import Entry, GoalEvent, IllegalEvent
+from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
@@ -46,15 +44,12 @@ PUBLISH_SHARE = 0.01  # of the time at most: with many goals TASK.md is long
 SYNC_AFTER_S = 0.02  # without news; until then the runtime's next start, which waits for the disk, covers a verdict
 GATHER_S = 0.02  # so long may a verdict wait for others, while every target has more to do than that
 GATHER_FROM = 32  # sessions that wait for each target: at a millisecond a session there is no end within that time
+_LOG = logging.getLogger(__name__)
 TRIES = 20  # at a batch that another writer made out of date
 
 
-def _log(text: str) -> None:
-    print(text, file=sys.stderr)  # noqa: T201 - the agent's log
-
-
 class MissionObserver(Protocol):
-    """Somebody who looks on: a terminal, a recorder of benchmarks."""
+    """Follows a mission: a terminal, a recorder of benchmarks."""
 
     def on_change(self, goal: GoalStatus, ledger: Ledger) -> None:
         """New records were taken in; called in the loop's thread, must return soon and change nothing."""
@@ -69,12 +64,9 @@ class Mission:
         journal: Opened for the side `agent`.
         clock: For waiting and for wall times of the report.
         verifier: Judges the sessions.
-        observers: Told of every change.
-        advisor: Asked before a session is submitted.
-        foresight: Asked when look-ahead has refused one; by default the best way that it rehearsed is taken.
+        advisor: Asked before a session is submitted; by default no experience changes a contract.
         policy: Chooses what follows when a session did not meet its objective; graph repair by default.
-        publishes_task: Whether TASK.md is rendered here; off where another process renders the views.
-        tell: Told what a person should know before the verdict; stderr by default.
+        observers: Called after every change.
         is_runtime_alive: Asked while waiting for a goal; False ends the mission instead of waiting for ever.
     """
 
@@ -86,20 +78,14 @@ class Mission:
         clock: Clock,
         verifier: SessionVerifier | None = None,
         advisor: Advisor | None = None,
-        foresight: Foresight | None = None,
         policy: RepairPolicy | None = None,
         observers: Sequence[MissionObserver] = (),
-        publishes_task: bool = True,
-        tell: Callable[[str], None] = _log,
         is_runtime_alive: Callable[[GoalStatus], bool] = lambda _: True,
     ) -> None:
         self._workspace, self._journal, self._clock = workspace, journal, clock
         self._verifier = verifier or SessionVerifier()
-        self._advisor, self._foresight = advisor or NoAdvice(), foresight or LookaheadForesight()
-        self._policy = policy or GraphRepair()
-        self._observers = observers
-        self._publishes_task, self._tell = publishes_task, tell
-        self._is_runtime_alive = is_runtime_alive
+        self._advisor, self._policy = advisor or NoAdvice(), policy or GraphRepair()
+        self._observers, self._is_runtime_alive = observers, is_runtime_alive
         self._cancelled = threading.Event()
         self._next_publish_s = 0.0
         self._published_seq = -1
@@ -135,9 +121,9 @@ class Mission:
             _write_durably(file, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
         elif file.resolve() != graph_file.resolve():
             _write_durably(file, graph_file.read_bytes())
-        run = self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
-        self._commit(run, run.open)
-        return self._pursue(run)
+        controller = self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
+        self._commit(controller, controller.open)
+        return self._pursue(controller)
 
     def resume(self, goal: GoalId) -> MissionReport:
         """Go on with a goal that the workspace knows; one that has its verdict is only reported.
@@ -149,11 +135,12 @@ class Mission:
         if goal not in self.ledger.goals:
             return self._report_past(goal)
         if not self._is_spent(goal):
-            self._tell(f"continues goal {goal}")
+            _LOG.warning("continues goal %s", goal)
         catalogue = Catalogue.of_workspace(self._workspace)
         graph = read_goal_graph(self._workspace.goal_file_of(goal), catalogue)
         seed = self.ledger.goals[goal].seed
-        return self._pursue(self._make_run(SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed)))
+        compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=goal, seed=seed)
+        return self._pursue(self._make_controller(compiler))
 
     def _report_past(self, goal: GoalId) -> MissionReport:
         """Of a goal that ended so long ago that the ledger has let go of it."""
@@ -174,16 +161,14 @@ class Mission:
         """Ask for an end: live sessions are cancelled, the target is brought to rest. Any thread may call this."""
         self._cancelled.set()
 
-    def _make_run(self, compiler: SessionCompiler) -> GoalController:
+    def _make_controller(self, compiler: SessionCompiler) -> GoalController:
         self.ledger.keep_goal(compiler.goal)  # the report comes after the verdict
         return GoalController(
             compiler=compiler,
             ledger=self.ledger,
             evidence=Evidence(self._workspace.root),
             verifier=self._verifier,
-            worklist=Worklist(compiler.graph, compiler.goal, self.ledger),
             advisor=self._advisor,
-            foresight=self._foresight,
             policy=self._policy,
         )
 
@@ -217,29 +202,27 @@ class Mission:
         goal = self.ledger.goals.get(id)
         return bool(goal.verdict) or goal.is_cancelled if goal else self._journal.knows(f"goal:{id}")
 
-    def _pursue(self, run: GoalController) -> MissionReport:
+    def _pursue(self, goal: GoalController) -> MissionReport:
         begin_s = self._clock.now_s()
         with Watch([self._journal.folder], clock=self._clock) as watch:
-            while self._look(run):
-                if self._commit(run, lambda: self._decide(run)):
+            while True:
+                self._read(goal)
+                if goal.is_over:
+                    break
+                if self._commit(goal, goal.cancel if self._cancelled.is_set() else goal.decide):
                     watch.drain()  # before the look: what comes after it wakes the wait
                     continue
                 self._publish()
-                if not self._wait(watch) and not self._is_runtime_alive(run.status):
-                    self._give_up(run)
-                if run.worklist.count_waiting() >= GATHER_FROM:
+                if not self._wait(watch) and not self._is_runtime_alive(goal.status):
+                    self._give_up(goal)
+                if goal.worklist.count_waiting() >= GATHER_FROM:
                     self._clock.sleep(GATHER_S)
         self._journal.sync()
         self._publish(at_once=True)
-        return build_report(run.status, self.ledger, self._clock.now_s() - begin_s)
-
-    def _look(self, run: GoalController) -> bool:
-        """Take in what is new; whether the goal is still to be pursued."""
-        self._read(run)
-        return not self._is_over(run)
+        return build_report(goal.status, self.ledger, self._clock.now_s() - begin_s)
 
     def _wait(self, watch: Watch) -> bool:
-        """Until something changes; whether anything did. Who has time for that waits for the disk, too."""
+        """Until something changes; whether anything did. A wait longer than a moment waits for the disk, too."""
         if not self._is_durable:
             if watch.wait(SYNC_AFTER_S):
                 return True
@@ -247,64 +230,45 @@ class Mission:
             self._is_durable = True
         return watch.wait(WAIT_S)
 
-    def _decide(self, run: GoalController) -> list[Entry]:
-        if self._cancelled.is_set() or run.status.is_cancelled:
-            return self._cancel(run)
-        return run.decide()
-
-    def _is_over(self, run: GoalController) -> bool:
-        return bool(run.status.verdict) or (run.status.is_cancelled and not any(True for _ in run.iter_live()))
-
-    def _cancel(self, run: GoalController) -> list[Entry]:
-        body = {"reason": "somebody asked for an end"}
-        entries = [
-            Entry(status.contract.id, trigger, body)
-            for status in run.iter_live()
-            if (trigger := find_cancel(status.state)) is not None
-        ]
-        if not run.status.is_cancelled:
-            entries.append(Entry(f"goal:{run.goal}", GoalEvent.GOAL_CANCELLED, body))
-        return entries
-
-    def _give_up(self, run: GoalController) -> None:
-        self._read(run)
-        waiting = [status.contract.id for status in run.iter_live()]
-        if waiting and run.status.is_cancelled:
+    def _give_up(self, goal: GoalController) -> None:
+        self._read(goal)
+        waiting = [status.contract.id for status in goal.iter_live()]
+        if waiting and goal.status.is_cancelled:
             raise ExecutionError(
                 "RUNTIME_LOST",
-                f"goal {run.goal} is cancelled, but no watchdog brings {', '.join(waiting)} to rest. Start "
-                f"'paos watch', and the agent again with '--goal {run.goal}': that ends them.",
+                f"goal {goal.goal} is cancelled, but no watchdog brings {', '.join(waiting)} to rest. Start "
+                f"'paos watch', and the agent again with '--goal {goal.goal}': that ends them.",
             )
         if waiting:
             raise ExecutionError(
                 "RUNTIME_LOST",
-                f"goal {run.goal}: nobody runs {', '.join(waiting)} any more. Start 'paos watch' and run it again; "
+                f"goal {goal.goal}: no watchdog runs {', '.join(waiting)}. Start 'paos watch' and run it again; "
                 "it continues from its records.",
             )
 
-    def _read(self, run: GoalController | None = None) -> int:
+    def _read(self, goal: GoalController | None = None) -> int:
         """Take in new records; how many there were."""
         records = self._journal.read_new()
         for record in records:
             self.ledger.apply(record)
-            if run is not None:
-                run.take_in(record)
-        if records and run is not None and run.goal in self.ledger.goals:
+            if goal is not None:
+                goal.worklist.take_in(record)
+        if records and goal is not None and goal.goal in self.ledger.goals:
             for observer in self._observers:
-                observer.on_change(run.status, self.ledger)
+                observer.on_change(goal.status, self.ledger)
         return len(records)
 
-    def _commit(self, run: GoalController, decide: Callable[[], list[Entry]]) -> int:
+    def _commit(self, goal: GoalController, decide: Callable[[], list[Entry]]) -> int:
         """Record what `decide` wants; decides anew when another writer was faster. How many entries there were."""
         for _ in range(TRIES):
             entries = decide()
             if not entries:
                 return 0
             try:
-                self._journal.commit(entries, durable=run.goal not in self.ledger.goals)
+                self._journal.commit(entries, durable=goal.goal not in self.ledger.goals)
             except (IllegalTransition, Fenced, IllegalEvent) as error:
                 refused = error
-                if not self._read(run):
+                if not self._read(goal):
                     raise
                 continue
             self._is_durable = False
@@ -315,7 +279,7 @@ class Mission:
         """TASK.md, when something changed and it is time."""
         now_s = self._clock.now_s()
         is_early = now_s < self._next_publish_s and not at_once
-        if not self._publishes_task or is_early or self.ledger.seq == self._published_seq:
+        if is_early or self.ledger.seq == self._published_seq:
             return
         publish(self._workspace.task, render_tasks(self.ledger))
         self._published_seq = self.ledger.seq

@@ -1,30 +1,31 @@
 """What follows when a session did not finish its node: a child, a preparation, a restoration, or the end of the node.
 
-Upstream: `progress`, with a judgement. Downstream: the records it returns. The choice is made by a `RepairPolicy`; only
-the affected part of the graph is touched: finished work is kept unless the world undid it.
+Upstream: the controller, with a judgement. Downstream: the records it returns. The choice is made by a `RepairPolicy`;
+only the affected part of the graph is touched: finished work is kept unless the world undid it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 
-from phyagentos.agent.goals.compiler import Revision, SessionCompiler
+from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.missing_evidence import find_missing_evidence
-from phyagentos.agent.mission.goal_facts import GoalFacts
+from phyagentos.agent.mission.drafting import Drafter, join
+from phyagentos.agent.mission.goal_facts import GoalFacts, is_foreseen
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import AlternativeKind, Decision
 from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.foresight import revise_foreseen
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_undone
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
 from phyagentos.protocol.sessions.session import Session, SessionStatus
-from phyagentos.protocol.sessions.tasks import NodeState, Relation, compute_session_id, get_relation
+from phyagentos.protocol.sessions.tasks import NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
 from phyagentos.protocol.world.environment import Environment
@@ -34,7 +35,6 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 
 _UNMET = "PRECONDITION_UNMET"  # preflight's code for a precondition that is false or unknown
-Compile = Callable[[str, Mapping[str, Mapping[str, Any]], Revision | None], Session | str]
 
 _REFUSALS = {  # of preflight: what a repair can answer
     "TOO_WIDE": Cause.IMPOSSIBLE,
@@ -51,19 +51,17 @@ class Recovery:
 
     Attributes:
         facts: Of the goal.
-        compiler: Of its graph.
+        drafter: Drafts what is submitted.
         evidence: Reads bundles.
         policy: Chooses.
         restores: Whether what is done may be opened again.
-        compile: The next session of a node, advice included, or why there is none.
     """
 
     facts: GoalFacts
-    compiler: SessionCompiler
+    drafter: Drafter
     evidence: Evidence
     policy: RepairPolicy
     restores: bool
-    compile: Compile
 
     def follow(self, status: SessionStatus, bundle: Bundle, attempt: Attempt) -> tuple[Attempt, list[Entry]]:
         """The judgement as it is to be recorded, and what follows for the node.
@@ -85,7 +83,7 @@ class Recovery:
             why = f"{attempt.reason} To look again costs no replan."
             return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries
         if attempt.verdict is not Verdict.REPLAN:
-            return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, [self.drafter.say(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
         entries = self._repair(node, Miss.of_execution(bundle, attempt))
         if _is_end(entries):  # no revision is worth its budget
             why = str((entries[-1].body or {}).get("reason", ""))
@@ -99,9 +97,13 @@ class Recovery:
         return purpose == clearing.PURPOSE or looked_first
 
     def follow_refusal(self, refused: SessionStatus) -> list[Entry]:
-        """What follows when preflight refused a session that pursued the objective of its node."""
+        """What follows when preflight refused a session."""
         node = refused.contract.node
-        blocked = [self.say_of(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
+        if refused.contract.purpose:
+            return self.go_on(refused)
+        if is_foreseen(refused) and (entries := self._revise_foreseen(refused)):
+            return entries
+        blocked = [self.drafter.say(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
         if not self.policy.restores:
             return blocked
         miss = self._find_miss(refused)
@@ -116,26 +118,26 @@ class Recovery:
         subject = self.facts.find_subject(latest.contract)
         miss = self._find_miss(subject)
         if miss is None:
-            return [self.say_of(node, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+            return [self.drafter.say(node, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
         if latest.execution is not None and latest.contract.id != subject.contract.id:
             miss = miss.join(self.evidence.read(latest))
             if is_look(latest.contract) and latest.decision is not None and miss.bundle is not None:
                 miss = Miss.of_execution(miss.bundle, latest.decision)
         return self._repair(node, miss, restores=latest.state != SessionState.REPLANNED)
 
-    def find_undone(self) -> dict[str, str]:
+    def find_regressions(self) -> dict[str, str]:
         """Finished nodes whose achievement no longer holds -> the fact that shows it."""
         seen = self.evidence.by_target.items()
         worlds = {target: (each.now, each.initial) for target, each in seen if each.now is not None}
-        promises = {name: skill.guarantees for name, skill in self.compiler.catalogue.skills.items()}
+        promises = {name: skill.guarantees for name, skill in self.drafter.compiler.catalogue.skills.items()}
         return find_undone(self.facts.find_finished(), self.facts.dag.find_after, promises, worlds)
 
-    def reopen(self, undone: Mapping[str, str]) -> list[Entry]:
+    def reopen(self, regressions: Mapping[str, str]) -> list[Entry]:
         """Finished nodes that must be done again, each at the price of one replan."""
         entries: list[Entry] = []
-        for name, reason in undone.items():
-            entries.append(self._say_next(name, GoalEvent.INVALIDATED, reason, Relation.AGAIN))
-            entries.append(self.say_of(name, GoalEvent.BUDGET_SPENT, reason))
+        for name, reason in regressions.items():
+            entries.append(self.drafter.say_next(name, GoalEvent.INVALIDATED, reason))
+            entries.append(self.drafter.say(name, GoalEvent.BUDGET_SPENT, reason))
         return entries
 
     def look_for(self, criteria: Sequence[Criterion], now: Environment) -> list[Entry]:
@@ -170,35 +172,12 @@ class Recovery:
         )
         return self._look_once_more(node, miss)
 
-    def wait_for(self, undone: Sequence[str], node: str) -> Entry:
+    def wait_for(self, regressions: Sequence[str], node: str) -> Entry:
         """Nodes that must be done again before the next session of a node that had begun."""
-        reason = f"it waits for {', '.join(undone)}, to be done again"
+        reason = f"it waits for {', '.join(regressions)}, to be done again"
         state = self.facts.get_state(node)
         relation = Relation.AGAIN if state is NodeState.INVALIDATED else Relation.REPLAN
-        return self._say_next(node, GoalEvent.NODE_WAITS, reason, relation, undone)
-
-    def submit_child(self, child: Session, reasons: Iterable[str], relation: Relation | None = None) -> list[Entry]:
-        """The record of the relation, with the reasons of the choice, and the contract."""
-        relation = relation or get_relation(child.purpose)
-        reason = join((*reasons, *child.advice))
-        body = {"child": child.id, "parent": child.parent, "relation": relation, "reason": reason}
-        return [
-            Entry(f"node:{self.facts.goal}/{child.node}", GoalEvent.CHILD_OF, body),
-            Entry(child.id, "submit", dict(msgspec.to_builtins(child))),
-        ]
-
-    def _say_next(
-        self, node: str, event: GoalEvent, reason: str, relation: Relation, after: Sequence[str] = ()
-    ) -> Entry:
-        """A record about a node that needs another session."""
-        ids = self.facts.get_ids(node)
-        child = compute_session_id(self.facts.goal, node, len(ids))
-        body = {"reason": reason, "child": child, "parent": ids[-1], "relation": relation}
-        return Entry(f"node:{self.facts.goal}/{node}", event, body | ({"after": list(after)} if after else {}))
-
-    def say_of(self, node: str, event: GoalEvent, reason: str) -> Entry:
-        """A record about a node."""
-        return Entry(f"node:{self.facts.goal}/{node}", event, {"reason": reason})
+        return self.drafter.say_next(node, GoalEvent.NODE_WAITS, reason, relation, regressions)
 
     # -- one miss ------------------------------------------------------------------------------------------------------
 
@@ -209,32 +188,48 @@ class Recovery:
         if decision.chosen.kind is AlternativeKind.RESTART:
             return self._restart(node, miss.cause, decision)
         if revision is None:
-            return [self.say_of(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
-        child = self.compile(node, {}, revision)
+            return [self.drafter.say(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
+        child = self.drafter.draft(node, revision)
         if isinstance(child, str):
-            return [self.say_of(node, GoalEvent.NODE_BLOCKED, child)]
+            return [self.drafter.say(node, GoalEvent.NODE_BLOCKED, child)]
         return self._submit(child, miss, decision.reasons, restores=restores)
+
+    def _revise_foreseen(self, refused: SessionStatus) -> list[Entry]:
+        """The child that look-ahead found best; nothing when it found none."""
+        contract = refused.contract
+        advice = revise_foreseen(refused, self.evidence.root / "evidence" / contract.id)
+        if advice is None:
+            return []
+        revision = Revision(
+            parent=contract.id,
+            strategy=advice.strategy,
+            requires=contract.requires,
+            reasons=(refused.reason, *advice.reasons),
+            threshold=advice.threshold,
+        )
+        child = self.drafter.draft(contract.node, revision)
+        return [] if isinstance(child, str) else self.drafter.submit(child, revision.reasons)
 
     def _look_once_more(self, node: str, miss: Miss) -> list[Entry]:
         """A look for the sake of a session that cannot be replanned any more; nothing when the policy has none."""
         decision = self.policy.choose(self._make_case(node, miss))
         if decision.chosen.kind is not AlternativeKind.LOOK or decision.chosen.revision is None:
             return []
-        child = self.compile(node, {}, decision.chosen.revision)
-        return [] if isinstance(child, str) else self.submit_child(child, decision.reasons)
+        child = self.drafter.draft(node, decision.chosen.revision)
+        return [] if isinstance(child, str) else self.drafter.submit(child, decision.reasons)
 
     def _submit(self, child: Session, miss: Miss, reasons: Iterable[str], *, restores: bool) -> list[Entry]:
         """The child, or first the restoration of what it needs and an earlier node had achieved."""
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
-            return self.submit_child(child, reasons)
+            return self.drafter.submit(child, reasons)
         if restores and miss.world is not None:
             needy = [child, miss.session] if child.skill == miss.session.skill else [child]
             lost = {predicate.text for each in needy for predicate in find_lost_preconditions(each, miss.world)}
             restorers = self._find_restorers(child.node, lost)
             if restorers:
                 return self.reopen(restorers)  # the child is paid for when its turn comes
-        spent = self.say_of(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
-        return [spent, *self.submit_child(child, reasons)]
+        spent = self.drafter.say(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
+        return [spent, *self.drafter.submit(child, reasons)]
 
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
         """Nodes that are opened again for a session that preflight refused, and its own; empty when none can help."""
@@ -252,19 +247,19 @@ class Recovery:
         node, subject = status.contract.node, self.facts.find_subject(status.contract)
         miss = self._find_miss(subject)
         if miss is None:
-            return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, [self.drafter.say(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
         miss = miss.join(bundle)
         if attempt.verdict is Verdict.SUCCESS:
             revision = Revision(
                 parent=status.contract.id,
                 strategy=subject.contract.strategy,
-                requires=revise_requires(miss, find_of_skill(miss.session, self.compiler.catalogue))[0],
+                requires=revise_requires(miss, find_of_skill(miss.session, self.drafter.compiler.catalogue))[0],
                 choice=keep_means(self.facts.graph.choices[node], subject.contract),
                 reasons=(f"{miss.cause}: {miss.reason}", f"{status.contract.id} has prepared it"),
             )
-            child = self.compile(node, {}, revision)
+            child = self.drafter.draft(node, revision)
             if isinstance(child, str):
-                return attempt, [self.say_of(node, GoalEvent.NODE_BLOCKED, child)]
+                return attempt, [self.drafter.say(node, GoalEvent.NODE_BLOCKED, child)]
             return attempt, self._submit(child, miss, revision.reasons, restores=True)
         entries = self._repair(node, miss)
         verdict = Verdict.FAILURE if _is_end(entries) else Verdict.REPLAN
@@ -291,10 +286,10 @@ class Recovery:
         """Every node that was begun is open again; what is still under way is called off."""
         why = f"{decision.chosen.effect}: {cause} of {node}"
         nodes = self.facts.ledger.goals[self.facts.goal].nodes
-        entries = [self.say_of(node, GoalEvent.BUDGET_SPENT, why)]
+        entries = [self.drafter.say(node, GoalEvent.BUDGET_SPENT, why)]
         for name, each in nodes.items():
             if each.state in {NodeState.ACTIVE, NodeState.DONE}:
-                entries.append(self._say_next(name, GoalEvent.INVALIDATED, why, Relation.AGAIN))
+                entries.append(self.drafter.say_next(name, GoalEvent.INVALIDATED, why))
                 entries += [
                     Entry(status.contract.id, trigger, {"reason": why})
                     for status in self.facts.get_sessions(name)
@@ -307,7 +302,7 @@ class Recovery:
         return Case(
             miss=miss,
             choice=facts.graph.choices[node],
-            catalogue=self.compiler.catalogue,
+            catalogue=self.drafter.compiler.catalogue,
             lineage=facts.get_sessions(node),
             replans_left=facts.graph.max_replans(node) - facts.count_replans(node),
             left=facts.compute_left(node),
@@ -328,11 +323,6 @@ class Recovery:
 def is_look(session: Session) -> bool:
     """Whether a session only looks, so that another one is judged on what it saw."""
     return session.purpose == looking.PURPOSE
-
-
-def join(sentences: Iterable[str]) -> str:
-    """One text of several sentences."""
-    return "; ".join(sentence.rstrip(".") for sentence in sentences)
 
 
 def _iter_things(session: Session) -> Iterator[str]:

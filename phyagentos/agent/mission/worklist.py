@@ -33,13 +33,15 @@ class Worklist:
         ledger: As it stands; it may not know the goal yet.
 
     Attributes:
+        goal: As given.
+        ledger: As given.
         dag: The goal's one graph.
     """
 
     def __init__(self, graph: GoalGraph, goal: GoalId, ledger: Ledger) -> None:
         status = ledger.goals.get(goal)
         self.dag = GoalDag(graph, goal, status)
-        self._goal = goal
+        self.goal, self.ledger = goal, ledger
         self._prefix = f"{NODE_PREFIX}{goal}/"
         self._changed = dict.fromkeys(graph.order)  # unlike a set it shrinks, so that few names are few to walk
         self._live: dict[SessionId, None] = {}
@@ -51,16 +53,11 @@ class Worklist:
                 if id in ledger.sessions:  # else it is long over
                     self._follow_session(ledger.sessions[id])
 
-    def take_in(self, record: Record, ledger: Ledger) -> None:
-        """Note what a record changed.
-
-        Args:
-            record: Of this goal or of another.
-            ledger: The fold, this record included.
-        """
+    def take_in(self, record: Record) -> None:
+        """Note what a record changed, of this goal or of another; the ledger has applied it already."""
         if record.to is not None:
-            status = ledger.sessions.get(SessionId(record.id))
-            if status is None or status.contract.goal != self._goal or status.contract.node not in self.dag:
+            status = self.ledger.sessions.get(SessionId(record.id))
+            if status is None or status.contract.goal != self.goal or status.contract.node not in self.dag:
                 return
             self._follow_session(status)
             if status.state in _UNDER_WAY:
@@ -70,7 +67,8 @@ class Worklist:
             name = record.id.removeprefix(self._prefix)
         else:
             return
-        node = ledger.goals[self._goal].nodes.get(name) if self._goal in ledger.goals else None
+        goal = self.ledger.goals.get(self.goal)
+        node = goal.nodes.get(name) if goal else None
         if node is not None:
             self._changed.update(dict.fromkeys(self.dag.follow(name, node)))
 

@@ -111,7 +111,11 @@ SABOTAGES = (
         name="undone_node_stays_done",
         lie="What the world has undone since counts as done.",
         edits=(
-            Edit("phyagentos.agent.mission.goal_controller", "undone = self.recovery.find_undone()", "undone = {}"),
+            Edit(
+                "phyagentos.agent.mission.goal_controller",
+                "regressions = self._recovery.find_regressions()",
+                "regressions = {}",
+            ),
         ),
         tests=(
             "tests/agent/test_mission.py::test_a_finished_node_that_the_world_undid_is_done_again_before_the_verdict",
