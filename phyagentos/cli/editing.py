@@ -53,7 +53,7 @@ def edit(
 
 def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] = Path()) -> int:
     """Judge the sessions by hand that have run: those that serve no goal, which no agent looks at."""
-    from phyagentos.agent.mission.goalless_sessions import judge_by_hand
+    from phyagentos.agent.mission.goalless_sessions import judge_goalless_sessions
     from phyagentos.assembly.verification import build_verifier
     from phyagentos.clock import SystemClock
     from phyagentos.protocol.sessions.lifecycle import Side
@@ -65,7 +65,7 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
     verifier = build_verifier(place, clock)
     journal = Journal(place.root, side=Side.AGENT, by="paos judge", clock=clock)
     try:
-        judged = judge_by_hand(place, journal, verifier)
+        judged = judge_goalless_sessions(place, journal, verifier)
     finally:
         journal.close()
     for id, attempt in judged:

@@ -1,4 +1,4 @@
-"""The keeper: when a goal is over, its judged sessions become episodes, and the two documents are rendered.
+"""The episode recorder: when a goal is over, its judged sessions become episodes, and the two documents are rendered.
 
 Upstream: the mission, which it looks on. Downstream: memory, LESSONS.md, KNOWLEDGE.md. It changes nothing of the goal,
 and what it remembers a second time counts once, so an agent that was killed before this is caught up with by the next.

@@ -1,6 +1,6 @@
 """The episodic level: one compact record a session that has ended, as its verdict tells.
 
-Upstream: the fold of the journal, after a verdict. Downstream: the lane of memory, from which everything else is
+Upstream: the fold of the journal, after a verdict. Downstream: the experience log, from which everything else is
 computed. An episode repeats nothing that stands in the evidence; it points there. Paper section 4.3.
 """
 

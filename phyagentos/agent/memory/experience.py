@@ -1,6 +1,6 @@
 """Experience: what follows from the records of memory, computed record by record and never written by hand.
 
-Upstream: the lane of memory. Downstream: retrieval and the two documents. It is a function of the records alone, so it
+Upstream: the experience log. Downstream: retrieval and the two documents. It is a function of the records alone, so it
 may be computed anew at any time; and it stays small however many episodes there are: what was not confirmed for longest
 is let go first.
 """

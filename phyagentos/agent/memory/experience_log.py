@@ -1,4 +1,4 @@
-"""The lane of memory: the truth of what was experienced and what people said about it, append-only and never rewritten.
+"""The experience log: the truth of what was experienced and what people said about it, append-only and never rewritten.
 
 Upstream: the episode recorder, and corrections by hand. Downstream: `experience`, which computes everything else from
 it. The same segments, frame, lock and chain of hashes as the journal's (docs/journal.md), in `memory/<lane>/`; what

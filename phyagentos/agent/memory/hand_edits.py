@@ -1,6 +1,6 @@
 """What people changed in LESSONS.md or KNOWLEDGE.md, as records of memory.
 
-Upstream: an edited version of the document. Downstream: the lane. Three things can be said of an entry:
+Upstream: an edited version of the document. Downstream: the experience log. Three things can be said of an entry:
 that it shall not count, a note, and where it holds. A section that is missing says nothing; what was computed (counts,
 advice, verdicts) is not a matter of opinion, and a lesson that no verdict supports cannot be written by hand.
 """

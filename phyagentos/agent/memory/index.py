@@ -1,6 +1,6 @@
 """The cache of memory: what was computed from its records, and a full-text index of the lessons; may be deleted.
 
-Upstream: `experience`. Downstream: `recall`. `.cache/memory-<lane>.sqlite` holds nothing that the lane does not tell:
+Upstream: `experience`. Downstream: `recall`. `.cache/memory-<lane>.sqlite` holds nothing that the log does not tell:
 one that is missing, damaged or of another version is made anew from the records.
 """
 
@@ -28,7 +28,7 @@ _ROTTEN = (sqlite3.Error, OSError, msgspec.MsgspecError, TypeError, ValueError)
 
 
 class LessonIndex:
-    """The cache of one lane of memory.
+    """The cache of one experience log.
 
     Args:
         path: Its file.

@@ -1,7 +1,7 @@
 """Memory: the records of experience, what follows from them, and how what fits a case is found again.
 
-Upstream: the lane of memory. Downstream: the advisor, the keeper, `paos memory`. Retrieval is by goal, environment,
-target and risk; what is found is checked against the case, ranked and bounded. Paper section 4.3.
+Upstream: the experience log. Downstream: the advisor, the episode recorder, `paos memory`. Retrieval is by goal,
+environment, target and risk; what is found is checked against the case, ranked and bounded. Paper section 4.3.
 """
 
 import hashlib
@@ -67,15 +67,15 @@ class Memory:
     """
 
     def __init__(self, folder: Path, *, clock: Clock, by: str, side: Side = Side.AGENT, durable: bool = True) -> None:
-        self._lane = ExperienceLog(folder, by=by, side=side, clock=clock, durable=durable)
-        self._index = LessonIndex(folder.parent / ".cache" / f"memory-{self._lane.folder.name}.sqlite")
+        self._experience_log = ExperienceLog(folder, by=by, side=side, clock=clock, durable=durable)
+        self._index = LessonIndex(folder.parent / ".cache" / f"memory-{self._experience_log.folder.name}.sqlite")
         self.experience = Experience()
         self._place: LogPosition | None = None
         if (saved := self._index.load()) is not None:
             self.experience, self._place = saved
             try:
                 self.refresh()
-            except FileNotFoundError:  # of another lane, or of records that are gone
+            except FileNotFoundError:  # of another log, or of records that are gone
                 self.experience, self._place = Experience(), None
                 self._index.discard()
         self.refresh()
@@ -83,7 +83,7 @@ class Memory:
     def refresh(self) -> set[str]:
         """Take in what has been recorded since the last look; ids of the entries that changed."""
         is_new = self._place is None
-        events, place = self._lane.read(self._place)
+        events, place = self._experience_log.read(self._place)
         changed = self.experience.extend(events)
         if place is not None and (events or is_new):
             self._place = place
@@ -96,12 +96,12 @@ class Memory:
         Raises:
             ExecutionError: When the disk refuses; nothing is remembered then.
         """
-        self._lane.append(events)
+        self._experience_log.append(events)
         return self.refresh()
 
     def read_all(self) -> list[Event]:
         """Every record, oldest first: for people who ask why."""
-        return [event for _, event in self._lane.read()[0]]
+        return [event for _, event in self._experience_log.read()[0]]
 
     def recall(self, case: Case, *, limit: int = FOUND_MAX) -> tuple[Found, ...]:
         """Verified lessons that hold in a case and do better than doing nothing, the most useful first."""

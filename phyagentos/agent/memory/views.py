@@ -1,6 +1,6 @@
 """LESSONS.md and KNOWLEDGE.md of a memory: bounded, the most useful first.
 
-Upstream: experience. Downstream: the keeper, which publishes them; `paos memory show`.
+Upstream: experience. Downstream: the episode recorder, which publishes them; `paos memory show`.
 """
 
 from phyagentos.agent.memory import methodological, semantic

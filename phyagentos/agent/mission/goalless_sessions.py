@@ -21,7 +21,7 @@ from phyagentos.store.ledger import Ledger
 _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.UNVERIFIED: "skip"}
 
 
-def judge_by_hand(
+def judge_goalless_sessions(
     workspace: Workspace, journal: Journal, verifier: SessionVerifier | None = None
 ) -> list[tuple[SessionId, Attempt]]:
     """Judge every session without a goal that waits for a verdict, the longest waiting first.

@@ -59,7 +59,7 @@ SABOTAGES = (
                 "        self.publish()",
             ),
         ),
-        tests=("tests/agent/memory/test_keeper.py::test_memory_never_writes_a_setting",),
+        tests=("tests/agent/memory/test_episode_recorder.py::test_memory_never_writes_a_setting",),
     ),
     Sabotage(
         name="memory_believes_an_audit",

@@ -70,10 +70,10 @@ class Lab:
     def run(self, seed, *, learns=True):
         memory = self.open()
         self.stage.runtime.world = self.start
-        keeper = EpisodeRecorder(
+        episode_recorder = EpisodeRecorder(
             memory, self.surroundings, self.workspace, clock=SystemClock(), report=self.reported.append
         )
-        observers = [self.stage.runtime, *([keeper] if learns else [])]
+        observers = [self.stage.runtime, *([episode_recorder] if learns else [])]
         advisor = MemoryAdvisor(memory, self.surroundings)
         mission = self.stage.make_mission(observers=observers, advisor=advisor)
         try:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.agent.mission.goalless_sessions import judge_by_hand
+from phyagentos.agent.mission.goalless_sessions import judge_goalless_sessions
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.edits.edit_intake import EditIntake
@@ -45,7 +45,7 @@ class ByHand:
 
 
 @pytest.fixture
-def open_by_hand(make_stage):
+def open_goalless(make_stage):
     opened = []
 
     def open_one(script=None):
@@ -57,40 +57,40 @@ def open_by_hand(make_stage):
         each.close()
 
 
-def test_it_runs_waits_for_a_judge_and_succeeds_on_evidence(open_by_hand):
-    by_hand = open_by_hand()
-    by_hand.drop("red-1")
-    assert by_hand.state("red-1") == "awaiting_verification"
+def test_it_runs_waits_for_a_judge_and_succeeds_on_evidence(open_goalless):
+    goalless = open_goalless()
+    goalless.drop("red-1")
+    assert goalless.state("red-1") == "awaiting_verification"
 
-    ((id, attempt),) = judge_by_hand(by_hand.workspace, by_hand.agent)
+    ((id, attempt),) = judge_goalless_sessions(goalless.workspace, goalless.agent)
 
     assert (id, attempt.verdict) == ("red-1", "success")
-    assert by_hand.state("red-1") == "succeeded"
-    assert "**Verdict 1:** success" in by_hand.workspace.sessions_document.read_text()
-    assert judge_by_hand(by_hand.workspace, by_hand.agent) == []
+    assert goalless.state("red-1") == "succeeded"
+    assert "**Verdict 1:** success" in goalless.workspace.sessions_document.read_text()
+    assert judge_goalless_sessions(goalless.workspace, goalless.agent) == []
 
 
-def test_it_fails_without_a_child_when_its_objective_was_not_met(open_by_hand):
-    by_hand = open_by_hand({"red-1": lambda world, session: Play(world=put(world, "red_cube", (0.5, 0.0, 0.02)))})
-    by_hand.drop("red-1")
+def test_it_fails_without_a_child_when_its_objective_was_not_met(open_goalless):
+    goalless = open_goalless({"red-1": lambda world, session: Play(world=put(world, "red_cube", (0.5, 0.0, 0.02)))})
+    goalless.drop("red-1")
 
-    ((_, attempt),) = judge_by_hand(by_hand.workspace, by_hand.agent)
+    ((_, attempt),) = judge_goalless_sessions(goalless.workspace, goalless.agent)
 
     assert attempt.verdict == "failure"
     assert "The budget of 0 replans is spent." in attempt.reason
-    assert by_hand.state("red-1") == "failed"
+    assert goalless.state("red-1") == "failed"
 
 
-def test_a_session_of_a_goal_is_left_to_its_mission(open_by_hand, write_graph):
-    by_hand = open_by_hand()
-    by_hand.drop("red-1")
-    by_hand.agent.commit([Entry("red-1", "verify")])  # its judge was interrupted
+def test_a_session_of_a_goal_is_left_to_its_mission(open_goalless, write_graph):
+    goalless = open_goalless()
+    goalless.drop("red-1")
+    goalless.agent.commit([Entry("red-1", "verify")])  # its judge was interrupted
     graph = write_graph(
         "goal: one\nobjective: o\nscene: table\ntargets: {arm: panda}\nsessions:\n  green:\n"
         "    skill: pick_and_place\n    target: arm\n    with: {object: green_cube, destination: green_tray}\n"
         'accept: ["inside(green_cube, green_tray)"]\n'
     )
-    assert by_hand.stage.pursue(graph).verdict == "success"
-    assert by_hand.state("red-1") == "verifying"
+    assert goalless.stage.pursue(graph).verdict == "success"
+    assert goalless.state("red-1") == "verifying"
 
-    assert [id for id, _ in judge_by_hand(by_hand.workspace, by_hand.agent)] == ["red-1"]
+    assert [id for id, _ in judge_goalless_sessions(goalless.workspace, goalless.agent)] == ["red-1"]
