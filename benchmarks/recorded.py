@@ -24,6 +24,8 @@ from phyagentos.runtime.perception.true_world import TrueWorld
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
+from phyagentos.runtime.worker.recorder import Bundles
 from phyagentos.runtime.worker.runner import SessionRunner
 
 CUBES = ("red", "green", "blue")
@@ -121,14 +123,14 @@ def _record_seed(robot: Robot, planner: LocalPlanner, seed: int, faults: FaultFi
     recordings = []
     with tempfile.TemporaryDirectory() as folder:
         runner = SessionRunner(
-            handle=handle,
-            planner=planner,
-            world=TrueWorld(robot.profile.target, handle),
-            registry=build_registry(robot.library),
-            library=robot.library,
-            profile=robot.profile,
-            limits=robot.limits,
-            workspace=Path(folder),
+            target=Embodiment(
+                handle=handle,
+                world=TrueWorld(robot.profile.target, handle),
+                profile=robot.profile,
+                limits=robot.limits,
+            ),
+            skills=SkillLoader(planner=planner, library=robot.library, registry=build_registry(robot.library)),
+            bundles=Bundles(Path(folder)),
             clock=SystemClock(),
         )
         for number, color in enumerate(CUBES):

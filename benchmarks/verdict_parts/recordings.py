@@ -30,6 +30,8 @@ from phyagentos.runtime.motion.process import LocalPlanner
 from phyagentos.runtime.perception.true_world import TrueWorld
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
+from phyagentos.runtime.worker.recorder import Bundles
 from phyagentos.runtime.worker.runner import SessionRunner
 
 CUBES = "tabletop/cubes_and_trays"
@@ -172,14 +174,14 @@ class Studio:
         world = ServedTarget(driver, ReceiveLog(None))
         handle = TargetSessionHandle(TappedConnection(world), robot.limits, sees_truth=True)
         runner = SessionRunner(
-            handle=handle,
-            planner=self._planner,
-            world=TrueWorld(robot.profile.target, handle),
-            registry=build_registry(robot.library),
-            library=robot.library,
-            profile=robot.profile,
-            limits=robot.limits,
-            workspace=self._folder,
+            target=Embodiment(
+                handle=handle,
+                world=TrueWorld(robot.profile.target, handle),
+                profile=robot.profile,
+                limits=robot.limits,
+            ),
+            skills=SkillLoader(planner=self._planner, library=robot.library, registry=build_registry(robot.library)),
+            bundles=Bundles(self._folder),
             clock=SystemClock(),
         )
         try:

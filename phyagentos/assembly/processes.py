@@ -93,7 +93,9 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
     from phyagentos.runtime.targets.server import Loopback
+    from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
     from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
+    from phyagentos.runtime.worker.recorder import Bundles
     from phyagentos.runtime.worker.refusal import serve_refusals
     from phyagentos.runtime.worker.runner import SessionRunner
     from phyagentos.runtime.worker.worker import WorkerLoop
@@ -123,27 +125,22 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
     world = open_world_model(workspace, target, profile, handle, settings)
-    runner = SessionRunner(
-        handle=handle,
-        planner=planner,
-        world=world,
-        registry=registry,
-        library=library,
+    embodiment = Embodiment(handle=handle, world=world, profile=profile, limits=settings.limits)
+    policies = Policies(
+        skills=skills,
         profile=profile,
-        limits=settings.limits,
-        workspace=workspace.root,
+        sensors=settings.sensors,
+        handle=handle,
+        late_max_s=settings.perception.embedded.max_age_s,
+        is_realtime=settings.contract.world_mode is WorldMode.REALTIME,
+    )
+    in_force = (workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract)
+    runner = SessionRunner(
+        target=embodiment,
+        skills=SkillLoader(planner=planner, library=library, registry=registry, policies=policies),
+        bundles=Bundles(workspace.root, settings=in_force, pictures=pictures),
         clock=clock,
-        settings=(workspace.safety, workspace.sensors, workspace.perception, workspace.runtime_contract),
-        pictures=pictures,
         sampling_hz=settings.contract.sampling_hz,
-        policies=Policies(
-            skills=skills,
-            profile=profile,
-            sensors=settings.sensors,
-            handle=handle,
-            late_max_s=settings.perception.embedded.max_age_s,
-            is_realtime=settings.contract.world_mode is WorldMode.REALTIME,
-        ),
     )
     oracle = RehearsalProcess(make_command(workspace.root, target))
     gate = LookaheadGate(oracle=oracle, world=world, evidence=workspace.evidence)
@@ -152,7 +149,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         ask_for_precedence()
     WorkerLoop(
         control=orders,
-        handle=handle,
+        target=embodiment,
         examiner=Examiner(
             preflight=Preflight(skills=skills, profile=profile, settings=settings, ask_policy=ask_policy),
             handle=handle,
@@ -163,7 +160,6 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
             clock=clock,
         ),
         runner=runner,
-        world=world,
         heartbeat=HeartbeatWriter(workspace.heartbeats, target, clock),
         workspace=workspace,
         clock=clock,

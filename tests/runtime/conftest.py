@@ -27,6 +27,8 @@ from phyagentos.runtime.motion.requests import (
 )
 from phyagentos.runtime.perception.true_world import TrueWorld
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
+from phyagentos.runtime.worker.recorder import Bundles
 from phyagentos.runtime.worker.runner import SessionRunner
 
 STEP_S = 0.002
@@ -302,17 +304,17 @@ class Bench:
         self.handle = TargetSessionHandle(LocalConnection(target), limits, sees_truth=True)
         self.beats = []
         self.runner = SessionRunner(
-            handle=self.handle,
-            planner=planner,
-            world=TrueWorld("panda", self.handle),
-            registry=registry,
-            library=library,
-            profile=profile,
-            limits=limits,
-            workspace=tmp_path,
+            target=Embodiment(
+                handle=self.handle, world=TrueWorld("panda", self.handle), profile=profile, limits=limits
+            ),
+            skills=SkillLoader(
+                planner=planner,
+                library=library,
+                registry=registry,
+                policies=policies(self.handle) if policies is not None else None,
+            ),
+            bundles=Bundles(tmp_path, settings=settings),
             clock=clock,
-            policies=policies(self.handle) if policies is not None else None,
-            settings=settings,
         )
 
     def run(self, session, tree=None, cancel=lambda: None, policy=""):

@@ -51,10 +51,9 @@ class Employed:
         self.ours, theirs = Pipe()
         self.worker = WorkerLoop(
             control=theirs,
-            handle=bench.handle,
+            target=bench.runner._target,
             examiner=Grants(),
             runner=bench.runner,
-            world=bench.runner._world,
             heartbeat=HeartbeatWriter(workspace.heartbeats, "panda", self.clock),
             workspace=workspace,
             clock=self.clock,

@@ -17,6 +17,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.preflight.examination import Finding
+from phyagentos.runtime.worker.embodiment import Embodiment
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
 from phyagentos.runtime.worker.orders import (
     Check,
@@ -86,10 +87,9 @@ class Place:
         workspace = Workspace.create(root, Library(()))
         self.loop = WorkerLoop(
             control=Link(theirs, spin_s=0.0),
-            handle=self.steps,
+            target=Embodiment(handle=self.steps, world=self.steps, profile=None, limits=None),
             examiner=self.steps,
             runner=self.steps,
-            world=self.steps,
             heartbeat=HeartbeatWriter(workspace.heartbeats, "panda", SystemClock()),
             workspace=workspace,
             clock=SystemClock(),

@@ -22,6 +22,7 @@ from phyagentos.protocol.sessions.evidence import Event, TraceEvent, encode_json
 from phyagentos.protocol.sessions.evidence_manifest import unseal_bundle
 from phyagentos.protocol.sessions.session import Execution, Session
 from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.settings.settings_files import compute_file_hash
 from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -163,6 +164,29 @@ class Recorder:
         if (snapshot := observation.snapshot) is not None:
             suffix = ".npz" if snapshot.media_type == NPZ else ".snapshot"
             self._write(str(Path(name).with_suffix(suffix)), snapshot.data)
+
+
+class Bundles:
+    """The bundles of one worker.
+
+    Args:
+        root: The workspace; evidence folders are relative to it.
+        settings: Settings files in force; their hashes, as they are now, go into each bundle.
+        pictures: Whether to take pictures before and after.
+    """
+
+    def __init__(self, root: Path, *, settings: Sequence[Path] = (), pictures: bool = False) -> None:
+        self.pictures = pictures
+        self._root = root
+        self._settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
+
+    def open(self, evidence: str) -> Recorder:
+        """The bundle of one session, begun or begun again."""
+        return Recorder(self._root / evidence)
+
+    def describe(self, session: Session, epoch: int, plan: Mapping[str, Any]) -> Contract:
+        """What was agreed, with the settings in force."""
+        return Contract(session=session, epoch=epoch, plan=plan, settings_sha256=self._settings_sha256)
 
 
 @cache

@@ -7,36 +7,25 @@ from the world at rest, not from its skill. Paper section 3.4.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions import evidence as files
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
-from phyagentos.protocol.settings.safety import TargetLimits
-from phyagentos.protocol.settings.settings_files import compute_file_hash
-from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.execution.context import SkillContext, open_context
+from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
-from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.open_criteria import find_undecided
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
-from phyagentos.runtime.execution.tree_loader import build_tree
-from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
-from phyagentos.runtime.perception.world_model import WORLD, WorldModel
-from phyagentos.runtime.policies.policy_skills import Policies
+from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import FaultStruck, Step
-from phyagentos.runtime.worker.recorder import Contract, Recorder
-
-if TYPE_CHECKING:
-    from phyagentos.runtime.motion.process import Planner
+from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
+from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
 SETTLE_S = 0.3  # released things come to rest within this; simulated time
 
@@ -79,84 +68,25 @@ class _Run:
     pulse: _Pulse
 
 
-@dataclass(frozen=True, slots=True)
-class _Opened:
-    """A session that stands before its first command, or what kept it from that."""
-
-    session: Session
-    epoch: int
-    recorder: Recorder
-    run: "_Run | DefinitionError | ExecutionError"
-
-
 class SessionRunner:
     """Runs sessions on one target, one at a time.
 
     Args:
-        handle: The door to the target; the session's scene is loaded already.
-        planner: Answers motion requests; stays warm between sessions.
-        world: Perceives what the target observes.
-        registry: Leaves for trees.
-        library: Where trees are found.
-        profile: The target.
-        limits: Of the target, from safety.yaml.
-        workspace: Root of the run; evidence folders are relative to it.
+        target: What sessions command and perceive.
+        skills: Opens their skills.
+        bundles: Where their evidence goes.
         clock: Bounds thinking.
-        settings: Settings files in force; their hashes, as they are now, go into each bundle.
-        pictures: Whether to take pictures before and after.
-        policies: Opens skills that a policy server carries out.
         sampling_hz: How often conditions that must hold all through are sampled, in simulated time [Hz].
     """
 
     def __init__(
-        self,
-        *,
-        handle: TargetSessionHandle,
-        planner: "Planner",
-        world: WorldModel,
-        registry: LeafRegistry,
-        library: Library,
-        profile: TargetProfile,
-        limits: TargetLimits,
-        workspace: Path,
-        clock: Clock,
-        settings: Sequence[Path] = (),
-        pictures: bool = False,
-        policies: Policies | None = None,
-        sampling_hz: float = 10.0,
+        self, *, target: Embodiment, skills: SkillLoader, bundles: Bundles, clock: Clock, sampling_hz: float = 10.0
     ) -> None:
-        self._handle = handle
-        self._sample_every = max(1, round(1.0 / (sampling_hz * profile.control_period_s)))
-        self._planner = planner
-        self._world = world
-        self._registry = registry
-        self._library = library
-        self._profile = profile
-        self._limits = limits
-        self._workspace = workspace
-        self._clock = clock
-        self._settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
-        self._pictures = pictures
-        self._policies = policies
+        self._target, self._handle, self._world = target, target.handle, target.world
+        self._skills, self._bundles, self._clock = skills, bundles, clock
+        self._sample_every = max(1, round(1.0 / (sampling_hz * target.profile.control_period_s)))
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
-        self._opened: _Opened | None = None
-
-    def prepare(
-        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
-    ) -> None:
-        """All of `run` that comes before the first command, which goes on from there; arguments as there."""
-        began_s = self._clock.now_s()
-        recorder = Recorder(self._workspace / evidence)
-        recorder.write_contract(
-            Contract(session=session, epoch=epoch, plan=plan, settings_sha256=self._settings_sha256)
-        )
-        run: _Run | DefinitionError | ExecutionError
-        try:
-            run = self._open(session, epoch, plan, recorder, cancel, beat)
-            run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
-        except (DefinitionError, ExecutionError) as error:
-            run = error
-        self._opened = _Opened(session, epoch, recorder, run)
+        self._undecided: tuple[str, ...] = ()
 
     def run(
         self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
@@ -174,14 +104,14 @@ class SessionRunner:
         Returns:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
-        opened, self._opened = self._opened, None
-        if opened is None or (opened.session.id, opened.epoch) != (session.id, epoch):
-            self.prepare(session, epoch, plan, evidence=evidence, cancel=cancel, beat=beat)
-            return self.run(session, epoch, plan, evidence=evidence, cancel=cancel, beat=beat)
-        recorder, run = opened.recorder, opened.run
-        self._undecided: tuple[str, ...] = ()
-        if not isinstance(run, _Run):
-            return self._give_up(session, run, recorder, evidence)
+        began_s, self._undecided = self._clock.now_s(), ()
+        recorder = self._bundles.open(evidence)
+        recorder.write_contract(self._bundles.describe(session, epoch, plan))
+        try:
+            run = self._open(session, epoch, plan, recorder, cancel, beat)
+        except (DefinitionError, ExecutionError) as error:
+            return self._give_up(session, error, recorder, evidence)
+        run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
         began_sim_s = run.context.time_s
         try:
             outcome = run.loop.run()
@@ -212,7 +142,7 @@ class SessionRunner:
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
         """
-        recorder = Recorder(self._workspace / evidence)
+        recorder = self._bundles.open(evidence)
         self._handle.begin(session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
@@ -232,16 +162,8 @@ class SessionRunner:
         self._provide_model(session, recorder)
         recorder.write_initial(observation, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
-        context = open_context(
-            session,
-            profile=self._profile,
-            limits=self._limits,
-            description=handle.describe(),
-            planner=self._planner,
-            initial=initial,
-            world=self._world,
-        )
-        skill = self._make_skill(session, plan, context)
+        context = self._skills.open_context(session, self._target, initial)
+        skill = self._skills.open(session, plan, context)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
         pulse = _Pulse(session=session, epoch=epoch, beat=beat)
         loop = SessionLoop(
@@ -254,13 +176,6 @@ class SessionRunner:
             observers=(recorder, pulse),
         )
         return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, pulse=pulse)
-
-    def _make_skill(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
-        """Who decides: a policy server where the plan names one, otherwise a behaviour tree."""
-        if plan.get("policy_adapter") and self._policies is not None:
-            return self._policies.open(session, context)
-        tree = build_tree(str(plan["tree"]), session.parameters, context, self._library, self._registry)
-        return TreeSkillRuntime(tree, context)
 
     def _halt(self, run: _Run) -> Outcome | None:
         """Bring skill and target to rest; an outcome only when the target is lost."""
@@ -327,7 +242,7 @@ class SessionRunner:
             events=run.context.events,
             holds=run.holds.read_worst(),
             faults=faults,
-            n_joints=len(self._profile.arm.joints),
+            n_joints=len(self._target.profile.arm.joints),
         )
 
     def _provide_model(self, session: Session, recorder: Recorder) -> None:
@@ -341,7 +256,7 @@ class SessionRunner:
 
     def _take_picture(self, recorder: Recorder, name: str) -> None:
         cameras = self._handle.describe().cameras
-        if self._pictures and cameras and self._handle.permits("render"):
+        if self._bundles.pictures and cameras and self._handle.permits("render"):
             recorder.write_file(name, self._handle.render(cameras[0]))
 
 

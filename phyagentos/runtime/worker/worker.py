@@ -21,12 +21,13 @@ from phyagentos.protocol.sessions.evidence_manifest import Sealer
 from phyagentos.protocol.sessions.session import Ended, Execution, Scene, Session
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
+from phyagentos.runtime.actions.handle import CommandRefused
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.execution.loop import LEASE_LOST
 from phyagentos.runtime.lookahead.gate import LookaheadGate
-from phyagentos.runtime.perception.world_model import WORLD, WorldModel
+from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.preflight.examination import Examiner
+from phyagentos.runtime.worker.embodiment import Embodiment
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
 from phyagentos.runtime.worker.orders import (
     Check,
@@ -69,10 +70,9 @@ class WorkerLoop:
 
     Args:
         control: To the watchdog.
-        handle: To the world.
+        target: What its sessions command and perceive.
         examiner: Checks sessions.
         runner: Carries them out.
-        world: Looks at the world for ENVIRONMENT.md.
         heartbeat: Says what is going on.
         workspace: Where ENVIRONMENT.md is published.
         clock: For the rate of publishing.
@@ -83,20 +83,18 @@ class WorkerLoop:
         self,
         *,
         control: Channel,
-        handle: TargetSessionHandle,
+        target: Embodiment,
         examiner: Examiner,
         runner: SessionRunner,
-        world: WorldModel,
         heartbeat: HeartbeatWriter,
         workspace: Workspace,
         clock: Clock,
         gate: LookaheadGate | None = None,
     ) -> None:
         self._control, self._gate = control, gate
-        self._handle = handle
+        self._handle, self._world = target.handle, target.world
         self._examiner = examiner
         self._runner = runner
-        self._world = world
         self._heartbeat = heartbeat
         self._workspace = workspace
         self._sealer = Sealer(workspace.evidence)

@@ -123,7 +123,7 @@ SABOTAGES = (
             Edit(
                 "phyagentos.runtime.worker.runner",
                 "self._take_picture(recorder, files.PICTURE_AFTER)",
-                "recorder.write_picture(files.PICTURE_AFTER, (recorder.folder / files.PICTURE_BEFORE).read_bytes())",
+                "recorder.write_file(files.PICTURE_AFTER, (recorder.folder / files.PICTURE_BEFORE).read_bytes())",
             ),
         ),
         tests=("tests/runtime/test_recorded_evidence.py::test_the_end_of_a_bundle_is_the_world_as_it_was_left",),

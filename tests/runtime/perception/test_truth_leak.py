@@ -1,5 +1,7 @@
 """Under perceived sensing nothing that decides comes from the simulator's truth: poisoned, it changes no bit."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -53,9 +55,8 @@ def run_session(build_bench, build_session, library, profile):
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
         world = ServedTarget(kind(SimulatedWorld(library, sensors=sensors), profile, folder), ReceiveLog(None))
         bench = build_bench(target=world, planner=LocalPlanner(planner), clock=SystemClock())
-        bench.runner._world = PerceivedWorld(
-            "panda", bench.handle, library, RobotMask(profile, folder), moving=("wrist",)
-        )
+        seen = PerceivedWorld("panda", bench.handle, library, RobotMask(profile, folder), moving=("wrist",))
+        bench.runner._world, bench.runner._target = seen, replace(bench.runner._target, world=seen)
         session = build_session(
             id=SessionId(f"tidy-2.{kind.__name__}"),
             goal=GoalId("tidy-2"),

@@ -1,0 +1,82 @@
+"""A target as the sessions of its worker meet it, and how a session's skill is opened on it.
+
+Upstream: the assembly, once a worker. Downstream: the runner and the worker's loop.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.settings.safety import TargetLimits
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.execution.context import SkillContext, open_context
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
+from phyagentos.runtime.execution.skill_runtime import SkillRuntime
+from phyagentos.runtime.execution.tree_loader import build_tree
+from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
+from phyagentos.runtime.perception.world_model import WorldModel
+from phyagentos.runtime.policies.policy_skills import Policies
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.motion.process import Planner
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Embodiment:
+    """One target: commanded through its handle, perceived by its world model.
+
+    Attributes:
+        handle: The door to the target; the session's scene is loaded already.
+        world: Perceives what the target observes.
+        profile: What the target is.
+        limits: Of the target, from safety.yaml.
+    """
+
+    handle: TargetSessionHandle
+    world: WorldModel
+    profile: TargetProfile
+    limits: TargetLimits
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SkillLoader:
+    """Opens the skill of a session.
+
+    Attributes:
+        planner: Answers motion requests; stays warm between sessions.
+        library: Where trees are found.
+        registry: Leaves for trees.
+        policies: Opens skills that a policy server carries out; None where there is none.
+    """
+
+    planner: "Planner"
+    library: Library
+    registry: LeafRegistry
+    policies: Policies | None = None
+
+    def open_context(self, session: Session, target: Embodiment, initial: Environment) -> SkillContext:
+        """What the skill of a session works with, from the snapshot at its begin."""
+        return open_context(
+            session,
+            profile=target.profile,
+            limits=target.limits,
+            description=target.handle.describe(),
+            planner=self.planner,
+            initial=initial,
+            world=target.world,
+        )
+
+    def open(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
+        """A policy server where the adapter plan names one, otherwise a behaviour tree.
+
+        Raises:
+            DefinitionError: The tree is unsound.
+        """
+        if plan.get("policy_adapter") and self.policies is not None:
+            return self.policies.open(session, context)
+        tree = build_tree(str(plan["tree"]), session.parameters, context, self.library, self.registry)
+        return TreeSkillRuntime(tree, context)
