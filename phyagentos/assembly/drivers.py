@@ -18,6 +18,12 @@ def build_driver_registry() -> DriverRegistry:
     return registry
 
 
+def choose_graphics() -> None:
+    """Render without a display where there is none; MuJoCo reads this when it is imported."""
+    if not os.environ.get("DISPLAY"):
+        os.environ.setdefault("MUJOCO_GL", "egl")
+
+
 def _open_debug(site: DriverSite) -> TargetDriver:
     from phyagentos.runtime.drivers.debug import DebugDriver
 
@@ -25,8 +31,7 @@ def _open_debug(site: DriverSite) -> TargetDriver:
 
 
 def _open_mujoco(site: DriverSite) -> TargetDriver:
-    if not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")  # read by MuJoCo when it is imported
+    choose_graphics()
     from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
     from phyagentos.protocol.settings.sensors import read_sensors
     from phyagentos.protocol.world.faults import read_faults

@@ -10,7 +10,7 @@ from multiprocessing.connection import Client, Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from phyagentos.assembly.drivers import build_driver_registry
+from phyagentos.assembly.drivers import build_driver_registry, choose_graphics
 from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.rehearsal import make_command
 from phyagentos.assembly.scheduling import ask_for_precedence
@@ -51,6 +51,7 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
         end_when_unwatched(workspace.root, clock)
     else:
         end_with_parent()
+    choose_graphics()
     Path(socket).unlink(missing_ok=True)  # of a world that was killed: this is the only one
     from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
     from phyagentos.runtime.models.robot import read_profile
