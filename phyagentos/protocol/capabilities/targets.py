@@ -30,6 +30,7 @@ class Arm(Authored):
         stiffness_nm_rad: Position gain of the servo [N m/rad].
         damping_nms_rad: Velocity gain of the servo [N m s/rad].
         payload_kg: Heaviest load [kg]; an arm without this value carries nothing.
+        wrist_joints: Last joints, whose links carry the hand: the search does not test them against what is held.
     """
 
     joints: tuple[str, ...]
@@ -41,6 +42,7 @@ class Arm(Authored):
     stiffness_nm_rad: tuple[float, ...]
     damping_nms_rad: tuple[float, ...]
     payload_kg: float = pydantic.Field(default=0.0, ge=0.0)
+    wrist_joints: int = pydantic.Field(default=3, ge=1)
 
 
 class Gripper(Authored):
@@ -54,6 +56,10 @@ class Gripper(Authored):
         damping_ns_m: Velocity gain of the servo [N s/m].
         force_n: Largest force of one finger [N].
         close_time_s: Time it is given to close [s].
+        palm_depth_m: How far a thing may reach above the tool centre point before it meets the palm [m].
+        palm_height_m: How far the palm stands above the fingertips [m].
+        fingertip_m: Least height of the tool centre point above a support that the fingertips must not touch [m].
+        finger_half_m: Half thickness of the closed fingers across the closing axis [m].
     """
 
     joints: tuple[str, ...]
@@ -63,6 +69,10 @@ class Gripper(Authored):
     damping_ns_m: float
     force_n: float
     close_time_s: float = 0.4
+    palm_depth_m: float = 0.02
+    palm_height_m: float = 0.09
+    fingertip_m: float = 0.016
+    finger_half_m: float = 0.009
 
 
 class TargetProfile(Authored):

@@ -23,8 +23,6 @@ from phyagentos.runtime.motion.shapes import compute_entity_box, is_round
 
 Array = NDArray[np.float64]
 
-GRASP_DEPTH_M = 0.02  # the palm stays clear of a top this far above the tool centre point
-FINGERTIP_M = 0.016  # the fingertips reach 1 cm below the tool centre point; they must not touch the support
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
 TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
@@ -79,9 +77,10 @@ def compute_grasp_ways(
     first, second = (vertical + 1) % 3, (vertical + 2) % 3
     upright_round = is_round(entity) and vertical == 2
     yaw_rad = 0.0 if upright_round else float(np.arctan2(box.pose[1, first], box.pose[0, first]))
-    height_m = max(box.pose[2, 3], box.top_m - GRASP_DEPTH_M, box.bottom_m + FINGERTIP_M)
+    gripper = profile.gripper
+    height_m = max(box.pose[2, 3], box.top_m - gripper.palm_depth_m, box.bottom_m + gripper.fingertip_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
-    opening_m = profile.gripper.max_width_m - WIDTH_CLEARANCE_M
+    opening_m = gripper.max_width_m - WIDTH_CLEARANCE_M
     ways = []
     if upright_round and corners:
         return []

@@ -66,7 +66,7 @@ class SphereModel:
     """The sphere cover of one robot, calibrated; makes the arrays for one scene."""
 
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
-        self._chain = chain
+        self._chain, self._wrist = chain, robot.profile.arm.wrist_joints
         self._clusters: list[tuple[int, int, Array]] = []
         model, data = robot.model, mujoco.MjData(robot.model)
         data.qpos[:] = 0.0
@@ -92,7 +92,7 @@ class SphereModel:
             last = len(self._chain.frames) - 1
             tcp = np.vstack((self._chain.tcp, (0.0, 0.0, 0.0, 1.0)))
             cover = [_move(_cover_payload(s), compute_matrix(s.pose)) for s in scene.payload_shapes]
-            pairs += [(i, len(clusters)) for i, (link, _, _) in enumerate(clusters) if link <= last - 3]
+            pairs += [(i, len(clusters)) for i, (link, _, _) in enumerate(clusters) if link <= last - self._wrist]
             shrink += [0.0] * (len(pairs) - len(shrink))
             clusters.append((last, _ALL, _move(np.vstack(cover), tcp @ scene.tcp_T_payload)))
         boxes, fixed = _box_obstacles(scene.obstacles)

@@ -11,10 +11,8 @@ from phyagentos.runtime.motion.poses import Array, point_tool_down, raise_pose
 from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionAnswer, MotionRequest, NoPlan
 from phyagentos.runtime.perception.world_model import BELIEF
 
-FINGER_HALF_M = 0.009  # half thickness of the closed fingers in the direction of a push
 STAND_OFF_M = 0.03  # gap between fingers and object before the push
 PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall things slide instead of falling over
-TALLEST_M = 0.09  # the palm stands this far above the finger tips, and is wider than they are
 OVER_M = 0.12  # height above the line at which the tool comes and goes
 SHORTEST_M = 0.005  # a push shorter than this is none
 
@@ -50,13 +48,14 @@ class PlanPush(PlanningLeaf):
         if length_m < SHORTEST_M:
             return self.fail("TOO_SHORT", f"{name} is {1e3 * length_m:.1f} mm from its goal", object=name)
         tall_m = sum(compute_half_extent(entity, np.array([0.0, 0.0, sign])) for sign in (1.0, -1.0))
-        if tall_m > TALLEST_M:
+        gripper = self.context.profile.gripper
+        if tall_m > gripper.palm_height_m:  # the palm is wider than the fingers
             return self.fail("TOO_TALL", f"{name} is {1e3 * tall_m:.0f} mm tall, the hand would meet it", object=name)
         start, turned = divmod(self._tried, 2)
         return FindLine(
             world=self.world(),
             q_rad=self._find_starts()[start],
-            waypoints=compute_push(entity, goal[:2], way / length_m, turned=bool(turned)),
+            waypoints=compute_push(entity, goal[:2], way / length_m, gripper.finger_half_m, turned=bool(turned)),
             seed=self.context.draw_seed(self.path),
             ignore=(name, entity.part_of) if entity.part_of else (name,),  # a drawer moves with its handle
         )
@@ -83,17 +82,20 @@ class PlanPush(PlanningLeaf):
         return self.succeed("", tried=tried)
 
 
-def compute_push(entity: Entity, goal_m: Array, direction: Array, *, turned: bool) -> tuple[Pose, ...]:
+def compute_push(
+    entity: Entity, goal_m: Array, direction: Array, finger_half_m: float, *, turned: bool
+) -> tuple[Pose, ...]:
     """Poses `world_T_tcp` of closed fingers that push an entity.
 
     Args:
         entity: To push.
         goal_m: (2,) where its origin shall be.
         direction: (2,) unit vector of the push.
+        finger_half_m: Half thickness of the closed fingers in that direction [m].
         turned: Whether the hand is turned by half a turn.
     """
     center = np.asarray(entity.pose.position_m)
-    reach_m = compute_half_extent(entity, np.array([*direction, 0.0])) + FINGER_HALF_M
+    reach_m = compute_half_extent(entity, np.array([*direction, 0.0])) + finger_half_m
     height_m = center[2] - compute_half_extent(entity, np.array([0.0, 0.0, -1.0])) + PUSH_HEIGHT_M
     yaw_rad = float(np.arctan2(direction[1], direction[0])) + (np.pi if turned else 0.0)
     begin = point_tool_down(yaw_rad, np.array([*(center[:2] - direction * (reach_m + STAND_OFF_M)), height_m]))
