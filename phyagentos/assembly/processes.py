@@ -83,7 +83,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.execution.leaf_registry import build_registry
     from phyagentos.runtime.lookahead.gate import LookaheadGate
     from phyagentos.runtime.lookahead.process import RehearsalProcess
-    from phyagentos.runtime.motion.process import NoPlanner, Planner, PlannerProcess
+    from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
     from phyagentos.runtime.policies.client import ask_policy
     from phyagentos.runtime.policies.policy_skills import Policies
     from phyagentos.runtime.preflight.compatibility import Preflight
@@ -115,7 +115,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     except DefinitionError as error:
         serve_refusals(orders, error.problems)
         return
-    planner: Planner = PlannerProcess(profile_path) if profile.model else NoPlanner()
+    planner: Planner = PlannerProcess(profile_path) if profile.model else LocalPlanner(NoModel())
     connection: Channel
     if spec.own_process:
         connection = connect_to_world(socket, clock)

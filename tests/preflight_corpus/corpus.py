@@ -41,7 +41,7 @@ from phyagentos.protocol.sessions.session import GoalId, Session
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.leaf_registry import build_registry
-from phyagentos.runtime.motion.process import NoPlanner, Planner
+from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.examination import Examiner
@@ -212,7 +212,7 @@ def examine(
         ),
         handle=RecordedHandle(live),  # type: ignore[arg-type]
         world=RecordedWorld(world),
-        planner=planner or NoPlanner(),
+        planner=planner or LocalPlanner(NoModel()),
         library=workspace.library(),
         registry=build_registry(workspace.library()),
         clock=SystemClock(),

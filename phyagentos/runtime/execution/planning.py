@@ -1,11 +1,10 @@
 """Bases of leaves that plan and of leaves that move: ask the planner, then play the motion that it answers."""
 
-from typing import Any, final
+from typing import Any, ClassVar, Generic, TypeVar, cast, final
 
-import numpy as np
 from msgspec import to_builtins
 
-from phyagentos.geometry import compute_matrix
+from phyagentos.geometry import to_child
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, Status
@@ -14,15 +13,18 @@ from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer,
 from phyagentos.runtime.perception.world_model import BELIEF
 
 MOVED = ("object", "drawer")  # parameters that name what a skill moves; elsewhere contents are in the way
+AnswerT = TypeVar("AnswerT", Approaches, Motion)
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
 
-class PlanningLeaf(Leaf):
+class PlanningLeaf(Leaf, Generic[AnswerT]):
     """A leaf whose result is an answer of the planner.
 
     Authors write `compose` (what to ask) and `on_answer` (what to do with it). A request is composed once the arm
     rests, so that it begins where the arm really is. Requests of parallel leaves follow one another in tree order.
     """
+
+    EXPECTED: ClassVar[type[MotionAnswer]] = Approaches  # the kind of answer that `on_answer` takes
 
     _is_asked = False
 
@@ -30,7 +32,7 @@ class PlanningLeaf(Leaf):
         """The request, or a status when there is nothing to ask."""
         raise NotImplementedError(f"{type(self).__name__} must define compose")
 
-    def on_answer(self, answer: MotionAnswer) -> Status:
+    def on_answer(self, answer: AnswerT) -> Status:
         """Use the answer; refusals (`NoPlan`) are handled before."""
         raise NotImplementedError(f"{type(self).__name__} must define on_answer")
 
@@ -55,7 +57,12 @@ class PlanningLeaf(Leaf):
         self.context.note(
             "planner", type(answer).__name__, leaf=self.path, ms=answer.timing.ms, stages=to_builtins(answer.stages)
         )
-        return self.on_refused(answer) if isinstance(answer, NoPlan) else self.on_answer(answer)
+        if isinstance(answer, NoPlan):
+            return self.on_refused(answer)
+        if not isinstance(answer, self.EXPECTED):
+            wanted, found = self.EXPECTED.__name__, type(answer).__name__
+            return self.fail(FailureCode.PLANNER_LOST, f"the planner answered {found}; expected {wanted}")
+        return self.on_answer(cast("AnswerT", answer))
 
     def on_halted(self) -> None:
         """Cancel the request."""
@@ -87,36 +94,67 @@ class PlanningLeaf(Leaf):
         return Status.RUNNING
 
 
-class ApproachPlanningLeaf(PlanningLeaf):
+class ApproachPlanningLeaf(PlanningLeaf[Approaches]):
     """A leaf that asks for approaches and writes them to the port `approaches`."""
 
     @final
-    def on_answer(self, answer: MotionAnswer) -> Status:
+    def on_answer(self, answer: Approaches) -> Status:
         """Write the approaches, name the labels."""
-        if not isinstance(answer, Approaches):
-            return self.fail(FailureCode.PLANNER_LOST, f"asked for approaches, got {type(answer).__name__}")
         self.write("approaches", answer)
         return self.succeed("", labels=[approach.label for approach in answer.approaches])
 
 
-class LinePlanningLeaf(PlanningLeaf):
+class LinePlanningLeaf(PlanningLeaf[Approaches]):
     """A leaf that asks for one straight way and writes it to the port `approach`."""
 
     @final
-    def on_answer(self, answer: MotionAnswer) -> Status:
+    def on_answer(self, answer: Approaches) -> Status:
         """Write the way."""
-        if not isinstance(answer, Approaches):
-            return self.fail(FailureCode.PLANNER_LOST, f"asked for a line, got {type(answer).__name__}")
         self.write("approach", answer.approaches[0])
         return self.succeed("", label=answer.approaches[0].label)
 
 
-class MovingLeaf(PlanningLeaf):
+class CandidatePlanningLeaf(PlanningLeaf[Approaches]):
+    """A leaf that asks for one candidate after the other until the planner finds a way.
+
+    Authors write `count_candidates`, `compose` for candidate number `tried`, and `on_found`.
+    """
+
+    tried = 0
+
+    def count_candidates(self) -> int:
+        """How many there are."""
+        raise NotImplementedError(f"{type(self).__name__} must define count_candidates")
+
+    def on_found(self, answer: Approaches) -> Status:
+        """Use the way of candidate number `tried`."""
+        raise NotImplementedError(f"{type(self).__name__} must define on_found")
+
+    @final
+    def on_refused(self, answer: NoPlan) -> Status:
+        """Ask for the next candidate; the last one's refusal is the leaf's."""
+        self.tried += 1
+        if self.tried < self.count_candidates():
+            return self.ask()
+        self.tried = 0
+        return super().on_refused(answer)
+
+    @final
+    def on_answer(self, answer: Approaches) -> Status:
+        """Use the way; the next activation begins with the first candidate."""
+        status = self.on_found(answer)
+        self.tried = 0
+        return status
+
+
+class MovingLeaf(PlanningLeaf[Motion]):
     """A leaf that plays a timed motion.
 
     Authors write `compose` and, where wanted, `on_arrived`. Set `_held` to the name of an entity to fail with
     `GRASP_LOST` when it leaves the fingers on the way.
     """
+
+    EXPECTED = Motion
 
     _player: TrajectoryPlayer | None = None
     _held: str | None = None
@@ -127,11 +165,12 @@ class MovingLeaf(PlanningLeaf):
         return self.succeed("", **self.describe_motion(motion))
 
     @final
-    def on_answer(self, answer: MotionAnswer) -> Status:
-        """Begin to play."""
-        if not isinstance(answer, Motion):
-            return self.fail(FailureCode.PLANNER_LOST, f"asked for a motion, got {type(answer).__name__}")
-        return self.play(answer)
+    def on_answer(self, answer: Motion) -> Status:
+        """Play the motion from this tick on."""
+        context = self.context
+        self._motion, self._lost_periods = answer, 0
+        self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.tracking_error_max_rad)
+        return self._continue(self._player)
 
     @final
     def on_running(self) -> Status:
@@ -144,14 +183,6 @@ class MovingLeaf(PlanningLeaf):
         """Drop the request or the motion; the set-points brake by themselves."""
         self._player = None
         super().on_halted()
-
-    @final
-    def play(self, motion: Motion) -> Status:
-        """Play a motion from this tick on."""
-        context = self.context
-        self._motion, self._lost_periods = motion, 0
-        self._player = TrajectoryPlayer(motion.trajectory, context.commands, context.tracking_error_max_rad)
-        return self._continue(self._player)
 
     @final
     def scale_speed(self, speed: float) -> float:
@@ -198,6 +229,7 @@ def _is_in(entity: Entity, vessel: Entity) -> bool:
     """Whether the origin of a movable entity lies in the interior of another."""
     if not entity.movable or vessel.interior is None or entity.name == vessel.name:
         return False
-    world_T_vessel = compute_matrix(vessel.pose)
-    point = world_T_vessel[:3, :3].T @ (np.array(entity.pose.position_m) - world_T_vessel[:3, 3])
-    return bool(np.all(np.abs(point - vessel.interior.center_m) <= vessel.interior.half_m))
+    center, half = vessel.interior.center_m, vessel.interior.half_m
+    return all(
+        abs(x - c) <= h for x, c, h in zip(to_child(vessel.pose, entity.pose.position_m), center, half, strict=True)
+    )

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity
+from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down
 from phyagentos.runtime.motion.requests import Approach, Approaches, FindPlacements, NoPlan
-from phyagentos.runtime.motion.shapes import compute_bounds, compute_depth_below
+from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Space, find_sites, find_space, measure_footprint
 
 Array = NDArray[np.float64]
@@ -80,7 +81,7 @@ def _ways_to(name: str, site: Array, space: Space, request: FindPlacements, held
         tool = point_tool_down(space.yaw_rad + np.radians(degrees), np.zeros(3))
         entity = tool @ hand.tcp_T_entity
         entity[:2, 3] = site[:2] - (entity[:3, :3] @ hand.center_m)[:2]
-        entity[2, 3] = site[2] + compute_depth_below(held.shapes, entity[:3, :3])
+        entity[2, 3] = site[2] + compute_extent(held, tuple((-entity[2, :3]).tolist()))[1]
         site_pose = compute_pose(entity)
         entity[2, 3] += DROP_M
         yield Way(

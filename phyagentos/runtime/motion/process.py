@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -68,7 +69,7 @@ class Planner(Protocol):
 class LocalPlanner:
     """The port without a process: works when polled. For tests and for scripts that plan one thing."""
 
-    def __init__(self, planner: "MotionPlanner") -> None:
+    def __init__(self, planner: "MotionPlanner | NoModel") -> None:
         self._planner = planner
         self._request: MotionRequest | None = None
         self._cancelled = False
@@ -99,36 +100,12 @@ class LocalPlanner:
         """Nothing to let go of."""
 
 
-class NoPlanner:
-    """The port for a target without a model, which cannot be planned for: every request is refused."""
+class NoModel:
+    """The motion functions of a target without a model: every request is refused."""
 
-    def __init__(self) -> None:
-        self._is_asked = False
-
-    @property
-    def is_free(self) -> bool:
-        """Whether nothing is asked."""
-        return not self._is_asked
-
-    def submit(self, request: MotionRequest) -> None:
-        """Remember that something was asked."""
-        self._is_asked = True
-
-    def poll(self) -> MotionAnswer | None:
+    def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] | None = None) -> NoPlan:
         """Refuse it."""
-        is_asked, self._is_asked = self._is_asked, False
-        return _refuse("NO_MODEL", "The target has no model to plan with.") if is_asked else None
-
-    def wait(self, timeout_s: float) -> bool:
-        """There is an answer as soon as there is a request."""
-        return self._is_asked
-
-    def cancel(self) -> None:
-        """Forget it."""
-        self._is_asked = False
-
-    def close(self) -> None:
-        """Nothing to let go of."""
+        return _refuse("NO_MODEL", "The target has no model to plan with.")
 
 
 class PlannerProcess:

@@ -1,4 +1,4 @@
-"""Geometry of an entity's solids: boxes around them, how far they reach, and where they would touch a neighbour."""
+"""Boxes around an entity and its solids, posed in the world."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
+from phyagentos.protocol.world.predicates.geometry import compute_half_box
 
 Array = NDArray[np.float64]
 
@@ -41,31 +42,19 @@ class Box:
         return float(np.linalg.norm(np.maximum(np.abs(local) - self.half_m, 0.0)))
 
 
-def compute_half_extents(shape: Shape) -> Array:
-    """(3,) half extents of the box around a shape, in the shape's own frame."""
-    size = shape.size_m
-    match shape.kind:
-        case ShapeKind.BOX:
-            return np.array(size[:3])
-        case ShapeKind.SPHERE:
-            return np.full(3, size[0])
-        case ShapeKind.CYLINDER:
-            return np.array((size[0], size[0], size[1]))
-        case ShapeKind.CAPSULE:
-            return np.array((size[0], size[0], size[0] + size[1]))
-
-
 def compute_shape_boxes(entity: Entity) -> list[Box]:
     """One oriented box for each solid of an entity."""
     world_T_entity = compute_matrix(entity.pose)
-    return [Box(world_T_entity @ compute_matrix(shape.pose), compute_half_extents(shape)) for shape in entity.shapes]
+    return [
+        Box(world_T_entity @ compute_matrix(shape.pose), np.array(compute_half_box(shape))) for shape in entity.shapes
+    ]
 
 
 def compute_bounds(shapes: tuple[Shape, ...]) -> tuple[Array, Array]:
     """Centre and half extents (3,) of the box around all shapes, aligned with the entity's frame."""
     corners = []
     for shape in shapes:
-        T, half = compute_matrix(shape.pose), compute_half_extents(shape)
+        T, half = compute_matrix(shape.pose), np.array(compute_half_box(shape))
         reach = np.abs(T[:3, :3]) @ half
         corners += [T[:3, 3] - reach, T[:3, 3] + reach]
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
@@ -83,27 +72,3 @@ def compute_entity_box(entity: Entity) -> Box:
 def is_round(entity: Entity) -> bool:
     """Whether every solid is round about its own z axis."""
     return all(shape.kind in ROUND_KINDS for shape in entity.shapes)
-
-
-def compute_depth_below(shapes: tuple[Shape, ...], R: Array) -> float:
-    """How far shapes reach below their entity's origin when it is turned by `R` (3, 3) [m].
-
-    Exact for boxes and spheres, exact for cylinders and capsules too: the support function along -z.
-    """
-    down = R.T @ np.array((0.0, 0.0, -1.0))
-    return max(float(down @ np.array(shape.pose.position_m)) + _support(shape, down) for shape in shapes)
-
-
-def _support(shape: Shape, direction: Array) -> float:
-    local = compute_matrix(shape.pose)[:3, :3].T @ direction
-    size = shape.size_m
-    radial = float(np.hypot(local[0], local[1]))
-    match shape.kind:
-        case ShapeKind.BOX:
-            return float(np.abs(local) @ np.array(size[:3]))
-        case ShapeKind.SPHERE:
-            return size[0]
-        case ShapeKind.CYLINDER:
-            return size[0] * radial + size[1] * abs(float(local[2]))
-        case ShapeKind.CAPSULE:
-            return size[0] + size[1] * abs(float(local[2]))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix
 from phyagentos.protocol.world.environment import Entity, Shape
+from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import (
     FIXED_MARGIN_M,
@@ -21,7 +22,7 @@ from phyagentos.runtime.motion.planning_scene import (
     PlanningScene,
 )
 from phyagentos.runtime.motion.robot_model import RobotModel
-from phyagentos.runtime.motion.shapes import compute_half_extents, compute_shape_boxes
+from phyagentos.runtime.motion.shapes import compute_shape_boxes
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -176,7 +177,7 @@ def _cover_box(half_m: Array, cells: Integers) -> Array:
 
 
 def _cover_payload(shape: Shape) -> Array:
-    half = compute_half_extents(shape) * PAYLOAD_SCALE
+    half = np.array(compute_half_box(shape)) * PAYLOAD_SCALE
     return _cover_box(half, np.clip(np.round(half / 0.01), 1, 4).astype(int))
 
 

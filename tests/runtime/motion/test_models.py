@@ -14,7 +14,7 @@ from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down
 from phyagentos.runtime.motion.requests import Payload, World
 from phyagentos.runtime.motion.robot_model import build_robot_model
-from phyagentos.runtime.motion.shapes import compute_bounds, compute_depth_below
+from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 
 pytestmark = pytest.mark.motion
@@ -118,8 +118,9 @@ def test_depth_and_bounds_of_a_lying_cylinder(planner):
 
     assert center.tolist() == pytest.approx([0.0, 0.0, 0.1])
     assert half.tolist() == pytest.approx([0.03, 0.03, 0.1])
-    assert compute_depth_below(shapes, upright) == pytest.approx(0.0)
-    assert compute_depth_below(shapes, lying) == pytest.approx(0.03)
+    cylinder = Entity(name="can", kind="can", pose=Pose(), shapes=shapes)
+    assert compute_extent(cylinder, tuple(-upright[2])) == pytest.approx((-0.2, 0.0))
+    assert compute_extent(cylinder, tuple(-lying[2])) == pytest.approx((-0.03, 0.03))
 
 
 def test_interpolated_poses_turn_and_move_evenly():

@@ -26,6 +26,12 @@ def compute_extent(entity: Entity, direction: Vector) -> tuple[float, float]:
     return (min(center - support for center, support in reaches), max(center + support for center, support in reaches))
 
 
+def compute_reach(entity: Entity, world_direction: Vector) -> float:
+    """How far the entity's solids reach from its origin along a unit direction of the world [m]; not negative."""
+    own = rotate(invert_rotation(entity.pose.quaternion_wxyz), world_direction)
+    return max(0.0, compute_extent(entity, own)[1])
+
+
 def compute_center(entity: Entity) -> Vector:
     """Centre of the entity's bounding box (taken in its own frame), in the world [m]."""
     x, y, z = (sum(compute_extent(entity, axis)) / 2 for axis in _AXES)
@@ -45,7 +51,7 @@ def iter_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> l
     """
     tops = []
     for shape in entity.shapes:
-        half = _half_box(shape)
+        half = compute_half_box(shape)
         start = to_child(shape.pose, to_child(entity.pose, (x_m, y_m, 0.0)))
         way = rotate(
             invert_rotation(shape.pose.quaternion_wxyz), rotate(invert_rotation(entity.pose.quaternion_wxyz), UP)
@@ -70,7 +76,8 @@ def compute_box_distance(pose: Pose, half_m: Sequence[float], point: Sequence[fl
     return math.hypot(*(max(0.0, abs(x) - h) for x, h in zip(local, half_m, strict=True)))
 
 
-def _half_box(shape: Shape) -> Vector:
+def compute_half_box(shape: Shape) -> Vector:
+    """Half extents [m] of the box around a shape, in the shape's own frame."""
     size = shape.size_m
     match shape.kind:
         case ShapeKind.BOX:

@@ -1,24 +1,15 @@
 """Ask for a way that keeps a held vessel level: straight tool lines, turning about the vertical only."""
 
 from phyagentos.geometry import compute_matrix, compute_pose
-from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import PortInformation, Status
-from phyagentos.runtime.execution.planning import PlanningLeaf
+from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
-from phyagentos.runtime.motion.requests import (
-    Approach,
-    Approaches,
-    FindLine,
-    MotionAnswer,
-    MotionRequest,
-    NoPlan,
-    Payload,
-)
+from phyagentos.runtime.motion.requests import Approach, Approaches, FindLine, MotionRequest, Payload
 
 OVER_M = (0.09, 0.18, 0.27, 0.36)  # heights above the end at which it may travel [m], lowest first
 
 
-class PlanCarry(PlanningLeaf):
+class PlanCarry(CandidatePlanningLeaf):
     """A level way with the payload to the first of several approaches that can be reached so."""
 
     INPUT_PORTS = {
@@ -28,11 +19,9 @@ class PlanCarry(PlanningLeaf):
     }
     OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
 
-    _tried = 0
-
     def compose(self) -> MotionRequest | Status:
         """Up, over, down."""
-        approach, over_m = self._list_candidates()[self._tried]
+        approach, over_m = self._list_candidates()[self.tried]
         end = compute_matrix(approach.tcp_end)
         over = raise_pose(end, over_m)
         here = compute_matrix(self.context.step.target.tcp)
@@ -46,22 +35,15 @@ class PlanCarry(PlanningLeaf):
             ignore=(self.read("destination"),),  # the way down was checked against it with the approach
         )
 
-    def on_refused(self, answer: NoPlan) -> Status:
-        """Try the next approach, then higher above the obstacles."""
-        self._tried += 1
-        if self._tried < len(self._list_candidates()):
-            return self.ask()
-        self._tried = 0
-        return super().on_refused(answer)
+    def count_candidates(self) -> int:
+        """The approaches, then once more higher above the obstacles."""
+        return len(self._list_candidates())
 
-    def on_answer(self, answer: MotionAnswer) -> Status:
+    def on_found(self, answer: Approaches) -> Status:
         """Write the way."""
-        if not isinstance(answer, Approaches):
-            return self.fail(FailureCode.PLANNER_LOST, f"asked for a line, got {type(answer).__name__}")
-        approach, over_m = self._list_candidates()[self._tried]
-        tried, self._tried = self._tried + 1, 0
+        approach, over_m = self._list_candidates()[self.tried]
         self.write("approach", answer.approaches[0])
-        return self.succeed("", label=approach.label, over_m=over_m, tried=tried)
+        return self.succeed("", label=approach.label, over_m=over_m, tried=self.tried + 1)
 
     def _list_candidates(self) -> list[tuple[Approach, float]]:
         return [(approach, over_m) for over_m in OVER_M for approach in self.read("approaches").approaches]

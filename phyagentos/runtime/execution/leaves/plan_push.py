@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, compute_pose
-from phyagentos.protocol.world.environment import Entity, Pose, ShapeKind
+from phyagentos.geometry import compute_pose
+from phyagentos.protocol.world.environment import Entity, Pose
+from phyagentos.protocol.world.predicates.geometry import compute_reach
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import PortInformation, Status
-from phyagentos.runtime.execution.planning import PlanningLeaf
+from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import Array, point_tool_down, raise_pose
-from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionAnswer, MotionRequest, NoPlan
+from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
 
 STAND_OFF_M = 0.03  # gap between fingers and object before the push
@@ -17,7 +18,7 @@ OVER_M = 0.12  # height above the line at which the tool comes and goes
 SHORTEST_M = 0.005  # a push shorter than this is none
 
 
-class PlanPush(PlanningLeaf):
+class PlanPush(CandidatePlanningLeaf):
     """A way of the closed fingers: down behind the object, straight on until it stands at the goal.
 
     The way begins at one of the hover postures of `approaches`, whichever allows it, or where the arm is when there are
@@ -34,8 +35,6 @@ class PlanPush(PlanningLeaf):
     }
     OUTPUT_PORTS = {"ways": PortInformation(data_type=Approaches, description="One way, to be reached and followed.")}
 
-    _tried = 0
-
     def compose(self) -> MotionRequest | Status:
         """Waypoints of the tool, from the object's pose and the goal."""
         name = self.read("object")
@@ -47,11 +46,11 @@ class PlanPush(PlanningLeaf):
         length_m = float(np.linalg.norm(way))
         if length_m < SHORTEST_M:
             return self.fail("TOO_SHORT", f"{name} is {1e3 * length_m:.1f} mm from its goal", object=name)
-        tall_m = sum(compute_half_extent(entity, np.array([0.0, 0.0, sign])) for sign in (1.0, -1.0))
+        tall_m = sum(compute_reach(entity, (0.0, 0.0, sign)) for sign in (1.0, -1.0))
         gripper = self.context.profile.gripper
         if tall_m > gripper.palm_height_m:  # the palm is wider than the fingers
             return self.fail("TOO_TALL", f"{name} is {1e3 * tall_m:.0f} mm tall, the hand would meet it", object=name)
-        start, turned = divmod(self._tried, 2)
+        start, turned = divmod(self.tried, 2)
         return FindLine(
             world=self.world(),
             q_rad=self._find_starts()[start],
@@ -60,26 +59,19 @@ class PlanPush(PlanningLeaf):
             ignore=(name, entity.part_of) if entity.part_of else (name,),  # a drawer moves with its handle
         )
 
-    def on_refused(self, answer: NoPlan) -> Status:
-        """Try the other turn of the hand, then the next posture."""
-        self._tried += 1
-        if self._tried < 2 * len(self._find_starts()):
-            return self.ask()
-        self._tried = 0
-        return super().on_refused(answer)
+    def count_candidates(self) -> int:
+        """Each start with two turns of the hand."""
+        return 2 * len(self._find_starts())
+
+    def on_found(self, answer: Approaches) -> Status:
+        """Write the way."""
+        self.write("ways", answer)
+        return self.succeed("", tried=self.tried + 1)
 
     def _find_starts(self) -> list[Array]:
         """Postures (n_joints,) that the way may begin at."""
         approaches = self.find("approaches")
         return [each.line_rad[0] for each in approaches.approaches] if approaches else [self.context.commands.q_rad]
-
-    def on_answer(self, answer: MotionAnswer) -> Status:
-        """Write the way."""
-        if not isinstance(answer, Approaches):
-            return self.fail(FailureCode.PLANNER_LOST, f"asked for a line, got {type(answer).__name__}")
-        tried, self._tried = self._tried + 1, 0
-        self.write("ways", answer)
-        return self.succeed("", tried=tried)
 
 
 def compute_push(
@@ -95,34 +87,9 @@ def compute_push(
         turned: Whether the hand is turned by half a turn.
     """
     center = np.asarray(entity.pose.position_m)
-    reach_m = compute_half_extent(entity, np.array([*direction, 0.0])) + finger_half_m
-    height_m = center[2] - compute_half_extent(entity, np.array([0.0, 0.0, -1.0])) + PUSH_HEIGHT_M
+    reach_m = compute_reach(entity, (*direction.tolist(), 0.0)) + finger_half_m
+    height_m = center[2] - compute_reach(entity, (0.0, 0.0, -1.0)) + PUSH_HEIGHT_M
     yaw_rad = float(np.arctan2(direction[1], direction[0])) + (np.pi if turned else 0.0)
     begin = point_tool_down(yaw_rad, np.array([*(center[:2] - direction * (reach_m + STAND_OFF_M)), height_m]))
     end = point_tool_down(yaw_rad, np.array([*(goal_m - direction * reach_m), height_m]))
     return tuple(compute_pose(pose) for pose in (raise_pose(begin, OVER_M), begin, end))
-
-
-def compute_half_extent(entity: Entity, direction: Array) -> float:
-    """How far the entity's solids reach from its origin along a world direction [m].
-
-    Args:
-        entity: With at least one shape.
-        direction: (3,) unit vector, world frame.
-    """
-    world_T_entity = compute_matrix(entity.pose)
-    reach = 0.0
-    for shape in entity.shapes:
-        world_T_shape = world_T_entity @ compute_matrix(shape.pose)
-        axes = np.abs(world_T_shape[:3, :3].T @ direction)
-        size = shape.size_m
-        if shape.kind is ShapeKind.BOX:
-            own = float(axes @ np.asarray(size))
-        elif shape.kind is ShapeKind.SPHERE:
-            own = size[0]
-        else:
-            caps = size[1] + (size[0] if shape.kind is ShapeKind.CAPSULE else 0.0)
-            own = float(size[0] * np.hypot(axes[0], axes[1]) + caps * axes[2])
-        offset = float((world_T_shape[:3, 3] - world_T_entity[:3, 3]) @ direction)
-        reach = max(reach, offset + own)
-    return reach
