@@ -8,12 +8,13 @@ from hypothesis import strategies as st
 from phyagentos.protocol.capabilities.registries import read_target, render_skills, render_targets
 from phyagentos.protocol.capabilities.skill_runtimes import Needs, Output, Parameter, SkillRuntime, read_skill_runtimes
 from phyagentos.protocol.capabilities.targets import Health, RegisteredTarget, TargetHealth, read_targets
+from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.log import LogLine, read_log
 from phyagentos.protocol.sessions.knowledge import Fact, read_knowledge, render_knowledge
 from phyagentos.protocol.sessions.lessons import Lesson, read_lessons, render_lessons
 from phyagentos.protocol.sessions.runtime_signal import RuntimeState, Signs, read_runtime_signal
 from phyagentos.protocol.sessions.session import Session, SessionStatus, read_sessions
-from phyagentos.protocol.sessions.tasks import GoalStatus, read_tasks
+from phyagentos.protocol.sessions.tasks import TASK, GoalStatus
 from phyagentos.protocol.world.environment import (
     Entity,
     Environment,
@@ -99,7 +100,7 @@ def test_tasks_come_back_as_they_were(goals, seq):
     ledger = Ledger()
     ledger.seq, ledger.goals = seq, {goal.id: goal for goal in goals}
     text = render_tasks(ledger)
-    found = read_tasks(text)
+    found = read_document(text, TASK)
 
     assert found.front.view == seq
     assert found.blocks == ledger.goals

@@ -2,8 +2,9 @@
 
 import pytest
 
+from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
-from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Replan, read_tasks
+from phyagentos.protocol.sessions.tasks import TASK, GoalStatus, NodeState, NodeStatus, Replan
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.tasks import (
@@ -37,7 +38,7 @@ def test_of_the_goals_that_are_over_the_latest_are_shown_and_of_the_others_all(l
     add_goals(ledger, *(GoalStatus(id=f"over-{number}", verdict="success") for number in range(GOALS_SHOWN + 3)))
     add_goals(ledger, GoalStatus(id="gone", is_cancelled=True), GoalStatus(id="open-1"))
     text = render_tasks(ledger)
-    shown = list(read_tasks(text).blocks)
+    shown = list(read_document(text, TASK).blocks)
 
     latest = [f"over-{number}" for number in range(GOALS_SHOWN + 2, 3, -1)]
     assert shown == ["open-1", "gone", *latest, "open-0"]
@@ -102,7 +103,7 @@ def test_what_memory_changed_is_one_line_a_session_with_the_lesson(ledger):
 
     (line,) = (line for line in text.splitlines() if line.startswith("- **Memory changed"))
     assert line == f"- **Memory changed a:** {'; '.join(advice)}"
-    read_tasks(text)
+    read_document(text, TASK)
 
 
 def test_where_memory_changed_many_sessions_the_rest_are_counted(ledger):

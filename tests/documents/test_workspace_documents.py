@@ -7,9 +7,9 @@ import pytest
 
 from phyagentos.cli.lint import lint_paths
 from phyagentos.protocol.capabilities.targets import Health, read_targets
-from phyagentos.protocol.documents.document import iter_blocks
+from phyagentos.protocol.documents.document import iter_blocks, read_document
 from phyagentos.protocol.sessions.runtime_signal import RuntimeState, read_runtime_signal
-from phyagentos.protocol.sessions.tasks import NodeState, read_tasks
+from phyagentos.protocol.sessions.tasks import TASK, NodeState
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.store.document_registry import FORMATS
 
@@ -45,7 +45,7 @@ def test_every_document_that_programs_write_has_something_to_tell(workspace, fil
 
 def test_the_task_tells_what_was_asked_what_went_wrong_and_what_was_done_about_it(workspace):
     text = (workspace / "TASK.md").read_text(encoding="utf-8")
-    (goal,) = read_tasks(text).blocks.values()
+    (goal,) = read_document(text, TASK).blocks.values()
 
     assert goal.verdict == "success"
     assert {node.state for node in goal.nodes.values()} == {NodeState.DONE}

@@ -192,14 +192,13 @@ class GoalController:
         """What follows for the nodes that changed: a session for one that is free, an end for one that cannot be."""
         entries: list[Entry] = []
         blocked: set[str] = set()
-        names = self.worklist.iter_changed()
-        for name in names:
+        for name in self.worklist.iter_changed():
             found = self._look_at(name, blocked)
             if not found:
                 self.worklist.settle(name)
             elif found[0].ev == GoalEvent.NODE_BLOCKED:
                 blocked.add(name)
-                names.add(self.worklist.dag.find_next(name))
+                self.worklist.touch(self.worklist.dag.find_next(name))
             entries += found
         return entries
 
@@ -218,7 +217,7 @@ class GoalController:
         waits = dag.count_open(name) > 0
         missing = dag.find_open(name, further=not waits) if waits or node.sessions else []
         for before in missing:
-            if before in blocked or self._get_state(before) is NodeState.BLOCKED:
+            if before in blocked or self._facts.get_state(before) is NodeState.BLOCKED:
                 return [self._drafter.say(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
         if waits:
             return []
@@ -299,13 +298,10 @@ class GoalController:
         return [
             name
             for name in self.worklist.dag.find_next(node)
-            if self._get_state(name) is NodeState.WAITING
+            if self._facts.get_state(name) is NodeState.WAITING
             and self.worklist.dag.count_open(name) <= len(fresh)
             and fresh.keys() >= set(self.worklist.dag.find_open(name))
         ]
-
-    def _get_state(self, name: str) -> NodeState:
-        return self.status.nodes[name].state
 
     def _say(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
         return Entry(f"goal:{self.goal}", event, body)

@@ -35,6 +35,7 @@ from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.segments import SystemIO, sync_folder
 from phyagentos.store.views.tasks import render_tasks
 from phyagentos.store.watch import Watch
 
@@ -295,8 +296,4 @@ def _write_durably(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    sync_folder(path.parent, SystemIO())

@@ -44,6 +44,7 @@ class Worklist:
         self.goal, self.ledger = goal, ledger
         self._prefix = f"{NODE_PREFIX}{goal}/"
         self._changed = dict.fromkeys(graph.order)  # unlike a set it shrinks, so that few names are few to walk
+        self._heap: list[tuple[int, str]] = []  # changed nodes that are still to be looked at in this round
         self._live: dict[SessionId, None] = {}
         self._unjudged: dict[SessionId, None] = {}
         self._queues: dict[str, set[SessionId]] = {}  # target -> live sessions that wait for it
@@ -88,9 +89,20 @@ class Worklist:
         """Sessions that wait for a verdict, in the order in which they ended."""
         return iter(tuple(self._unjudged))
 
-    def iter_changed(self) -> "Changed":
-        """Nodes to look at, in the order of the graph; more may be added on the way."""
-        return Changed(self.dag, self._changed)
+    def iter_changed(self) -> Iterator[str]:
+        """Nodes to look at, in the order of the graph; those that `touch` names on the way included."""
+        self._heap = [(self.dag.get_rank(name), name) for name in self._changed]
+        heapq.heapify(self._heap)
+        latest = ""
+        while self._heap:
+            _, name = heapq.heappop(self._heap)
+            if name != latest:
+                yield (latest := name)
+
+    def touch(self, names: Iterable[str]) -> None:
+        """Look at these too; each must come later in the graph than the present one."""
+        for name in names:
+            heapq.heappush(self._heap, (self.dag.get_rank(name), name))
 
     def settle(self, name: str) -> None:
         """Nothing is to be done about this node until it, or one before it, changes."""
@@ -114,25 +126,3 @@ class Worklist:
             self._unjudged[id] = None
         else:
             self._unjudged.pop(id, None)
-
-
-class Changed:
-    """Iterates over nodes in the order of the graph, those added on the way included."""
-
-    def __init__(self, dag: GoalDag, names: Iterable[str]) -> None:
-        self._dag = dag
-        self._heap = [(dag.get_rank(name), name) for name in names]
-        heapq.heapify(self._heap)
-        self._seen: set[str] = set()
-
-    def add(self, names: Iterable[str]) -> None:
-        """Look at these too; each must come later in the graph than the present one."""
-        for name in names:
-            heapq.heappush(self._heap, (self._dag.get_rank(name), name))
-
-    def __iter__(self) -> Iterator[str]:
-        while self._heap:
-            _, name = heapq.heappop(self._heap)
-            if name not in self._seen:
-                self._seen.add(name)
-                yield name

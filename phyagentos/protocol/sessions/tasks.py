@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import msgspec
 
-from phyagentos.protocol.documents.document import Document, DocumentFormat, FrontMatter, read_document
+from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.protocol.sessions.verdicts import Criterion
 
@@ -209,12 +209,3 @@ TASK = DocumentFormat(
     key="id",
     front=FrontMatter,
 )
-
-
-def read_tasks(text: str, source: str = "") -> Document[GoalStatus]:
-    """Read TASK.md: goals by id, newest first.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
-    return read_document(text, TASK, source)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from phyagentos.store.edits.changes import Refused
+from phyagentos.store.segments import SystemIO, sync_folder
 
 NOTES_SHOWN = 3
 _HEAD = """# Refused edits
@@ -67,20 +68,12 @@ class Rejections:
             file.flush()
             os.fsync(file.fileno())
         if is_first:
-            _sync_name(self._path)
+            sync_folder(self._path.parent, SystemIO())
         for each in new:
             self._notes.append(
                 f"`{source}:{each.line}` ({each.about}): {_shorten(each.reason)}. See {self._path.name}."
             )
         return new
-
-
-def _sync_name(path: Path) -> None:
-    fd = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
 
 
 def _hash(refused: Refused) -> bytes:
