@@ -28,7 +28,7 @@ MODEL_UNREADABLE     MuJoCo cannot read a model file.
 NAME_MISMATCH        A name differs from that of its file or folder.
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
 NOT_A_KEY            A port is wired to something that is no key of a tree.
-NOT_A_LEAF           A registered class is no leaf.
+NOT_A_LEAF           A registered class is no leaf, or declares no role.
 NOT_A_NODE           A value of a tree is no node.
 NOT_A_NUMBER         A comparison needs a number.
 NOT_A_PREDICATE      A condition of a tree is no predicate.

@@ -15,9 +15,10 @@ from phyagentos.agent.mission.report import MissionReport
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, HOLDS, TRACE, TraceEvent, write_json, write_lines
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, HOLDS, TRACE, write_json, write_lines
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import (

@@ -11,8 +11,9 @@ from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage
 from phyagentos.errors import Problem
-from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
+from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.truth import Truth
@@ -22,20 +23,30 @@ from .conftest import make_world, put, remove
 
 STEPS = {
     Stage.BEFORE: (),
-    Stage.CLOSED: (("close_gripper", {}),),
-    Stage.GRASPED: (("close_gripper", {}), ("verify_grasp", {})),
-    Stage.LIFTED: (("close_gripper", {}), ("verify_grasp", {}), ("verify_grasp", {})),
-    Stage.RELEASED: (("close_gripper", {}), ("attach", {}), ("detach", {"position_m": [0.6, 0.3, 0.03]})),
+    Stage.CLOSED: ((Role.GRASP, {}),),
+    Stage.GRASPED: ((Role.GRASP, {}), (Role.VERIFY, {})),
+    Stage.LIFTED: ((Role.GRASP, {}), (Role.VERIFY, {}), (Role.VERIFY, {})),
+    Stage.RELEASED: ((Role.GRASP, {}), (Role.CARRY, {}), (Role.RELEASE, {"position_m": [0.6, 0.3, 0.03]})),
 }
+EARLIER = {
+    Role.GRASP: "close_gripper",
+    Role.VERIFY: "verify_grasp",
+    Role.CARRY: "attach",
+    Role.RELEASE: "detach",
+}
+
+
+def make_event(tick: int, path: str, role: Role | None, leaf: str = "a leaf of any name", **more: Any) -> TraceEvent:
+    facts = {"status": "SUCCESS"} | more
+    return TraceEvent(tick=tick, time_s=0.1 * tick, path=path, leaf=leaf, declared_role=role, **facts)
 
 
 def make_bundle(after, stage: Stage = Stage.BEFORE, **execution: Any) -> Bundle:
     parameters = {"object": "red_cube", "destination": "red_tray"}
-    plan = TraceEvent(tick=0, time_s=0.0, path="p/plan", leaf="plan_grasp", status="SUCCESS")
-    steps = tuple(
-        TraceEvent(tick=n, time_s=0.1 * n, path=f"p/{n}", leaf=leaf, status="SUCCESS", numbers=numbers)
-        for n, (leaf, numbers) in enumerate(STEPS[stage])
-    )
+    plan = make_event(0, "p/plan", Role.PLAN_GRASP)
+    steps = (make_event(n, f"p/{n}", role, numbers=numbers) for n, (role, numbers) in enumerate(STEPS[stage]))
+    acts = execution.get("leaf") == "policy"
+    failure = (make_event(9, "policy", Role.ACT, status="FAILURE", code=execution["code"]),) if acts else ()
     facts = {"ended": Ended.SKILL_FAILED, "evidence": "e", "ticks": 100} | execution
     return Bundle(
         folder=Path("e"),
@@ -44,9 +55,17 @@ def make_bundle(after, stage: Stage = Stage.BEFORE, **execution: Any) -> Bundle:
         before=make_world(),
         after=after,
         holds=(),
-        trace=(plan, *steps),
+        trace=(plan, *steps, *failure),
         events=(),
     )
+
+
+@pytest.mark.parametrize("stage", STEPS)
+def test_a_bundle_recorded_before_leaves_declared_their_roles_tells_the_same_stage(stage):
+    bundle = make_bundle(make_world(), stage)
+    earlier = [make_event(each.tick, each.path, None, EARLIER.get(each.role, "plan_grasp")) for each in bundle.trace]
+    assert ManipulationTimeline.of(bundle, "red_cube").stage is stage
+    assert ManipulationTimeline.of(msgspec.structs.replace(bundle, trace=tuple(earlier)), "red_cube").stage is stage
 
 
 def ask(bundle: Bundle):

@@ -11,9 +11,10 @@ from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import SessionVerifier
-from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, TraceEvent, read_bundle, write_json
+from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, read_bundle, write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.environment import FRESH_S
 from phyagentos.protocol.world.truth import Truth

@@ -9,9 +9,9 @@ import pytest
 from phyagentos.agent.memory.advice import Advice
 from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, NoRetry
 from phyagentos.errors import Problem
-from phyagentos.protocol.sessions.evidence import TraceEvent
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 
 from .conftest import Play, add_skills, hold, make_world, put, succeed

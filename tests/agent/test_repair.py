@@ -15,12 +15,13 @@ from phyagentos.agent.repair.budget import Left, compute_left
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
 from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, GraphRepair, NoRetry
-from phyagentos.agent.repair.resume_held import propose_remainder
+from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
+from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
 
@@ -210,7 +211,7 @@ def test_what_it_does_not_hold_is_fetched_again(shipped, world):
 
 
 def test_only_a_lost_runner_is_no_fault_of_the_way_in_which_it_is_held(shipped):
-    assert list(propose_remainder(make_case(shipped, Cause.NO_PLAN, world=HOLDING))) == []
+    assert list(propose_resume_held(make_case(shipped, Cause.NO_PLAN, world=HOLDING))) == []
 
 
 @pytest.mark.parametrize("cause", [Cause.GRASP_LOST, Cause.NO_PLAN, Cause.PLACED_WRONG])

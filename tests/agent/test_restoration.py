@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.repair.recovery_policies import NoRetry
-from phyagentos.agent.repair.regressions import find_undone
+from phyagentos.agent.repair.regressions import find_regressions
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.settings.verification import VerificationMode
 from tests.contracts import make_contract
@@ -117,7 +117,7 @@ def test_a_later_node_takes_a_thing_up_again_by_what_it_is_to_bring_about(catalo
     finished = {"red": make_session("pick_and_place", "inside(red_cube, red_tray)", object="red_cube"), "later": later}
     now = put(hold(make_world()), "red_cube", AWAY)
     after = {"red": frozenset({"later"}), "later": frozenset()}
-    assert ("red" in find_undone(finished, after.__getitem__, promises, see(now))) == is_undone
+    assert ("red" in find_regressions(finished, after.__getitem__, promises, see(now))) == is_undone
 
 
 def test_only_a_node_that_comes_after_takes_a_thing_up_again(catalogue):
@@ -127,14 +127,14 @@ def test_only_a_node_that_comes_after_takes_a_thing_up_again(catalogue):
         for tray in ("red_tray", "green_tray")
     }
     now = put(make_world(), "red_cube", (0.6, 0.0, 0.03))
-    assert list(find_undone(finished, lambda _: frozenset(), promises, see(now))) == ["red_tray"]
+    assert list(find_regressions(finished, lambda _: frozenset(), promises, see(now))) == ["red_tray"]
     after = {"red_tray": frozenset({"green_tray"}), "green_tray": frozenset()}
-    assert find_undone(finished, after.__getitem__, promises, see(now)) == {}
+    assert find_regressions(finished, after.__getitem__, promises, see(now)) == {}
 
 
 def test_only_lasting_facts_are_undone(catalogue):
     finished = {"pick": make_session("pick", "holding(panda, red_cube)", object="red_cube")}
-    assert find_undone(finished, lambda _: frozenset(), {"pick": ()}, see(hold(make_world()))) == {}
+    assert find_regressions(finished, lambda _: frozenset(), {"pick": ()}, see(hold(make_world()))) == {}
 
 
 LOOKED_AT = """

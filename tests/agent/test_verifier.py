@@ -12,10 +12,11 @@ from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.repair.case import Miss
-from phyagentos.agent.repair.retrying import find_label, revise
-from phyagentos.protocol.sessions.evidence import Bundle, TraceEvent
+from phyagentos.agent.repair.retrying import revise
+from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.trace import Role, TraceEvent, find_label
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 from tests.contracts import make_contract
@@ -227,9 +228,9 @@ def _revise(cause: Cause, *, of_skill: tuple[str, ...] = (), **more: Any) -> Any
 
 def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
     bundle = make_bundle(make_world(), trace=TRACE)
-    assert find_label(bundle.trace, "plan_grasp") == "yaw+090"
-    assert find_label(bundle.trace, "plan_place") == "site1.yaw+000"
-    assert find_label((), "plan_grasp") is None
+    assert find_label(bundle.trace, Role.PLAN_GRASP) == "yaw+090"
+    assert find_label(bundle.trace, Role.PLAN_SITE) == "site1.yaw+000"
+    assert find_label((), Role.PLAN_GRASP) == ""
 
 
 @pytest.mark.parametrize(

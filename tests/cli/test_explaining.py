@@ -7,9 +7,10 @@ import pytest
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.sessions.estop import is_latched
-from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, TraceEvent, write_json, write_lines
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, write_json, write_lines
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.stop_signals import take_signals
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.store.views.tasks import render_tasks
 

@@ -5,6 +5,7 @@ import pytest
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference, find_references, iter_nodes, read_tree
+from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.execution.tree_check import check_tree
@@ -24,6 +25,17 @@ def test_a_leaf_declares_every_port_with_a_description(name):
     for port, information in {**leaf.INPUT_PORTS, **leaf.OUTPUT_PORTS}.items():
         assert information.description, f"{name}.{port} has no description"
         assert port != "name", "name is the node's own"
+
+
+PORTS = {Role.PLAN_GRASP: {"object"}, Role.PLAN_SITE: {"destination", "relation", "near"}, Role.VERIFY: {"object"}}
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_a_leaf_declares_its_role_and_the_ports_that_go_with_it(name):
+    leaf = REGISTRY.get(name)
+
+    assert isinstance(leaf.ROLE, Role)
+    assert PORTS.get(leaf.ROLE, set()) <= leaf.INPUT_PORTS.keys()
 
 
 @pytest.mark.parametrize("name", TREES)

@@ -13,6 +13,7 @@ from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.protocol.world.environment import Entity, Environment, Pose, Shape, ShapeKind, TargetState
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.channel import Link
+from phyagentos.runtime.execution.leaf_registry import build_registry
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -59,6 +60,9 @@ class Oracle:
         return True
 
 
+REGISTRY = build_registry(Library.open())
+
+
 def refuse(code, **rejected):
     return NoPlan(code=code, message="no", timing=Timing(ms={}), rejected=rejected)
 
@@ -73,26 +77,29 @@ def try_out(planner, cube=(0.5, 0.0, 0.02), reach=None, thorough=False, clock=No
         time_s=0.0, scene="s", episode="e", revision=1, sensing="truth", entities=entities, regions={},
         targets={"panda": state},
     )  # fmt: skip
-    dry_run = DryRun(planner=planner, library=Library.open(), clock=clock or ManualClock(), home_rad=HOME, reach=reach)
+    clock = clock or ManualClock()
+    dry_run = DryRun(
+        planner=planner, library=Library.open(), registry=REGISTRY, clock=clock, home_rad=HOME, reach=reach
+    )
     return dry_run.run(SESSION, tree, now, thorough=thorough)
 
 
 def test_the_first_motions_of_a_tree_are_found_through_its_subtrees():
     arguments = {"object": "cube", "destination": "tray", "near": [0.4, 0.1, 0.0]}
 
-    motions = list(find_motions("pick_and_place", arguments, Library.open()))
+    motions = list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY))
 
-    assert motions == [Grasp("cube"), Place("cube", "tray", "inside", (0.4, 0.1, 0.0))]
-    assert list(find_motions("stack", {"object": "a", "support": "b"}, Library.open()))[1].relation == "on"
-    assert list(find_motions("home", {}, Library.open())) == [Home()]
-    assert list(find_motions("nowhere", {}, Library.open())) == []
+    assert motions == [Grasp("cube"), Place("tray", "inside", (0.4, 0.1, 0.0))]
+    assert list(find_motions("stack", {"object": "a", "support": "b"}, Library.open(), REGISTRY))[1].relation == "on"
+    assert list(find_motions("home", {}, Library.open(), REGISTRY)) == [Home()]
+    assert list(find_motions("nowhere", {}, Library.open(), REGISTRY)) == []
 
 
 @pytest.mark.parametrize("near", [[0.4, 0.1], ["left", 0.1, 0.0], 0.4])
 def test_a_place_near_what_is_no_point_is_not_tried(near):
     arguments = {"object": "cube", "destination": "tray", "near": near}
 
-    assert list(find_motions("pick_and_place", arguments, Library.open())) == [Grasp("cube")]
+    assert list(find_motions("pick_and_place", arguments, Library.open(), REGISTRY)) == [Grasp("cube")]
 
 
 def test_what_a_fallback_may_never_reach_is_not_tried(tmp_path):
@@ -109,7 +116,7 @@ root:
     (tmp_path / "trees").mkdir()
     (tmp_path / "trees/cautious.yaml").write_text(tree, encoding="utf-8")
 
-    assert list(find_motions("cautious", {"object": "cube"}, Library.open(tmp_path))) == []
+    assert list(find_motions("cautious", {"object": "cube"}, Library.open(tmp_path), REGISTRY)) == []
 
 
 def test_what_follows_a_subtree_that_was_not_looked_through_is_not_tried(tmp_path):
@@ -121,7 +128,7 @@ def test_what_follows_a_subtree_that_was_not_looked_through_is_not_tried(tmp_pat
         "      - subtree: {tree: pick, with: {object: $object}}\n"
     )
     arguments = {"object": "cube", "to": (0.4, 0.0, 0.02)}
-    assert list(find_motions("push_and_pick", arguments, Library.open(tmp_path))) == []
+    assert list(find_motions("push_and_pick", arguments, Library.open(tmp_path), REGISTRY)) == []
 
 
 def test_a_motion_that_was_found_is_possible_and_the_place_is_asked_for_with_its_grasp():

@@ -7,17 +7,19 @@ import yaml
 from py_trees.blackboard import Blackboard
 
 from phyagentos.protocol.sessions import evidence
-from phyagentos.protocol.sessions.evidence import TraceEvent, read_bundle
+from phyagentos.protocol.sessions.evidence import read_bundle
 from phyagentos.protocol.sessions.session import Ended, Limits
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Environment, Interior
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.execution.leaf import Leaf, Status
+from phyagentos.runtime.execution.leaf import Leaf, Role, Status
 from phyagentos.runtime.targets import wire
 
 
 class Boast(Leaf):
     """Reports success and does nothing."""
 
+    ROLE = Role.ACT
     INPUT_PORTS = {}
     OUTPUT_PORTS = {}
 
@@ -28,6 +30,7 @@ class Boast(Leaf):
 class Crash(Leaf):
     """Begins to move, then raises."""
 
+    ROLE = Role.ACT
     INPUT_PORTS = {}
     OUTPUT_PORTS = {}
 
@@ -44,6 +47,7 @@ class Crash(Leaf):
 class Reckless(Leaf):
     """Commands a jump."""
 
+    ROLE = Role.ACT
     INPUT_PORTS = {}
     OUTPUT_PORTS = {}
 
@@ -57,6 +61,7 @@ class Reckless(Leaf):
 class Idle(Leaf):
     """Runs for ever without doing anything."""
 
+    ROLE = Role.ACT
     INPUT_PORTS = {}
     OUTPUT_PORTS = {}
 

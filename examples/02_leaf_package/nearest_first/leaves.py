@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.perception.world_model import BELIEF
 
@@ -11,6 +11,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 class ChooseNearest(Leaf):
     """Names the visible thing of a kind that is nearest to the tool."""
 
+    ROLE = Role.SENSE
     INPUT_PORTS = {"kind": PortInformation(str, description="Class of thing, such as cube.")}
     OUTPUT_PORTS = {"object": PortInformation(str, description="Its name.")}
 

@@ -15,6 +15,7 @@ from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline,
 from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import Environment, Status
 from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
@@ -77,7 +78,6 @@ _OF_ADAPTERS = frozenset(
 )
 
 
-_POLICY = "policy"  # the leaf of a policy skill
 _OF_POLICIES = {  # how a policy's loop ends whatever the world looks like afterwards
     "OBSERVATION_UNAVAILABLE": Cause.SENSOR_STALE,
     **dict.fromkeys(("WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"), Cause.POLICY_FAILED),
@@ -159,20 +159,20 @@ class Diagnosis:
 
 def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     """The cause why `criteria` are not all true on this evidence."""
-    course = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
-    cause, fact = _find_cause(bundle, criteria, course)
+    timeline = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
+    cause, fact = _find_cause(bundle, criteria, timeline)
     is_told = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
-    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(course, is_told=is_told)
+    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(timeline, is_told=is_told)
     if cause is Cause.CONSTRAINT_VIOLATED:
         hopeless = hopeless or any(_is_still_violated(criterion, bundle) for criterion in criteria)
     return Diagnosis(
         cause=cause,
         leaf=bundle.execution.leaf,
         fact=fact,
-        object=course.name,
+        object=timeline.name,
         is_hopeless=hopeless,
-        stage=course.stage,
-        support=course.support,
+        stage=timeline.stage,
+        support=timeline.support,
     )
 
 
@@ -191,7 +191,7 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
 
 
 def find_object(session: Session, world: Environment | None, criteria: Sequence[Criterion] = ()) -> str | None:
-    """The movable thing that a session is about: its `object`, else the first one its parameters or criteria name.
+    """The movable thing that a session is about: the first one that its parameters, or else its criteria, name.
 
     Args:
         session: The contract.
@@ -200,16 +200,11 @@ def find_object(session: Session, world: Environment | None, criteria: Sequence[
     """
     if world is None:
         return None
-    parameters = session.parameters
-    named = [parameters.get("object"), *parameters.values()]
-    named += [name for criterion in criteria for name in find_entities(criterion.text)]
-    for name in named:
-        if isinstance(name, str) and name in world.entities and world.entities[name].movable:
-            return name
-    return None
+    mentioned = (name for criterion in criteria for name in find_entities(criterion.text))
+    return world.find_movable((*session.parameters.values(), *mentioned))
 
 
-def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], course: ManipulationTimeline) -> tuple[Cause, str]:
+def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: ManipulationTimeline) -> tuple[Cause, str]:
     execution = bundle.execution
     if not criteria:
         return Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted"
@@ -219,55 +214,58 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], course: Manipulat
         return fault
     if execution.ended in _OF_MACHINE:
         return _OF_ENDS[execution.ended], _describe_end(bundle)
-    if course.name and course.now is None and course.stage < Stage.GRASPED:
-        return Cause.OBJECT_GONE, f"{course.name} is not in the world after the session"
+    if timeline.name and timeline.now is None and timeline.stage < Stage.GRASPED:
+        return Cause.OBJECT_GONE, f"{timeline.name} is not in the world after the session"
     violated = next((c for c in criteria if c.kind in {"hold", "constraint"} and c.truth is Truth.FALSE), None)
     if violated is not None:
         when = f" at {violated.at_s:.2f} s" if violated.at_s is not None else ""
         return Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}"
-    if (disturbed := _find_disturbance(bundle, course)) is not None:
+    if (disturbed := _find_disturbance(bundle, timeline)) is not None:
         return disturbed
-    if execution.leaf == _POLICY and execution.code in _OF_POLICIES:
+    failed = find_failed_leaf(bundle)
+    if failed is not None and failed.role is Role.ACT and execution.code in _OF_POLICIES:
         return _OF_POLICIES[execution.code], _describe_end(bundle)
     if execution.code in _OF_ADAPTERS:
         return Cause.ADAPTER_REFUSED, _describe_end(bundle)
     if execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
         return _OF_STOPS.get(execution.code, _OF_ENDS[execution.ended]), _describe_end(bundle)
-    if course.now is not None and not course.now.visible:
-        return Cause.OBJECT_HIDDEN, f"{course.name} was not seen after the session"
+    if timeline.now is not None and not timeline.now.visible:
+        return Cause.OBJECT_HIDDEN, f"{timeline.name} was not seen after the session"
     if execution.ended is Ended.SKILL_FAILED:
         if execution.code.startswith("POLICY_"):
             return Cause.POLICY_FAILED, _describe_end(bundle)
         return _OF_CODES.get(execution.code, Cause.UNKNOWN), _describe_end(bundle)
-    return _judge_completed(bundle, criteria, course)
+    return _judge_completed(bundle, criteria, timeline)
 
 
-def _find_disturbance(bundle: Bundle, course: ManipulationTimeline) -> tuple[Cause, str] | None:
+def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[Cause, str] | None:
     """The thing moved although the robot had never taken hold of it, or had already let go of it."""
-    name, moved_m = course.name, course.moved_m
-    if course.now is None or not course.now.visible:
+    name, moved_m = timeline.name, timeline.moved_m
+    if timeline.now is None or not timeline.now.visible:
         return None  # where it is now is not known
-    touched = course.stage >= Stage.GRASPED or _was_held(course)
-    if not touched and _is_out_of_reach(course):
+    touched = timeline.stage >= Stage.GRASPED or _was_held(timeline)
+    if not touched and _is_out_of_reach(timeline):
         return (
             Cause.OBJECT_GONE,
             f"{name} was carried off by {moved_m:.2f} m without being held; {_describe_end(bundle)}",
         )
-    pushes = not course.grips  # a skill that only pushes moves things without holding them
+    pushes = not timeline.grips  # a skill that only pushes moves things without holding them
     if not touched and not pushes and moved_m > DISTURBED_M:
         return Cause.OBJECT_MOVED, f"{name} moved {moved_m:.3f} m without being held; {_describe_end(bundle)}"
-    if course.stage is Stage.RELEASED and course.since_release_m > ROLLED_M:
-        text = f"{name} was put down and then moved {course.since_release_m:.3f} m without being held"
+    if timeline.stage is Stage.RELEASED and timeline.since_release_m > ROLLED_M:
+        text = f"{name} was put down and then moved {timeline.since_release_m:.3f} m without being held"
         return Cause.OBJECT_MOVED, text
     return None
 
 
-def _judge_completed(bundle: Bundle, criteria: Sequence[Criterion], course: ManipulationTimeline) -> tuple[Cause, str]:
+def _judge_completed(
+    bundle: Bundle, criteria: Sequence[Criterion], timeline: ManipulationTimeline
+) -> tuple[Cause, str]:
     """The skill reported success, yet a criterion is not true."""
-    name, moved_m = course.name, course.moved_m
+    name, moved_m = timeline.name, timeline.moved_m
     if not any(criterion.truth is Truth.FALSE for criterion in criteria):
         unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
-        after, now = bundle.after, course.now
+        after, now = bundle.after, timeline.now
         if after is not None and now is not None and now.visible and not after.shows(now.name):
             age_s = after.time_s - now.observed_at_s
             return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
@@ -287,18 +285,18 @@ def _is_holding(formula: Formula | None) -> bool:
     return isinstance(formula, Call) and formula.name == "holding"
 
 
-def _is_out_of_reach(course: ManipulationTimeline, *, is_told: bool = True) -> bool:
+def _is_out_of_reach(timeline: ManipulationTimeline, *, is_told: bool = True) -> bool:
     """Whether the thing fell off what it stood on, or was taken away; a lost runner may have carried it (not told)."""
-    was, now = course.was, course.now
-    if was is None or now is None or now.confidence < SURE or _was_held(course):
+    was, now = timeline.was, timeline.now
+    if was is None or now is None or now.confidence < SURE or _was_held(timeline):
         return False
     fell_m = was.pose.position_m[2] - now.pose.position_m[2]
-    return fell_m > FELL_M or (is_told and course.moved_m > GONE_M and course.stage < Stage.LIFTED)
+    return fell_m > FELL_M or (is_told and timeline.moved_m > GONE_M and timeline.stage < Stage.LIFTED)
 
 
-def _was_held(course: ManipulationTimeline) -> bool:
+def _was_held(timeline: ManipulationTimeline) -> bool:
     """Whether a hand had it as the session began; when that opens, the thing falls."""
-    return course.was is not None and course.was.status is Status.HELD
+    return timeline.was is not None and timeline.was.status is Status.HELD
 
 
 def _describe_end(bundle: Bundle) -> str:

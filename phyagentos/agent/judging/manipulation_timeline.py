@@ -1,4 +1,4 @@
-"""The course of a session as its evidence tells it: how far the skill came, and what its thing did meanwhile.
+"""What a session did to its thing, read off its evidence: how far the skill came, and what its thing did meanwhile.
 
 Upstream: the evidence bundle. Downstream: `diagnosis`. It reads the robot's own record (leaves, fingers) and what was
 seen before and after; never what the simulated world was told to do.
@@ -8,12 +8,13 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, EXECUTION, TRACE, Bundle, TraceEvent
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, EXECUTION, TRACE, Bundle
 from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.sessions.verdicts import Support
 from phyagentos.protocol.world.environment import Entity
 
-_GRIPPING = frozenset({"close_gripper", "verify_grasp", "plan_grasp", "attach", "detach"})
+_GRIPPING = frozenset({Role.PLAN_GRASP, Role.GRASP, Role.VERIFY, Role.CARRY, Role.RELEASE})
 
 
 class Stage(IntEnum):
@@ -68,7 +69,7 @@ class ManipulationTimeline:
             was=was,
             now=now,
             stage=stage,
-            grips=not bundle.trace or any(event.leaf in _GRIPPING for event in bundle.trace),
+            grips=not bundle.trace or any(event.role in _GRIPPING for event in bundle.trace),
             moved_m=compute_move(was, now),
             since_release_m=since_m,
             support=_find_support(bundle, name, was, now, stage, since_m),
@@ -89,17 +90,18 @@ def find_failed_leaf(bundle: Bundle) -> TraceEvent | None:
 def _find_stage(bundle: Bundle) -> Stage:
     stage, checks = Stage.BEFORE, 0
     for event in bundle.trace:
-        if event.status != "SUCCESS":
-            continue
-        if event.leaf == "close_gripper":
-            stage, checks = Stage.CLOSED, 0
-        elif event.leaf == "verify_grasp":
-            checks += 1
-            stage = Stage.GRASPED if checks == 1 else Stage.LIFTED
-        elif event.leaf == "attach":
-            stage = Stage.LIFTED
-        elif event.leaf == "detach" or (event.leaf == "open_gripper" and stage is Stage.LIFTED):
-            stage = Stage.RELEASED
+        match event.role if event.is_success else None:
+            case Role.GRASP:
+                stage, checks = Stage.CLOSED, 0
+            case Role.VERIFY:
+                checks += 1
+                stage = Stage.GRASPED if checks == 1 else Stage.LIFTED
+            case Role.CARRY:
+                stage = Stage.LIFTED
+            case Role.RELEASE:
+                stage = Stage.RELEASED
+            case Role.OPEN if stage is Stage.LIFTED:
+                stage = Stage.RELEASED
     if not bundle.trace and bundle.execution.code == "GRASP_LOST":
         return Stage.LIFTED  # the skill's own word, where nothing else was recorded
     if not bundle.trace and bundle.execution.ended is Ended.COMPLETED:
@@ -109,7 +111,7 @@ def _find_stage(bundle: Bundle) -> Stage:
 
 def _find_release(bundle: Bundle) -> tuple[float, ...] | None:
     """Where the thing was let go, as the leaf saw it (3,) [m]."""
-    sites = [e.numbers.get("position_m") for e in bundle.trace if e.leaf == "detach" and e.status == "SUCCESS"]
+    sites = [e.numbers.get("position_m") for e in bundle.trace if e.role is Role.RELEASE and e.is_success]
     return tuple(sites[-1]) if sites and sites[-1] else None
 
 

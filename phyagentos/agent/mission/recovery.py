@@ -20,7 +20,7 @@ from phyagentos.agent.repair.alternative import AlternativeKind, Decision
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.foresight import revise_foreseen
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
-from phyagentos.agent.repair.regressions import find_lost_preconditions, find_undone
+from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
@@ -130,7 +130,7 @@ class Recovery:
         seen = self.evidence.by_target.items()
         worlds = {target: (each.now, each.initial) for target, each in seen if each.now is not None}
         promises = {name: skill.guarantees for name, skill in self.drafter.compiler.catalogue.skills.items()}
-        return find_undone(self.facts.find_finished(), self.facts.dag.find_after, promises, worlds)
+        return find_regressions(self.facts.find_finished(), self.facts.dag.find_after, promises, worlds)
 
     def reopen(self, regressions: Mapping[str, str]) -> list[Entry]:
         """Finished nodes that must be done again, each at the price of one replan."""
@@ -276,8 +276,8 @@ class Recovery:
         if world is None:
             return None
         if "visible" in unmet:
-            thing = world.entities.get(str(subject.contract.parameters.get("object")))
-            cause = Cause.OBJECT_HIDDEN if thing is not None and not thing.visible else None
+            thing = world.find_movable(subject.contract.parameters.values())
+            cause = Cause.OBJECT_HIDDEN if thing is not None and not world.entities[thing].visible else None
         elif "holding" in unmet:
             cause = Cause.GRASP_LOST
         return Miss.of_refusal(subject, cause, world) if cause is not None else None

@@ -14,8 +14,9 @@ from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.agent.repair.budget import Left
-from phyagentos.protocol.sessions.evidence import AFTER, Bundle, TraceEvent
+from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.session import INTERRUPTED, Session, SessionStatus
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.protocol.world.environment import Environment
 

@@ -37,7 +37,7 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
         return
     blockers = [name for name in find_blockers(case.miss) if name not in case.protected]
     for name in blockers:
-        tried = {session.skill for session in cleared if session.parameters.get("object") == name}
+        tried = {session.skill for session in cleared if name in session.parameters.values()}
         here = world.entities[name].pose.position_m
         spot = find_free_spot(world, name, (here, *_find_needed(case, world)), _find_base(case))
         if spot is None:
@@ -53,12 +53,13 @@ def find_blockers(miss: Miss) -> list[str]:
     world, event = miss.world, miss.failed_leaf
     if world is None:
         return []
-    own = miss.session.parameters.get("object")
+    own = world.find_movable(miss.session.parameters.values())
     counted: Counter[str] = Counter()
     for pair, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
         counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
     if _FULL in miss.codes:
-        counted.update(_find_inside(world, str(miss.session.parameters.get("destination", ""))))
+        for place in miss.session.parameters.values():
+            counted.update(_find_inside(world, str(place)) if place != own else {})
     movable = {name for name, entity in world.entities.items() if entity.movable and entity.visible and name != own}
     return [name for name, _ in sorted(counted.items(), key=lambda each: (-each[1], each[0])) if name in movable]
 

@@ -14,7 +14,7 @@ from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.other_skill import propose_other_skill
 from phyagentos.agent.repair.other_target import propose_other_target
-from phyagentos.agent.repair.resume_held import propose_remainder
+from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 
 Generator = Callable[[Case], Iterator[Alternative]]
@@ -22,7 +22,7 @@ Generator = Callable[[Case], Iterator[Alternative]]
 GENERATORS: tuple[Generator, ...] = (
     propose_looking,
     propose_retry,
-    propose_remainder,
+    propose_resume_held,
     propose_other_skill,
     propose_clearing,
     propose_other_target,

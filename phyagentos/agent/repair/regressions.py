@@ -17,7 +17,7 @@ Worlds = Mapping[str, tuple[Environment, Environment | None]]  # target -> its l
 _TAKING = frozenset({"holding", "moved"})  # they pass, but whoever is to bring them about does not only look
 
 
-def find_undone(
+def find_regressions(
     finished: Mapping[str, Session],
     find_later: Callable[[str], Collection[str]],
     promises: Promises,
@@ -33,7 +33,7 @@ def find_undone(
         promises: Of the skills.
         worlds: Of the targets that were seen.
     """
-    undone = {}
+    regressions = {}
     for name, session in finished.items():
         if session.target not in worlds:
             continue
@@ -46,9 +46,9 @@ def find_undone(
                 continue
             later = [finished[other] for other in find_later(name) if other in finished]
             if not any(_takes_up(other, next(iter_entities(predicate), None), promises) for other in later):
-                undone[name] = f"{text} no longer holds: {evaluation.because}"
+                regressions[name] = f"{text} no longer holds: {evaluation.because}"
                 break
-    return undone
+    return regressions
 
 
 def _takes_up(session: Session, thing: str | None, promises: Promises) -> bool:

@@ -23,7 +23,7 @@ from phyagentos.protocol.world.predicates.syntax import Call, Formula, Or
 _CHANCE = 0.95  # nothing had gone wrong, and the first half is done
 
 
-def propose_remainder(case: Case) -> Iterator[Alternative]:
+def propose_resume_held(case: Case) -> Iterator[Alternative]:
     """One way for each skill that begins with what is held and ends where the node's own skill does."""
     world, target = case.world, case.catalogue.targets.get(case.session.target)
     if case.cause is not Cause.RUNNER_LOST or world is None or target is None or case.replans_left <= 0:

@@ -4,7 +4,7 @@ Upstream: the cause, and the trace that tells what was tried. Downstream: `polic
 child begins with the world as it is.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.compiler import Revision
@@ -15,8 +15,8 @@ from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Alternat
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.looking import LEAD
 from phyagentos.agent.repair.regressions import find_lost_preconditions
-from phyagentos.protocol.sessions.evidence import TraceEvent
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 
 SLOWER = 0.5  # physics: at half speed a slippery 0.5 kg cube stays in the fingers in 59 of 60 transports
@@ -80,10 +80,10 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
     parent, cause = miss.session, miss.cause
     strategy = parent.strategy
     reasons = [f"{cause.value}: {miss.reason}"]
-    if cause in _AVOID_GRASP and (grasp := find_label(miss.trace, "plan_grasp")):
+    if cause in _AVOID_GRASP and (grasp := find_label(miss.trace, Role.PLAN_GRASP)):
         strategy = strategy.avoid(grasp=grasp)
         reasons.append(f"another grasp than {grasp}")
-    if cause in _AVOID_SITE and (label := find_label(miss.trace, "plan_place")):
+    if cause in _AVOID_SITE and (label := find_label(miss.trace, Role.PLAN_SITE)):
         site = label.partition(".")[0]  # the place is at fault, whichever way the hand was turned
         strategy = strategy.avoid(site=site)
         reasons.append(f"another site than {site}")
@@ -96,23 +96,6 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
         strategy = allowed
     requires, changes = revise_requires(miss, of_skill)
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
-
-
-def find_label(trace: Sequence[TraceEvent], planner: str) -> str | None:
-    """Label of the approach that was last carried out, of those that a planning leaf had found.
-
-    Args:
-        trace: Of one session.
-        planner: Type of the planning leaf (`plan_grasp`, `plan_place`).
-    """
-    found: set[str] = set()
-    chosen = None
-    for event in trace:
-        if event.leaf == planner and event.status == "SUCCESS":
-            found = set(event.numbers.get("labels", ()))
-        elif event.numbers.get("label") in found:
-            chosen = str(event.numbers["label"])
-    return chosen
 
 
 def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

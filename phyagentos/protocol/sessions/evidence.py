@@ -13,6 +13,7 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Execution, Session
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion, EvidenceReference
 from phyagentos.protocol.world.environment import Environment
 
@@ -33,30 +34,6 @@ EXECUTION = "execution.json"  # Execution
 PICTURE_BEFORE = "before.png"
 PICTURE_AFTER = "after.png"
 _READ_BYTES = 1 << 16  # most files are read at once
-
-
-class TraceEvent(msgspec.Struct, frozen=True, kw_only=True):
-    """One node of the tree changed its status.
-
-    Attributes:
-        tick: Number of the tree tick that carried a command (thinking ticks do not count).
-        time_s: Simulated time.
-        path: Slash-separated names from the root (`pick_and_place/pick/plan_grasp`).
-        leaf: Type of the node (`plan_grasp`, `sequence`).
-        status: `RUNNING`, `SUCCESS`, `FAILURE`, `INVALID`.
-        code: Coded reason of a failure.
-        message: One sentence for people.
-        numbers: What it measured or decided.
-    """
-
-    tick: int
-    time_s: float
-    path: str
-    leaf: str
-    status: str
-    code: str = ""
-    message: str = ""
-    numbers: dict[str, Any] = {}
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):

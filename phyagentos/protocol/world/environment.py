@@ -4,6 +4,7 @@ Upstream: the runtime's perception. Downstream: predicates, planning scenes, the
 `world` (z up, metres, quaternions w x y z) unless a name says otherwise. Paper section 4.1.
 """
 
+from collections.abc import Iterable
 from enum import StrEnum
 
 import msgspec
@@ -243,6 +244,14 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     sensors: dict[str, SensorHealth] = {}
     looked_at_s: float = 0.0
     changes: tuple[Change, ...] = ()
+
+    def find_movable(self, names: Iterable[object]) -> str | None:
+        """The first of these names that is a movable thing; None when none is.
+
+        Of a session's parameters, in the order in which its skill declares them, it is what the skill acts on.
+        """
+        things = (name for name in names if isinstance(name, str) and name in self.entities)
+        return next((name for name in things if self.entities[name].movable), None)
 
     def shows(self, name: str) -> bool:
         """Whether it tells where a thing or a region is: one that is fixed, or was seen `FRESH_S` ago at most."""

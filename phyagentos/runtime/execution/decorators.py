@@ -6,6 +6,7 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from py_trees.decorators import Decorator
 
+from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.codes import FailureCode
@@ -47,6 +48,8 @@ class Condition(Leaf):
         text: The predicate, with `${key}` for keys of the tree.
         read_keys: Gives the present values of those keys.
     """
+
+    ROLE = Role.DECIDE
 
     def __init__(
         self, name: str, context: SkillContext, path: str, text: str, read_keys: Callable[[], Mapping[str, object]]

@@ -7,7 +7,7 @@ declared in the words of py_trees; what passes through them stays with the tree,
 
 import copy
 from collections.abc import Mapping
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
@@ -15,9 +15,10 @@ from py_trees.ports import NoDataAvailable, PortInformation
 from py_trees.ports_utils import is_instance_of_type
 
 from phyagentos.errors import PhyAgentOSError
+from phyagentos.protocol.sessions.trace import Role
 from phyagentos.runtime.execution.context import SkillContext
 
-__all__ = ["Leaf", "LeafError", "PortInformation", "Status"]
+__all__ = ["Leaf", "LeafError", "PortInformation", "Role", "Status"]
 
 
 class LeafError(PhyAgentOSError):
@@ -38,6 +39,7 @@ class Leaf(Behaviour):
     """One action or question of a skill.
 
     Attributes:
+        ROLE: What it does in a skill; stands in every trace event.
         context: Services of the session.
         path: Slash-separated names from the root of the tree.
         code: Coded reason of the latest failure, else empty.
@@ -46,6 +48,7 @@ class Leaf(Behaviour):
         activations: How often it was started.
     """
 
+    ROLE: ClassVar[Role]
     INPUT_PORTS: Mapping[str, PortInformation] = {}
     OUTPUT_PORTS: Mapping[str, PortInformation] = {}
 

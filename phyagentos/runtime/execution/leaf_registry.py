@@ -12,7 +12,7 @@ from pathlib import Path
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Tree
-from phyagentos.runtime.execution.leaf import Leaf
+from phyagentos.runtime.execution.leaf import Leaf, Role
 
 ENTRY_POINT_GROUP = "phyagentos.leaves"
 BEHAVIOURS = "behaviours.py"  # a skill folder's own leaves: `def register(registry)`
@@ -29,12 +29,12 @@ class LeafRegistry:
         """Add a leaf.
 
         Raises:
-            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF` for anything but a leaf.
+            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF` for anything but a leaf that
+                declares its role.
         """
-        if not issubclass(leaf, Leaf):
-            raise DefinitionError(
-                Problem(code="NOT_A_LEAF", address=name, found=repr(leaf), expected="a subclass of execution.leaf.Leaf")
-            )
+        if not all((issubclass(leaf, Leaf), isinstance(getattr(leaf, "ROLE", None), Role))):
+            expected = "a subclass of execution.leaf.Leaf that declares its ROLE"
+            raise DefinitionError(Problem(code="NOT_A_LEAF", address=name, found=repr(leaf), expected=expected))
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
             raise DefinitionError(

@@ -12,7 +12,6 @@ from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryP
 from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
 from phyagentos.runtime.perception.world_model import BELIEF
 
-MOVED = ("object", "drawer")  # parameters that name what a skill moves; elsewhere contents are in the way
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
 
@@ -73,9 +72,9 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     def world(self) -> World:
         """The believed world, as the planner takes it: what is in a vessel that is moved goes with it, no obstacle."""
         environment = self.context.world.observe(BELIEF)
-        entities, parameters = environment.entities.values(), self.context.session.parameters
-        moved = {parameters.get(name) for name in MOVED}
-        vessels = [each for each in entities if each.interior is not None and (each.held_by or each.name in moved)]
+        entities = environment.entities.values()
+        moved = environment.find_movable(self.context.session.parameters.values())
+        vessels = [each for each in entities if each.interior is not None and (each.held_by or each.name == moved)]
         return World(
             entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),
             regions=tuple(environment.regions.values()),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Protocol
 
-from phyagentos.protocol.sessions.evidence import TraceEvent
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.runtime.actions.set_points import SetPoints
 
 

@@ -11,7 +11,7 @@ from py_trees.common import Status
 from py_trees.composites import Composite
 from py_trees.decorators import Decorator
 
-from phyagentos.protocol.sessions.evidence import TraceEvent
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
@@ -124,6 +124,7 @@ class TreeSkillRuntime:
             path=node.path,
             leaf=node.type,
             status=behaviour.status.value,
+            declared_role=getattr(behaviour, "ROLE", None),
             code=str(getattr(behaviour, "code", "")),
             message=str(getattr(behaviour, "message", "")),
             numbers=dict(getattr(behaviour, "numbers", {})),

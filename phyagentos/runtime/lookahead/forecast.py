@@ -12,6 +12,7 @@ import msgspec
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.trace import Role, find_label
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.lookahead.rehearsal import Rehearsal, Rehearser, Stage
@@ -150,8 +151,8 @@ def _tell(result: Alternative, rehearsal: Rehearsal) -> Tried:
         strategy=result.strategy,
         share=result.share,
         cause=result.likely_cause,
-        grasp=rehearsal.find_label("plan_grasp"),
-        site=rehearsal.find_label("plan_place"),
+        grasp=find_label(rehearsal.trace, Role.PLAN_GRASP),
+        site=find_label(rehearsal.trace, Role.PLAN_SITE),
     )
 
 

@@ -14,8 +14,8 @@ from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.sessions.evidence import TraceEvent
 from phyagentos.protocol.sessions.session import Scene, Session
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import read_scene
@@ -94,17 +94,6 @@ class Rehearsal:
     controls: Array
     states: Array
     stage: "Stage"
-
-    def find_label(self, planner: str) -> str:
-        """Label of the approach that was carried out, of those that a planning leaf found; empty without one."""
-        found: set[str] = set()
-        chosen = ""
-        for event in self.trace:
-            if event.leaf == planner and event.status == "SUCCESS":
-                found = set(event.numbers.get("labels", ()))
-            elif event.numbers.get("label") in found:
-                chosen = str(event.numbers["label"])
-        return chosen
 
 
 class Stage:

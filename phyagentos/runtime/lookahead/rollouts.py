@@ -127,7 +127,7 @@ def find_cause(course: Course, nominal: Course, rehearsal: Rehearsal) -> str:
         return ""
     if cause := _judge_grasp(course, nominal):
         return cause
-    thing = session.parameters.get("object")
+    thing = course.initial.find_movable(session.parameters.values())
     about = {name for text in failed for name in iter_entities(parse_predicate(text))}
     if any(_has_moved(name, course) and not _has_moved(name, nominal) for name in about - {thing}):
         return "OBJECT_MOVED"  # what was to stay where it was

@@ -15,7 +15,7 @@ from py_trees.common import Status
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
-from phyagentos.protocol.sessions.evidence import TraceEvent
+from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.chunks import Array, iter_periods
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -220,6 +220,7 @@ class PolicySkillRuntime:
                 path=LEAF,
                 leaf=LEAF,
                 status=status,
+                declared_role=Role.ACT,
                 code=code,
                 message=message,
                 numbers=numbers,

@@ -17,7 +17,9 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.trace import STILL, Role
 from phyagentos.protocol.world.environment import Entity, Environment, Shape
+from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -50,10 +52,7 @@ PROOFS = {  # of the planner's answers: what can never be, and under which code 
     "UNKNOWN_ENTITY": "ENTITY_UNKNOWN",
 }
 REACH_REASONS = {"ik"}  # every candidate died of reach alone, none of a contact
-STILL = frozenset(
-    {"open_gripper", "close_gripper", "locate", "attach", "look", "verify_grasp", "wait"}
-)  # move no thing
-WITH_THE_THING = frozenset({"move_to", "move_linear"})  # between the two, only what is held moves
+_PASSED_OVER = STILL | {Role.MOVE}  # between grasp and place they move nothing but what is held
 _POINT = Parameter(type="point")
 
 
@@ -73,7 +72,6 @@ class Grasp:
 class Place:
     """The tree puts down what it took hold of."""
 
-    object: str
     destination: str
     relation: str
     near: tuple[float, float, float] | None
@@ -89,6 +87,7 @@ class DryRun:
     Args:
         planner: The worker's; idle between sessions.
         library: Where trees are.
+        registry: Where leaves declare their roles.
         clock: Measures the cost.
         home_rad: Where the arm stands before a session.
         reach: Bound on the tool; None where there is none.
@@ -97,6 +96,7 @@ class DryRun:
 
     planner: Planner
     library: Library
+    registry: LeafRegistry
     clock: Clock
     home_rad: tuple[float, ...]
     reach: Reach | None
@@ -123,7 +123,7 @@ class DryRun:
         start = self._try_posture(session, "start", world, q_rad)
         if start.outcome != "possible" or thorough:
             trials.append(start)
-        for motion in find_motions(tree, session.parameters, self.library):
+        for motion in find_motions(tree, session.parameters, self.library, self.registry):
             if isinstance(motion, Home):
                 home_rad = np.asarray(self.home_rad, dtype=np.float64)
                 if float(np.abs(home_rad - q_rad).max()) > NUDGE_RAD:
@@ -143,7 +143,7 @@ class DryRun:
                 inverse = compute_inverse(compute_matrix(way.tcp_end))
                 grasped = Payload(motion.object, compute_pose(inverse @ compute_matrix(entity.pose)))
                 q_rad = way.line_rad[-1]
-            elif grasped is not None and grasped.entity == motion.object:
+            elif grasped is not None:
                 trials.append(self._try_place(session, motion, grasped, now, world, q_rad))
         return tuple(trials)
 
@@ -181,7 +181,7 @@ class DryRun:
     def _try_place(
         self, session: Session, motion: Place, payload: Payload, now: Environment, world: World, q_rad: "np.ndarray"
     ) -> Trial:
-        name = f"place {motion.object} {motion.relation} {motion.destination}"
+        name = f"place {payload.entity} {motion.relation} {motion.destination}"
         place = now.entities.get(motion.destination) or now.regions.get(motion.destination)
         if place is None:
             return Trial(motion=name, outcome="undecided", message="the destination is not in the world")
@@ -231,7 +231,9 @@ def _compute_radius(shape: Shape) -> float:
     return float(np.linalg.norm(shape.pose.position_m) + np.linalg.norm(shape.size_m))
 
 
-def find_motions(tree: str, arguments: Mapping[str, Any], library: Library, within: tuple[str, ...] = ()) -> Motions:
+def find_motions(
+    tree: str, arguments: Mapping[str, Any], library: Library, registry: LeafRegistry, within: tuple[str, ...] = ()
+) -> Motions:
     """The grasp that a tree surely begins with, and the place that surely follows it.
 
     What stands in a fallback, a retry or any other control node is passed over, with everything after it: it may not
@@ -247,10 +249,12 @@ def find_motions(tree: str, arguments: Mapping[str, Any], library: Library, with
     inputs = authored.header.inputs
     known = {name: port.default for name, port in inputs.items() if port.default is not None}
     known |= {name: value for name, value in arguments.items() if value is not None}
-    return (yield from _find_in(authored.root, known, library, (*within, tree)))
+    return (yield from _find_in(authored.root, known, library, registry, (*within, tree)))
 
 
-def _find_in(node: Node, known: Mapping[str, Any], library: Library, within: tuple[str, ...]) -> Motions:
+def _find_in(
+    node: Node, known: Mapping[str, Any], library: Library, registry: LeafRegistry, within: tuple[str, ...]
+) -> Motions:
     children = node.children if node.kind is NodeKind.SEQUENCE else (node,)
     for child in children:
         wired = {
@@ -258,34 +262,31 @@ def _find_in(node: Node, known: Mapping[str, Any], library: Library, within: tup
             for port, value in child.wiring.items()
         }
         if child.kind is NodeKind.SUBTREE and child.type not in within:
-            if not (yield from find_motions(child.type, wired, library, within)):
+            if not (yield from find_motions(child.type, wired, library, registry, within)):
                 return False
-        elif child.kind is not NodeKind.LEAF:
-            return False
-        elif child.type == "move_home":
+            continue
+        leaf = registry.find(child.type) if child.kind is NodeKind.LEAF else None
+        role = leaf.ROLE if leaf is not None else None
+        if role is Role.HOME:
             yield Home()
-        elif child.type == "plan_grasp":
-            if not isinstance(object := wired.get("object"), str):
-                return False
+        elif role is Role.PLAN_GRASP and isinstance(object := wired.get("object"), str):
             yield Grasp(object)
-        elif child.type == "plan_place":
-            place = _make_place(wired, known.get("object"))
-            if place is not None:
-                yield place
+        elif role is Role.PLAN_SITE and (place := _make_place(wired)) is not None:
+            yield place
             return False
-        elif child.type not in STILL | WITH_THE_THING:
+        elif role not in _PASSED_OVER:
             return False
     return True
 
 
-def _make_place(wired: Mapping[str, Any], object: Any) -> Place | None:
+def _make_place(wired: Mapping[str, Any]) -> Place | None:
     destination, near = wired.get("destination"), wired.get("near")
-    if not isinstance(destination, str) or not isinstance(object, str):
+    if not isinstance(destination, str):
         return None
     if near is not None and find_mismatch(_POINT, near):
         return None  # told by the arguments
     point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
-    return Place(object, destination, str(wired.get("relation") or "inside"), point)
+    return Place(destination, str(wired.get("relation") or "inside"), point)
 
 
 def make_trial_problem(trial: Trial, session: Session) -> Problem:

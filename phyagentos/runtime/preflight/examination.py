@@ -149,7 +149,7 @@ class Examiner:
         skill = self.preflight.skills.get(session.skill)
         if skill is None or not skill.tree:
             return []
-        motions = find_motions(skill.tree, session.parameters, self.library)
+        motions = find_motions(skill.tree, session.parameters, self.library, self.registry)
         grasped = [motion.object for motion in motions if isinstance(motion, Grasp)]
         if not grasped:
             return []
@@ -164,6 +164,7 @@ class Examiner:
         dry_run = DryRun(
             planner=self.planner,
             library=self.library,
+            registry=self.registry,
             clock=self.clock,
             home_rad=profile.arm.home_rad,
             reach=compute_reach(live.kinematics),

@@ -18,9 +18,10 @@ import numpy as np
 
 from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.sessions import evidence
-from phyagentos.protocol.sessions.evidence import Event, TraceEvent, encode_json, encode_lines
+from phyagentos.protocol.sessions.evidence import Event, encode_json, encode_lines
 from phyagentos.protocol.sessions.evidence_manifest import unseal_bundle
 from phyagentos.protocol.sessions.session import Execution, Session
+from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.settings_files import compute_file_hash
 from phyagentos.protocol.workspace.array_files import encode_arrays

@@ -4,13 +4,14 @@ import pytest
 from py_trees.ports import NoDataAvailable
 
 from phyagentos.errors import DefinitionError
-from phyagentos.runtime.execution.leaf import Leaf, LeafError, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, LeafError, PortInformation, Role, Status
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry, register_file
 
 
 class Twice(Leaf):
     """Runs one tick, then succeeds."""
 
+    ROLE = Role.WAIT
     INPUT_PORTS = {"gain": PortInformation(data_type=float, required=False, description="Unused.")}
     OUTPUT_PORTS = {"level": PortInformation(data_type=float, required=False, description="A number.")}
 
@@ -30,6 +31,7 @@ class Twice(Leaf):
 class Returns(Leaf):
     """Answers what it is told."""
 
+    ROLE = Role.WAIT
     INPUT_PORTS = {}
     OUTPUT_PORTS = {}
     answer = None
@@ -159,8 +161,9 @@ def test_an_unknown_leaf_is_refused_with_the_nearest_name():
 def test_a_skills_own_leaves_are_loaded_from_its_folder(tmp_path):
     path = tmp_path / "behaviours.py"
     path.write_text(
-        "from phyagentos.runtime.execution.leaf import Leaf, Status\n"
+        "from phyagentos.runtime.execution.leaf import Leaf, Role, Status\n"
         "class Nod(Leaf):\n"
+        "    ROLE = Role.WAIT\n"
         "    INPUT_PORTS = {}\n"
         "    OUTPUT_PORTS = {}\n"
         "    def on_start(self):\n"

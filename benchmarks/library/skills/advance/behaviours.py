@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.runtime.execution.leaf import Leaf, Status
+from phyagentos.runtime.execution.leaf import Leaf, Role, Status
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 
 STEP = 0.02  # above the 15 mm from which on a thing counts as moved
@@ -10,6 +10,8 @@ STEP = 0.02  # above the 15 mm from which on a thing counts as moved
 
 class Advance(Leaf):
     """One step up, within one control period."""
+
+    ROLE = Role.MOVE
 
     def on_start(self) -> Status:
         """Command it."""

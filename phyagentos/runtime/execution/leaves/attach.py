@@ -2,7 +2,7 @@
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 from phyagentos.runtime.motion.requests import Payload
 from phyagentos.runtime.perception.world_model import BELIEF
 
@@ -10,6 +10,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 class Attach(Leaf):
     """From now on the object counts as part of the hand, where it is believed to be. Nothing is welded."""
 
+    ROLE = Role.CARRY
     INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the held entity.")}
     OUTPUT_PORTS = {"payload": PortInformation(data_type=Payload, description="What is held, and how.")}
 

@@ -1,13 +1,14 @@
 """Check that an object has left the hand, and say where it stands."""
 
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class Detach(Leaf):
     """From now on the object is a thing of the world again. Fails when the fingers still hold it."""
 
+    ROLE = Role.RELEASE
     INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the released entity.")}
     OUTPUT_PORTS = {
         "site": PortInformation(data_type=tuple, required=False, description="Where it stands, world frame [m].")

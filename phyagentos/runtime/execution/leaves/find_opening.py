@@ -5,7 +5,7 @@ import numpy as np
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Mechanism
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 from phyagentos.runtime.motion.poses import Array
 from phyagentos.runtime.perception.world_model import BELIEF
 
@@ -13,6 +13,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 class FindOpening(Leaf):
     """The way of a handle, from how far its drawer is believed to stand open to how far it shall."""
 
+    ROLE = Role.SENSE
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity that slides."),
         "part": PortInformation(data_type=str, description="Name of the entity on it that is pushed or pulled."),

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 
 OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
 
@@ -43,6 +43,7 @@ class _GripperLeaf(Leaf):
 class OpenGripper(_GripperLeaf):
     """Open the fingers; at once done when they are open."""
 
+    ROLE = Role.OPEN
     INPUT_PORTS = {
         "width_m": PortInformation(
             data_type=float, required=False, description="Opening [m]; as wide as it goes if unset."
@@ -66,6 +67,7 @@ class CloseGripper(_GripperLeaf):
 
     _speed_m_s = CLOSING_M_S
 
+    ROLE = Role.GRASP
     INPUT_PORTS = {
         "seconds": PortInformation(
             data_type=float, required=False, description="Time for it, simulated [s]; the target's own if unset."

@@ -2,13 +2,14 @@
 
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import WORLD
 
 
 class Locate(Leaf):
     """Where is the object now? Fails when it is not believed to exist, or was not seen."""
 
+    ROLE = Role.SENSE
     INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the entity.")}
     OUTPUT_PORTS = {"pose": PortInformation(data_type=Pose, required=False, description="world_T_object.")}
 

@@ -2,13 +2,14 @@
 
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import WORLD
 
 
 class Look(Leaf):
     """A fresh observation of one object, after holding still for a moment."""
 
+    ROLE = Role.SENSE
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity."),
         "seconds": PortInformation(data_type=float, default_value=0.2, description="How long, simulated [s]."),

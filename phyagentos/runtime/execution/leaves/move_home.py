@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import MotionRequest, Payload, PlanMove
 
@@ -10,6 +10,7 @@ from phyagentos.runtime.motion.requests import MotionRequest, Payload, PlanMove
 class MoveHome(MovingLeaf):
     """A collision-free motion home."""
 
+    ROLE = Role.HOME
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
         "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),

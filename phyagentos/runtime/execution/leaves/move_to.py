@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import Approach, Approaches, Motion, MotionRequest, Payload, PlanMove
 
@@ -13,6 +13,7 @@ class MoveTo(MovingLeaf):
     With a payload it fails with `GRASP_LOST` when the payload leaves the fingers on the way.
     """
 
+    ROLE = Role.MOVE
     INPUT_PORTS = {
         "approaches": PortInformation(data_type=Approaches, description="Where it may go."),
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),

@@ -1,7 +1,7 @@
 """Ask for a way that keeps a held vessel level: straight tool lines, turning about the vertical only."""
 
 from phyagentos.geometry import compute_matrix, compute_pose
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, FindLine, MotionRequest, Payload
@@ -12,6 +12,7 @@ OVER_M = (0.09, 0.18, 0.27, 0.36)  # heights above the end at which it may trave
 class PlanCarry(CandidatePlanningLeaf):
     """A level way with the payload to the first of several approaches that can be reached so."""
 
+    ROLE = Role.PLAN
     INPUT_PORTS = {
         "approaches": PortInformation(data_type=Approaches, description="Where it may end."),
         "payload": PortInformation(data_type=Payload, description="What is held, and how."),

@@ -1,6 +1,6 @@
 """Ask for ways to take hold of an object."""
 
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindGrasps, MotionRequest
 
@@ -8,6 +8,7 @@ from phyagentos.runtime.motion.requests import Approaches, FindGrasps, MotionReq
 class PlanGrasp(ApproachPlanningLeaf):
     """Approaches from above onto the object; those named in the strategy's `avoid_grasps` are left out."""
 
+    ROLE = Role.PLAN_GRASP
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to take hold of."),
         "hover_m": PortInformation(data_type=float, default_value=0.08, description="Length of the approach [m]."),

@@ -1,6 +1,6 @@
 """Ask for ways to put a held object somewhere."""
 
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindPlacements, MotionRequest, Payload
 
@@ -8,6 +8,7 @@ from phyagentos.runtime.motion.requests import Approaches, FindPlacements, Motio
 class PlanPlace(ApproachPlanningLeaf):
     """Approaches with the payload to free sites; those named in the strategy's `avoid_sites` are left out."""
 
+    ROLE = Role.PLAN_SITE
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, description="What is held, and how."),
         "destination": PortInformation(data_type=str, description="Entity or region to put it into or onto."),

@@ -6,7 +6,7 @@ from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.protocol.world.predicates.geometry import compute_reach
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import Array, point_tool_down, raise_pose
 from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionRequest
@@ -26,6 +26,7 @@ class PlanPush(CandidatePlanningLeaf):
     turns of the hand.
     """
 
+    ROLE = Role.PLAN
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to push."),
         "to": PortInformation(data_type=tuple, description="Where its centre shall be, world frame [m]."),

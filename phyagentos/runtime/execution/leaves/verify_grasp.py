@@ -1,13 +1,14 @@
 """Judge a grasp by contact: both pads must touch the object."""
 
 from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import HAND
 
 
 class VerifyGrasp(Leaf):
     """Is the object between the fingers, touched from both sides?"""
 
+    ROLE = Role.VERIFY
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity."),
         "after": PortInformation(

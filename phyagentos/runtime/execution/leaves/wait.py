@@ -1,11 +1,12 @@
 """Let simulated time go by."""
 
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
 
 
 class Wait(Leaf):
     """Hold still for some time."""
 
+    ROLE = Role.WAIT
     INPUT_PORTS = {"seconds": PortInformation(data_type=float, description="How long, simulated [s].")}
     OUTPUT_PORTS = {}
 

@@ -2,12 +2,13 @@
 
 from py_trees.common import Status
 
-from phyagentos.runtime.execution.leaf import Leaf
+from phyagentos.runtime.execution.leaf import Leaf, Role
 
 
 class Pretend(Leaf):
     """Does nothing, successfully."""
 
+    ROLE = Role.ACT
     INPUT_PORTS = {}
     OUTPUT_PORTS = {}
 
