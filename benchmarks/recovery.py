@@ -17,12 +17,13 @@ from pathlib import Path
 
 import numpy as np
 from judge import is_in_tray
+from recovery_parts.baselines import BlindRetry, FullRestart, NoRetry
 from recovery_parts.eye import is_in_box, is_on
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, wilcoxon
 
-from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, GraphRepair, NoRetry, RepairPolicy
+from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.bench.report import Ask, Rate, Spread, format_outcome

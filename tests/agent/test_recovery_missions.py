@@ -6,8 +6,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry
 from phyagentos.agent.memory.advice import Advice
-from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, NoRetry
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy

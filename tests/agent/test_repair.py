@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import Budget
@@ -14,7 +15,7 @@ from phyagentos.agent.repair.alternative import AlternativeKind
 from phyagentos.agent.repair.budget import Left, compute_left
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
-from phyagentos.agent.repair.recovery_policies import BlindRetry, FullRestart, GraphRepair, NoRetry
+from phyagentos.agent.repair.recovery_policies import GraphRepair
 from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.capabilities.library import Library

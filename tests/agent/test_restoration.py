@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.recovery_parts.baselines import NoRetry
 from phyagentos.agent.judging.verifier import SessionVerifier
-from phyagentos.agent.repair.recovery_policies import NoRetry
 from phyagentos.agent.repair.regressions import find_regressions
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.settings.verification import VerificationMode

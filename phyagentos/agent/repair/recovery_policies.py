@@ -1,14 +1,13 @@
-"""Strategies of recovery behind one port: repair by effect, and the three that it is measured against.
+"""The port that decides how a node goes on, and the policy that ships: repair by effect.
 
-Upstream: `progress` asks when a session did not meet its objective. Downstream: the compiler makes the child. The
-mission loop, the verifier and the budget are the same for all four.
+Upstream: `recovery`, when a session did not meet its objective. Downstream: the compiler makes the child. The baselines
+that repair is measured against are in `benchmarks/recovery_parts`.
 """
 
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from phyagentos.agent.goals.compiler import Revision
-from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, Decision, choose_by_worth
+from phyagentos.agent.repair.alternative import Alternative, AlternativeKind, Decision, choose_by_worth
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
@@ -34,7 +33,7 @@ class RepairPolicy(Protocol):
 
     Attributes:
         name: Recorded with the goal.
-        restores: Whether finished nodes that the world has undone are opened again.
+        restores: Whether finished nodes whose achievement is lost are opened again.
     """
 
     name: str
@@ -65,50 +64,3 @@ class GraphRepair:
         if looks and choose_by_worth(case, looks).chosen.kind is AlternativeKind.LOOK:
             return choose_by_worth(case, looks)
         return choose_by_worth(case, alternatives)
-
-
-class NoRetry:
-    """One session for each node, whatever comes of it."""
-
-    name = "no retry"
-    restores = False
-
-    def choose(self, case: Case) -> Decision:  # every policy has this form
-        """Give up."""
-        return _decide(case, AlternativeKind.GIVE_UP, "nothing is tried twice")
-
-
-class BlindRetry:
-    """The same contract again, as long as the budget lasts."""
-
-    name = "blind retry"
-    restores = False
-
-    def choose(self, case: Case) -> Decision:
-        """The same again."""
-        excess = case.left.find_excess(1, 0.0)
-        if excess or case.replans_left <= 0:
-            return _decide(case, AlternativeKind.GIVE_UP, excess or "the node's budget of replans is spent")
-        revision = Revision(
-            parent=case.latest.id, strategy=case.session.strategy, reasons=(f"{case.cause}: the same again",)
-        )
-        retry = Alternative(kind=AlternativeKind.RETRY, effect="the same again", chance=0.5, revision=revision)
-        return Decision(chosen=retry)
-
-
-class FullRestart:
-    """Everything from the beginning, in the world as it is, as long as the budget lasts."""
-
-    name = "full restart"
-    restores = False
-
-    def choose(self, case: Case) -> Decision:
-        """All nodes again."""
-        if case.replans_left <= 0 or case.left.find_end():
-            return _decide(case, AlternativeKind.GIVE_UP, case.left.find_end() or "the budget of restarts is spent")
-        return _decide(case, AlternativeKind.RESTART, "every node is done again")
-
-
-def _decide(case: Case, kind: AlternativeKind, why: str) -> Decision:
-    chosen = Alternative(kind=kind, effect=f"{case.session.node}: {why}", chance=0.0, sessions=0, sim_time_s=SESSION_S)
-    return Decision(chosen=chosen)
