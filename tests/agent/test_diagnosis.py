@@ -78,50 +78,45 @@ def moved(x: float = 0.4, y: float = 0.2, z: float = 0.02, **more: Any):
     return msgspec.structs.replace(world, entities={**world.entities, "red_cube": entity})
 
 
-@pytest.mark.parametrize("stage", list(Stage))
-def test_the_stage_is_read_off_the_leaves(stage):
-    assert ManipulationTimeline.of(make_bundle(make_world(), stage), "red_cube").stage is stage
+COURSES = [
+    (moved(), Stage.CLOSED, {"code": "GRASP_MISSED"}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+    (moved(), Stage.BEFORE, {"code": "NO_IK"}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+    (moved(), Stage.BEFORE, {"ended": Ended.STALLED}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+    (moved(y=0.31), Stage.CLOSED, {"code": "GRASP_MISSED"}, Cause.GRASP_MISSED, CauseClass.GRASP),
+    (moved(), Stage.GRASPED, {"code": "GRASP_LOST"}, Cause.GRASP_LOST, CauseClass.GRASP),
+    (moved(), Stage.LIFTED, {"code": "GRASP_LOST"}, Cause.GRASP_LOST, CauseClass.TRANSPORT),
+    (moved(x=1.6, z=-0.7), Stage.BEFORE, {"code": "NO_IK"}, Cause.OBJECT_GONE, CauseClass.DISTURBANCE),
+    (moved(0.6, 0.4), Stage.RELEASED, {"ended": Ended.COMPLETED}, Cause.PLACED_WRONG, CauseClass.PLACEMENT),
+    (moved(0.3, -0.3), Stage.RELEASED, {"ended": Ended.COMPLETED}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
+    (make_world(), Stage.BEFORE, {"code": "POLICY_LOST"}, Cause.POLICY_FAILED, CauseClass.POLICY),
+    (
+        make_world(),
+        Stage.BEFORE,
+        {"ended": Ended.SAFETY_STOP, "code": "TARGET_LIMIT"},
+        Cause.ADAPTER_REFUSED,
+        CauseClass.ADAPTER,
+    ),
+    (
+        make_world(),
+        Stage.BEFORE,
+        {"code": "WRONG_SHAPE", "leaf": "policy"},
+        Cause.POLICY_FAILED,
+        CauseClass.POLICY,
+    ),
+    (make_world(), Stage.BEFORE, {"code": "NOT_FINITE", "leaf": "policy"}, Cause.POLICY_FAILED, CauseClass.POLICY),
+    (
+        moved(visible=False),
+        Stage.BEFORE,
+        {"code": "OBSERVATION_UNAVAILABLE", "leaf": "policy"},
+        Cause.SENSOR_STALE,
+        CauseClass.PERCEPTION,
+    ),
+    (make_world(), Stage.BEFORE, {"code": "RATE", "leaf": "policy"}, Cause.ADAPTER_REFUSED, CauseClass.ADAPTER),
+    (make_world(), Stage.BEFORE, {"ended": Ended.RUNNER_LOST}, Cause.RUNNER_LOST, CauseClass.MACHINE),
+]
 
 
-@pytest.mark.parametrize(
-    ("after", "stage", "execution", "cause", "kind"),
-    [
-        (moved(), Stage.CLOSED, {"code": "GRASP_MISSED"}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
-        (moved(), Stage.BEFORE, {"code": "NO_IK"}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
-        (moved(), Stage.BEFORE, {"ended": Ended.STALLED}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
-        (moved(y=0.31), Stage.CLOSED, {"code": "GRASP_MISSED"}, Cause.GRASP_MISSED, CauseClass.GRASP),
-        (moved(), Stage.GRASPED, {"code": "GRASP_LOST"}, Cause.GRASP_LOST, CauseClass.GRASP),
-        (moved(), Stage.LIFTED, {"code": "GRASP_LOST"}, Cause.GRASP_LOST, CauseClass.TRANSPORT),
-        (moved(x=1.6, z=-0.7), Stage.BEFORE, {"code": "NO_IK"}, Cause.OBJECT_GONE, CauseClass.DISTURBANCE),
-        (moved(0.6, 0.4), Stage.RELEASED, {"ended": Ended.COMPLETED}, Cause.PLACED_WRONG, CauseClass.PLACEMENT),
-        (moved(0.3, -0.3), Stage.RELEASED, {"ended": Ended.COMPLETED}, Cause.OBJECT_MOVED, CauseClass.DISTURBANCE),
-        (make_world(), Stage.BEFORE, {"code": "POLICY_LOST"}, Cause.POLICY_FAILED, CauseClass.POLICY),
-        (
-            make_world(),
-            Stage.BEFORE,
-            {"ended": Ended.SAFETY_STOP, "code": "TARGET_LIMIT"},
-            Cause.ADAPTER_REFUSED,
-            CauseClass.ADAPTER,
-        ),
-        (
-            make_world(),
-            Stage.BEFORE,
-            {"code": "WRONG_SHAPE", "leaf": "policy"},
-            Cause.POLICY_FAILED,
-            CauseClass.POLICY,
-        ),
-        (make_world(), Stage.BEFORE, {"code": "NOT_FINITE", "leaf": "policy"}, Cause.POLICY_FAILED, CauseClass.POLICY),
-        (
-            moved(visible=False),
-            Stage.BEFORE,
-            {"code": "OBSERVATION_UNAVAILABLE", "leaf": "policy"},
-            Cause.SENSOR_STALE,
-            CauseClass.PERCEPTION,
-        ),
-        (make_world(), Stage.BEFORE, {"code": "RATE", "leaf": "policy"}, Cause.ADAPTER_REFUSED, CauseClass.ADAPTER),
-        (make_world(), Stage.BEFORE, {"ended": Ended.RUNNER_LOST}, Cause.RUNNER_LOST, CauseClass.MACHINE),
-    ],
-)
+@pytest.mark.parametrize(("after", "stage", "execution", "cause", "kind"), COURSES)
 def test_each_course_has_its_cause_and_class(after, stage, execution, cause, kind):
     diagnosis = ask(make_bundle(after, stage, **execution))
     assert (diagnosis.cause, diagnosis.kind) == (cause, kind)
@@ -150,8 +145,8 @@ def test_a_stop_for_want_of_a_command_or_a_lease_is_the_machines_and_not_the_mot
     assert (diagnosis.cause, diagnosis.kind, diagnosis.is_hopeless) == (cause, CauseClass.MACHINE, False)
 
 
-def criterion(text: str, truth: Truth, kind: str = "accept", because: str = "seen so") -> Criterion:
-    return Criterion(text=text, kind=kind, truth=truth, because=because)
+def criterion(text: str, truth: Truth, kind: str = "accept", **more: Any) -> Criterion:
+    return Criterion(text=text, kind=kind, truth=truth, because="seen so", **more)
 
 
 IN_TRAY = criterion("inside(red_cube, red_tray)", Truth.TRUE)
@@ -166,10 +161,10 @@ JUDGING = [
     ),
     ([IN_TRAY, criterion(IN_TRAY.text, Truth.FALSE, "vision")], Cause.JUDGES_DISAGREE),
     (
-        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "MODEL_UNREACHABLE: looker: refused")],
+        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_UNREACHABLE")],
         Cause.JUDGE_FAILED,
     ),
-    ([IN_TRAY, criterion("scorer", Truth.UNKNOWN, "scorer", "the judge raised OSError: gone")], Cause.JUDGE_FAILED),
+    ([IN_TRAY, criterion("scorer", Truth.UNKNOWN, "scorer", failure="JUDGE_FAILED")], Cause.JUDGE_FAILED),
 ]
 
 
@@ -184,11 +179,10 @@ def test_a_verdict_that_its_own_judges_prevent_is_the_verifiers(criteria, cause)
 @pytest.mark.parametrize(
     "criteria",
     [
-        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "the picture shows too little")],
-        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "there is no picture after.png")],
+        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision")],
         [
             criterion(IN_TRAY.text, Truth.FALSE),
-            criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", "MODEL_UNREACHABLE: looker: refused"),
+            criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_UNREACHABLE"),
         ],
         [IN_TRAY, criterion("not moved(red_cube)", Truth.FALSE, "hold")],
         [criterion("inside(red_cube, red_tray) or not inside(red_cube, blue_tray)", Truth.FALSE)],

@@ -47,7 +47,7 @@ def draw(kind: Any) -> st.SearchStrategy[Any]:
     if origin is tuple:
         return st.tuples(*map(draw, args))
     if origin in {Union, UnionType}:
-        return st.one_of(st.none() if arm is NoneType else draw(arm) for arm in args)
+        return st.one_of(st.none() if arm is NoneType else draw(arm) for arm in args if arm is not msgspec.UnsetType)
     if args:  # Annotated, with bounds that 0 and 1 keep
         return draw(args[0]).map(lambda value: type(value)(min(abs(value), 1)))
     raise TypeError(kind)

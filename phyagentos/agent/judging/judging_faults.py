@@ -8,6 +8,8 @@ about one statement, or a judge could not be asked while all that was measured i
 from collections.abc import Iterator, Sequence
 from itertools import chain
 
+from msgspec import UNSET
+
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.predicates.predicate import find_formula
@@ -16,7 +18,6 @@ from phyagentos.protocol.world.truth import Truth
 
 _OF_THE_WAY = frozenset({"hold", "constraint", "metric", "requires"})
 """Kinds that speak of other moments than the end."""
-_UNANSWERED = "MODEL_"  # codes of a judge that gave no usable answer
 
 
 def find_judging_fault(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
@@ -53,15 +54,9 @@ def _find_silence(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
     unknown = [criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN]
     if not unknown or any(criterion.truth is Truth.FALSE for criterion in criteria):
         return None
-    if not all(map(_is_unanswered, unknown)):
+    if any(criterion.failure is UNSET for criterion in unknown):
         return None
     return Cause.JUDGE_FAILED, f"{unknown[0].text} was not judged by {unknown[0].kind}: {unknown[0].because}"
-
-
-def _is_unanswered(criterion: Criterion) -> bool:
-    """Whether its judge failed, rather than the evidence: a criterion of no statement is that of a judge of others."""
-    is_of_model = criterion.kind == "vision" and criterion.because.startswith(_UNANSWERED)
-    return is_of_model or criterion.text == criterion.kind
 
 
 def _iter_demands(text: str) -> Iterator[Formula]:

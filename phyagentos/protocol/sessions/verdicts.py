@@ -32,6 +32,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
         evidence: File of the bundle that was read.
         at_s: Simulated time of the deciding observation [s].
         because: One sentence for people.
+        failure: Coded reason why its judge gave no usable answer; left out where it answered.
     """
 
     text: str
@@ -41,6 +42,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     evidence: str = ""
     at_s: float | None = None
     because: str = ""
+    failure: str | msgspec.UnsetType = msgspec.UNSET
 
 
 class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):

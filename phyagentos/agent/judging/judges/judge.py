@@ -7,6 +7,8 @@ small on purpose: an evaluator of a benchmark stands behind the same one.
 from collections.abc import Sequence
 from typing import Protocol
 
+from msgspec import UNSET, UnsetType
+
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.truth import Truth
@@ -28,6 +30,6 @@ class Judge(Protocol):
         ...
 
 
-def make_unknown(text: str, kind: str, evidence: str, because: str) -> Criterion:
-    """A criterion that the evidence does not decide, and why."""
-    return Criterion(text=text, kind=kind, truth=Truth.UNKNOWN, evidence=evidence, because=because)
+def make_unknown(text: str, kind: str, evidence: str, because: str, *, failure: str | UnsetType = UNSET) -> Criterion:
+    """A criterion that is not decided, and why; `failure` is the code of a judge that gave no usable answer."""
+    return Criterion(text=text, kind=kind, truth=Truth.UNKNOWN, evidence=evidence, because=because, failure=failure)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 
+from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.judges.judge import Judge, make_unknown
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
@@ -127,12 +128,15 @@ class ForeignJudge:
         try:
             criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
         except Exception as error:  # code of others; whatever it raises, the session must be judged
-            return [make_unknown(self.kind, self.kind, "", f"the judge raised {type(error).__name__}: {error}")]
+            return [self._fail(f"the judge raised {type(error).__name__}: {error}")]
         known = [each for each in criteria if isinstance(each, Criterion)]
         if len(known) == len(criteria):
             return known
         strangers = sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)})
-        return [make_unknown(self.kind, self.kind, "", f"the judge answered with {', '.join(strangers)}")]
+        return [self._fail(f"the judge answered with {', '.join(strangers)}")]
+
+    def _fail(self, because: str) -> Criterion:
+        return make_unknown(self.kind, self.kind, "", because, failure=Cause.JUDGE_FAILED)
 
 
 def _make_unloadable(name: str, reason: str) -> JudgeDefinition:

@@ -97,7 +97,7 @@ class VisionJudge:
         try:
             answer = _read_answer(self.endpoint.complete(_build_messages(text, objective, pictures)))
         except ExecutionError as error:  # another time it may answer, so this is not remembered
-            return make_unknown(text, KIND, PICTURE_AFTER, str(error))
+            return make_unknown(text, KIND, PICTURE_AFTER, str(error), failure=error.code)
         criterion = Criterion(
             text=text, kind=KIND, truth=answer.truth, evidence=PICTURE_AFTER, because=answer.because[:400]
         )
