@@ -5,10 +5,15 @@ is one zip file `look-<hash>.zip`, readable without this package: a PNG and an a
 `look.json`, which says what they are. `looks.json` names the looks of a session and what each was for.
 """
 
+import hashlib
+import zipfile
+from collections.abc import Collection, Iterable
 from enum import StrEnum
+from pathlib import Path
 
 import msgspec
 
+from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment, Pose, TargetState
 
@@ -165,3 +170,85 @@ def covers(pointer: str, camera: str, time_s: float, window: Window, every: int 
         and left + width <= window[0] + window[2] + slack
         and top + height <= window[1] + window[3] + slack
     )
+
+
+def read_looks(folder: Path) -> tuple[LookEntry, ...]:
+    """What `looks.json` of a bundle names; nothing where perception looked at nothing.
+
+    Raises:
+        ExecutionError: `EVIDENCE_UNREADABLE`.
+    """
+    try:
+        return msgspec.json.decode((folder / LOOKS).read_bytes(), type=tuple[LookEntry, ...])
+    except FileNotFoundError:
+        return ()
+    except (msgspec.MsgspecError, OSError) as error:
+        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder / LOOKS}: {error}") from error
+
+
+def read_stored_look(path: Path, sha256: str = "") -> StoredLook:
+    """What a look's file says, its pixels left out.
+
+    Args:
+        path: Of the file.
+        sha256: That its bytes must have; empty for any.
+
+    Raises:
+        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file.
+    """
+    try:
+        if sha256 and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+            raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: its bytes are not those of sha256 {sha256}")
+        with zipfile.ZipFile(path) as file:
+            return msgspec.json.decode(file.read(LOOK), type=StoredLook)
+    except FileNotFoundError as error:
+        raise ExecutionError("LOOK_MISSING", f"no file {path}; expected the look of sha256 {sha256}") from error
+    except (zipfile.BadZipFile, KeyError, msgspec.MsgspecError, OSError) as error:
+        raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+
+
+def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]:
+    """The file of a look and its whole pictures as PNG, one a camera.
+
+    Raises:
+        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`.
+    """
+    entry = next((each for each in read_looks(folder) if each.role is role), None)
+    if entry is None:
+        raise ExecutionError("LOOK_MISSING", f"{folder}: no camera picture of the {role}")
+    look = read_stored_look(folder / entry.file, entry.sha256)
+    with zipfile.ZipFile(folder / entry.file) as file:
+        whole = (frame for capture in look.captures if not capture.crops for frame in capture.frames)
+        return entry.file, tuple(file.read(frame.picture) for frame in whole)
+
+
+def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collection[str] = ()) -> list[Problem]:
+    """Looks that a bundle names and lacks, and pointers of its snapshots that lead to no pixel.
+
+    Args:
+        folder: Of the bundle.
+        worlds: Its snapshots.
+        gone: Files that a clean-up took out; what only they show is not missed.
+    """
+    looks: list[StoredLook] = []
+    problems: list[Problem] = []
+    entries = read_looks(folder)
+    for name in dict.fromkeys(entry.file for entry in entries if entry.file not in gone):
+        try:
+            looks.append(read_stored_look(folder / name))
+        except ExecutionError as error:
+            problems.append(Problem(code=error.code, address=str(folder / name), found=str(error)))
+    if not entries or problems or any(entry.file in gone for entry in entries):
+        return problems
+    return [
+        Problem(
+            code="POINTER_BROKEN",
+            address=f"{folder}: {entity.name}",
+            found=pointer,
+            expected="pixels that a look of this bundle holds",
+        )
+        for world in worlds
+        for entity in world.entities.values()
+        for pointer in entity.evidence
+        if not any(look.shows(pointer) for look in looks)
+    ]

@@ -27,6 +27,7 @@ from phyagentos.runtime.targets.wire import Step
 
 SAMPLE_PERIODS = 5  # control periods between samples, where nobody says
 PEAK_FORCE = "peak_force_n"
+SampleKey = tuple[str, LookRole]  # the condition, and whether its worst or its first unknown sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,7 @@ class HoldMonitor:
         self.need = Need(things=names) if names else WORLD
         self._peaks: dict[str, float] = {}
         self._worst: dict[str, tuple[Evaluation, float]] = {}
-        self.samples: dict[tuple[str, LookRole], HoldSample] = {}
+        self.samples: dict[SampleKey, HoldSample] = {}
 
     def is_due(self, tick: int) -> bool:
         """Whether the sample of this command tick is to be taken."""

@@ -6,6 +6,7 @@ which answers from a record what it answered from the cameras.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 from phyagentos.errors import ExecutionError
@@ -53,6 +54,7 @@ class Look:
         captures: What was asked of the cameras, and what they gave.
         moments: Later times [s] and states that were read while the look went on (realtime).
         states: Earlier times [s] and states that frames were matched with.
+        file: Where it was written, and its SHA-256; None while it was not.
     """
 
     target: str
@@ -63,6 +65,7 @@ class Look:
     captures: list[tuple[Capture, Frames]] = field(default_factory=list)
     moments: list[Moment] = field(default_factory=list)
     states: list[Moment] = field(default_factory=list)
+    file: tuple[Path, str] | None = None
 
     def iter_pictures(self) -> Iterator[str]:
         """Each picture of this look as `camera@time`, as entities point at it."""

@@ -7,7 +7,8 @@ samples only go to memory; files are written before the first command and after 
 import os
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -20,6 +21,7 @@ from phyagentos.protocol.documents.body_codec import render_yaml
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence import Event, encode_json, encode_lines
 from phyagentos.protocol.sessions.evidence_manifest import unseal_bundle
+from phyagentos.protocol.sessions.looks import LOOKS, LookEntry, LookRole, read_looks
 from phyagentos.protocol.sessions.session import Execution, Session
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -27,11 +29,16 @@ from phyagentos.protocol.settings.settings_files import compute_file_hash
 from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.execution.holds import HoldSample, SampleKey
+from phyagentos.runtime.perception.look import Look
+from phyagentos.runtime.perception.look_file import write_look
 from phyagentos.runtime.targets.wire import NPZ, FaultStruck, Observation, Step
 
 RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
 )  # fmt: skip
+
+_NONE: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,16 +61,23 @@ class Recorder:
 
     Args:
         folder: `evidence/<session id>/`; made if it is missing.
+
+    Attributes:
+        look_ms: Wall time spent on the files of looks [ms].
+        look_bytes: Their size; those that other bundles hold as well are counted too.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._rows: list[tuple[float, ...]] = []
         self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
+        self._looks: list[LookEntry] = []
+        self.look_ms, self.look_bytes = 0.0, 0
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
             unseal_bundle(folder)  # of a session whose runner was lost: what it left is written to again
+            self._looks += read_looks(folder)
 
     def write_contract(self, contract: Contract) -> None:
         """The resolved contract, the granted plan, the hashes of the settings, and the environment's fingerprint."""
@@ -95,6 +109,31 @@ class Recorder:
         """The world at rest after the last command."""
         self._write_snapshot(evidence.TERMINAL, observation)
         self._write(evidence.AFTER, encode_json(environment))
+
+    def write_looks(self, looks: Iterable[tuple[LookRole, Look]], samples: Mapping[SampleKey, HoldSample]) -> None:
+        """What was perceived from what: the file of each look, and `looks.json`, which names them all.
+
+        Args:
+            looks: With what each was for.
+            samples: Of hold conditions.
+        """
+        began_s = time.perf_counter()
+        known = {entry.file for entry in self._looks}
+        for role, look in looks:
+            self._note_look(role, look)
+        for (text, role), sample in samples.items():
+            self._note_look(role, sample.look, text, sample.metrics)
+        if self._looks:
+            self._write(LOOKS, encode_json(self._looks))
+        names = {entry.file for entry in self._looks} - known
+        self.look_bytes += sum((self.folder / name).stat().st_size for name in names)
+        self.look_ms += 1e3 * (time.perf_counter() - began_s)
+
+    def _note_look(self, role: LookRole, look: Look, text: str = "", metrics: Mapping[str, float] = _NONE) -> None:
+        name, sha256 = write_look(look, self.folder)
+        entry = LookEntry(file=name, sha256=sha256, role=role, time_s=look.now[0], text=text, metrics=dict(metrics))
+        if entry not in self._looks:
+            self._looks.append(entry)
 
     def write_file(self, name: str, data: bytes) -> None:
         """A picture, or a part of the scene model; none where the target could not make it."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
+from phyagentos.protocol.sessions.looks import LOOKS
 
 _ARRAYS = (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
 _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION)
@@ -36,10 +37,14 @@ def find_differences(recorded: Path, repeated: Path) -> list[str]:
     for name in _ARRAYS:
         if name not in gone:
             differences += _compare_arrays(name, recorded / name, repeated / name)
-    for name in _TEXTS:
-        if name not in gone and (recorded / name).read_bytes() != (repeated / name).read_bytes():
+    for name in (*_TEXTS, *((LOOKS,) if (recorded / LOOKS).exists() else ())):
+        if name not in gone and _read(recorded / name) != _read(repeated / name):
             differences.append(f"{name}: differs")
     return differences
+
+
+def _read(path: Path) -> bytes:
+    return path.read_bytes() if path.exists() else b""
 
 
 def _compare_arrays(name: str, recorded: Path, repeated: Path) -> list[str]:

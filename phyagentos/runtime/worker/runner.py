@@ -14,7 +14,9 @@ import msgspec
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions import evidence as files
+from phyagentos.protocol.sessions.looks import LookRole
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
@@ -161,6 +163,7 @@ class SessionRunner:
         handle.guard_against(initial)
         self._provide_model(session, recorder)
         recorder.write_initial(observation, initial)
+        self._write_looks(recorder, LookRole.START, initial)
         self._take_picture(recorder, files.PICTURE_BEFORE)
         context = self._skills.open_context(session, self._target, initial)
         skill = self._skills.open(session, plan, context)
@@ -229,14 +232,25 @@ class SessionRunner:
         observation = self._handle.observe(snapshot=True)
         after = self._world.observe(WORLD)
         recorder.write_terminal(observation, after)
+        self._write_looks(recorder, LookRole.END, after)
         if holds is not None:
             holds.sample(after, self._world.latest_look)
         self._undecided = find_undecided(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults
 
+    def _write_looks(self, recorder: Recorder, role: LookRole, seen: Environment) -> None:
+        """What a snapshot was perceived from, and what its entities point at."""
+        if (look := self._world.latest_look) is not None:
+            pointed = ((LookRole.POINTED, each) for each in self._world.find_looks(seen) if each is not look)
+            recorder.write_looks([(role, look), *pointed], {})
+
     def _write_course(self, run: _Run, faults: Sequence[FaultStruck]) -> None:
-        run.context.note("timing", "", **{name: round(ms, 3) for name, ms in run.loop.ms.items()})
+        rest = ((LookRole.LOOK, look) for look in self._world.looks if look.file is None)
+        run.recorder.write_looks(rest, run.holds.samples)
+        ms = run.loop.ms | {"looks": run.recorder.look_ms}
+        spent = {name: round(each, 3) for name, each in ms.items()}
+        run.context.note("timing", "", **spent, look_bytes=run.recorder.look_bytes)
         run.recorder.write_course(
             trace=run.skill.trace(),
             events=run.context.events,

@@ -18,6 +18,7 @@ from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
+from phyagentos.protocol.sessions.looks import LookRole, read_looks
 from phyagentos.protocol.sessions.session import Ended, Execution, Scene, Session
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
@@ -25,6 +26,8 @@ from phyagentos.runtime.actions.handle import CommandRefused
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.execution.loop import LEASE_LOST
 from phyagentos.runtime.lookahead.gate import LookaheadGate
+from phyagentos.runtime.perception.look import Look
+from phyagentos.runtime.perception.look_file import read_look
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.worker.embodiment import Embodiment
@@ -159,7 +162,7 @@ class WorkerLoop:
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
         if belief := _read_belief(order.restore):
-            self._world.restore(belief)
+            self._world.restore(belief, _read_looks(Path(order.restore).parent))
         found = self._examiner.examine(
             session, snapshot=_read_snapshot(order.restore), thorough=order.thorough, may_reset=order.may_reset
         )
@@ -269,7 +272,7 @@ class WorkerLoop:
         with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
             belief = _read_belief(str(self._workspace.root / order.evidence / BEFORE))
         if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
-            self._world.restore(belief)
+            self._world.restore(belief, _read_looks(self._workspace.root / order.evidence))
 
     def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
         """Under an epoch that the target has not seen yet: whoever was observing before may have been lost too."""
@@ -288,6 +291,16 @@ def _read_belief(restore: str) -> Environment | None:
     """What was believed when the session began, from the bundle that a recorded state is of."""
     path = Path(restore).parent / BEFORE
     return msgspec.json.decode(path.read_bytes(), type=Environment) if restore and path.is_file() else None
+
+
+def _read_looks(folder: Path) -> list[Look]:
+    """What the recorded belief of a bundle was perceived from, as far as it can be read."""
+    with contextlib.suppress(ExecutionError):
+        wanted = {each.file: each for each in read_looks(folder) if each.role in (LookRole.POINTED, LookRole.START)}
+        return sorted(
+            (read_look(folder / each.file, each.sha256) for each in wanted.values()), key=lambda look: look.now[0]
+        )
+    return []
 
 
 def _read_snapshot(path: str) -> bytes:
