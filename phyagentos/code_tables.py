@@ -110,16 +110,19 @@ JOURNAL_UNREADABLE   The system refused to read a file of the journal.
 JOURNAL_WRITE_FAILED The disk took no record, and none was acknowledged.
 LANE_UNCLEAR         Several hosts have written here; name a lane.
 LOOK_DIFFERS         Perception now reads something else than when a look was recorded.
+LOOK_MISSING         A bundle lacks what a snapshot or a sample was perceived from.
 MANIFEST_DAMAGED     A manifest of evidence does not hold what it should.
 MISMATCH             A file of evidence has another hash than its manifest says.
 MISSING              A bundle of evidence is gone, or a file of one whose manifest does not say so.
 NOTHING_OBSERVED     ENVIRONMENT.md holds no snapshot yet.
+POINTER_BROKEN       A snapshot points at pixels that no look of its bundle holds.
 RECORDS_MISSING      Records that were given a number are gone.
 RECORD_DAMAGED       A record is not as it was written.
 RECORD_ILLEGAL       A record that the lifecycle does not allow there.
 RECORD_TOO_LARGE     A record is larger than a journal line may be.
 SEGMENT_MISLINKED    A segment does not fit the one before it.
 SEGMENT_TWICE        A segment stands in the lane and in the archive.
+SETTINGS_CHANGED     A settings file is not the one that the session ran with.
 UNLISTED             A bundle holds a file that its manifest does not name.
 UNSEALED             A bundle has no manifest.
 """

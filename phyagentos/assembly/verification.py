@@ -78,7 +78,7 @@ def build_judge_registry() -> JudgeRegistry:
             name=JudgeName.VISION.value,
             open=_open_vision,
             is_costly=True,
-            description="A model that looks at the pictures before and after.",
+            description="A model that is shown the camera frames before and after.",
         ),
     ):
         registry.register(definition)

@@ -27,7 +27,7 @@ def register(app: typer.Typer) -> None:
 
 
 def verify(workspace: Space, as_json: AsJson = False) -> int:
-    """Hash every bundle of an ended session again and compare it with its manifest."""
+    """Hash every bundle of an ended session again, and follow what its snapshots point at."""
     from phyagentos.protocol.workspace.workspace import Workspace
 
     checked, problems = _verify(Workspace.open(workspace))
@@ -75,9 +75,34 @@ def _verify(workspace: "Workspace") -> tuple[int, "list[Problem]"]:
         if status is not None and status.state not in FINAL_STATES and not (folder / MANIFEST).exists():
             continue
         checked += 1
-        problems += check_bundle(folder)
+        problems += [*check_bundle(folder), *_check_looks(folder)]
     gone = [missing for status in sessions.values() if (missing := _find_missing(workspace, status))]
     return checked + len(gone), [*gone, *problems, *check_objects(workspace.evidence)]
+
+
+def _check_looks(folder: Path) -> "list[Problem]":
+    """Looks that are missing, and pointers that lead to no pixel."""
+    import msgspec
+
+    from phyagentos.errors import ExecutionError, Problem
+    from phyagentos.protocol.sessions.evidence import AFTER, BEFORE
+    from phyagentos.protocol.sessions.evidence_manifest import read_manifest
+    from phyagentos.protocol.sessions.looks import find_look_problems
+    from phyagentos.protocol.world.environment import Environment
+
+    try:
+        manifest = read_manifest(folder)
+        snapshots = [folder / name for name in (BEFORE, AFTER) if (folder / name).exists()]
+        worlds = [msgspec.json.decode(path.read_bytes(), type=Environment) for path in snapshots]
+        return find_look_problems(folder, worlds, manifest.gone if manifest is not None else ())
+    except ExecutionError as error:
+        return (
+            []
+            if error.code == "MANIFEST_DAMAGED"
+            else [Problem(code=error.code, address=str(folder), found=str(error))]
+        )
+    except msgspec.MsgspecError as error:
+        return [Problem(code="EVIDENCE_UNREADABLE", address=str(folder), found=str(error))]
 
 
 def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem | None":

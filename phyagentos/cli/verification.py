@@ -1,12 +1,17 @@
 """`paos verify`: another judgement of a session that has its verdict, by judges of one's choice."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from phyagentos.cli.outcome import ExitCode, print_result
 from phyagentos.protocol.settings.verification import JudgeName, VerificationMode
+
+if TYPE_CHECKING:
+    from phyagentos.agent.judging.verifier import SessionVerifier
+    from phyagentos.protocol.sessions.session import SessionStatus
+    from phyagentos.protocol.workspace.workspace import Workspace
 
 
 def register(app: typer.Typer) -> None:
@@ -26,6 +31,10 @@ def verify(
         ),
     ] = None,
     mode: Annotated[VerificationMode, typer.Option(help="What the judgement is for.")] = VerificationMode.ENFORCE,
+    from_frames: Annotated[
+        bool,
+        typer.Option("--from-frames", help="Perceive the stored camera frames again, judge, compare; records nothing."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="The judgement as JSON on stdout.")] = False,
 ) -> int:
     """Add a judgement to a session that has its verdict; erases none and changes no state."""
@@ -45,6 +54,8 @@ def verify(
     verifier = build_verifier(place, clock, mode=mode, judges=_parse_judges(with_))
     sessions = read_ledger(place.root, session).sessions
     status = sessions[get_session(session, sessions)]
+    if from_frames:
+        return _verify_from_frames(place, status, verifier, as_json=as_json)
     journal = Journal(place.root, side=Side.AGENT, by="paos verify", clock=clock)
     try:
         attempt = review_session(place, journal, status, verifier)
@@ -59,6 +70,30 @@ def verify(
         decided = status.decision.verdict if status.decision is not None else "none"
         print_result(f"  added as judgement {len(status.attempts) + 1}; the verdict stays {decided}")
     return int(ExitCode.GOAL_MET if attempt.verdict is Verdict.SUCCESS else ExitCode.GOAL_NOT_MET)
+
+
+def _verify_from_frames(
+    workspace: "Workspace", status: "SessionStatus", verifier: "SessionVerifier", *, as_json: bool
+) -> int:
+    """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
+    import msgspec
+
+    from phyagentos.agent.judging.from_frames import judge_again
+    from phyagentos.agent.judging.goal_judgement import Evidence
+    from phyagentos.assembly.from_frames import perceive_again
+
+    seen = perceive_again(workspace, status)
+    again = judge_again(Evidence(workspace.root).read(status), seen, verifier, status.decision)
+    if as_json:
+        print_result(msgspec.json.encode(again).decode())
+    else:
+        equal = "equal to what was recorded" if not again.differences else "not what was recorded"
+        print_result(f"{again.session}: {len(again.criteria)} criteria from {again.looks} looks, {equal}")
+        for criterion in again.criteria:
+            print_result(f"  {criterion.truth}: {criterion.kind} {criterion.text}: {criterion.because}")
+        for difference in again.differences:
+            print_result(f"  differs: {difference}")
+    return int(ExitCode.GOAL_NOT_MET if again.differences else ExitCode.GOAL_MET)
 
 
 def _parse_judges(text: str | None) -> tuple[str, ...] | None:

@@ -28,6 +28,7 @@ from phyagentos.protocol.sessions.evidence_manifest import (
     replace_manifest,
 )
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions.looks import PREFIX
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention, read_runtime_contract
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -46,7 +47,8 @@ _KINDS = {
     evidence.PICTURE_BEFORE: "pictures",
     evidence.PICTURE_AFTER: "pictures",
 }
-_EVERY_KIND = frozenset(_KINDS.values())
+LOOK_KIND = "looks"
+_EVERY_KIND = frozenset((*_KINDS.values(), LOOK_KIND))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +120,7 @@ def apply_retention(
 
 def find_kind(name: str) -> str | None:
     """What a file of a bundle is for the policy; None for what always stays."""
-    return _KINDS.get(name)
+    return LOOK_KIND if name.startswith(PREFIX) else _KINDS.get(name)
 
 
 @dataclass(slots=True)

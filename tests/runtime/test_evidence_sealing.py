@@ -9,13 +9,13 @@ def test_a_reconciled_session_writes_into_its_own_files_only(tmp_path):
     picture = b"picture" * 20_000
     sealer = Sealer(tmp_path)
     for name in ("g.a", "g.b"):
-        Recorder(tmp_path / name).write_picture(evidence.PICTURE_AFTER, picture)
+        Recorder(tmp_path / name).write_file(evidence.PICTURE_AFTER, picture)
         sealer.seal(tmp_path / name)
     assert (tmp_path / "g.a" / evidence.PICTURE_AFTER).samefile(tmp_path / "g.b" / evidence.PICTURE_AFTER)
 
     recorder = Recorder(tmp_path / "g.b")  # its runner was lost: the world is observed once more
     assert not (tmp_path / "g.b" / MANIFEST).exists()
-    recorder.write_picture(evidence.PICTURE_AFTER, b"later" * 20_000)
+    recorder.write_file(evidence.PICTURE_AFTER, b"later" * 20_000)
     sealer.seal(tmp_path / "g.b")
 
     assert (tmp_path / "g.a" / evidence.PICTURE_AFTER).read_bytes() == picture

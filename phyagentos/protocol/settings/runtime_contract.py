@@ -39,7 +39,12 @@ class EvidenceRetention(Authored):
 
     keep_last: int = pydantic.Field(default=200, ge=0)
     keep_days: float = pydantic.Field(default=30.0, ge=0)
-    drop: tuple[Literal["model", "pictures", "trace", "trajectory"], ...] = ("pictures", "trace", "trajectory")
+    drop: tuple[Literal["looks", "model", "pictures", "trace", "trajectory"], ...] = (
+        "looks",
+        "pictures",
+        "trace",
+        "trajectory",
+    )
     max_bytes: int | None = pydantic.Field(default=None, gt=0)
 
 

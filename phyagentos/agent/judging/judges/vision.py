@@ -1,8 +1,9 @@
 """The judge that looks at the pictures: one question for each acceptance criterion, asked of a vision-language model.
 
-Upstream: `before.png` and `after.png` of the bundle, and the `vision` block of the settings; without that block nothing
-is asked and nothing leaves the machine. Downstream: the verifier, which weighs the answers like any other criterion. It
-fails closed: no picture, no answer in time, an answer of another form than the one asked for, all mean unknown.
+Upstream: the camera frames that perception looked at before and after the session, never a rendering of the simulator;
+and the `vision` block of the settings, without which nothing is asked and nothing leaves the machine. Downstream: the
+verifier, which weighs the answers like any other criterion. It fails closed: no frames, no answer in time, an answer of
+another form than the one asked for, all mean unknown.
 """
 
 import base64
@@ -16,7 +17,8 @@ import msgspec
 
 from phyagentos.agent.judging.judges.judge import make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE, Bundle
+from phyagentos.protocol.sessions.evidence import Bundle
+from phyagentos.protocol.sessions.looks import LOOKS, LookRole, read_pictures
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.predicates.library import get_predicate_library
 from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate
@@ -26,11 +28,15 @@ from phyagentos.protocol.world.truth import Truth
 KIND = "vision"
 REMEMBERED = 64  # answers; the verifier may ask twice about one session
 _SYSTEM = (
-    "You judge whether a statement about a robot's workspace is true in the second of two pictures. The first shows "
-    "the workspace before a task, the second after it. Answer with one JSON object and nothing else: "
+    "You judge whether a statement about a robot's workspace is true after a task. You are shown what each of its "
+    "cameras saw before the task, then what each saw after it. Answer with one JSON object and nothing else: "
     '{"truth": "true" | "false" | "unknown", "because": "<one sentence>"}. '
     "Say unknown when the pictures do not show it."
 )
+
+
+Pictures = tuple[bytes, ...]
+"""PNG, one a camera."""
 
 
 class VisionEndpoint(Protocol):
@@ -57,7 +63,7 @@ class _Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class VisionJudge:
-    """Judges acceptance on pictures.
+    """Judges acceptance on camera frames.
 
     Attributes:
         endpoint: Who is asked.
@@ -70,53 +76,49 @@ class VisionJudge:
 
     @property
     def name(self) -> str:
-        """`vision/1(model at host)`."""
-        return f"vision/1({self.endpoint.name})"
+        """`vision/2(model at host)`."""
+        return f"vision/2({self.endpoint.name})"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
         """One criterion for each predicate of `accept` that can be seen at all."""
         texts = [text for text in bundle.session.accept if not has_metric(text)]
-        pictures = []
-        for name in (PICTURE_BEFORE, PICTURE_AFTER):
-            try:
-                pictures.append((bundle.folder / name).read_bytes())
-            except OSError:
-                return [make_unknown(text, KIND, name, f"there is no picture {name}") for text in texts]
+        try:
+            _, before = read_pictures(bundle.folder, LookRole.START)
+            file, after = read_pictures(bundle.folder, LookRole.END)
+        except ExecutionError as error:
+            return [make_unknown(text, KIND, LOOKS, str(error)) for text in texts]
         return [
-            self._ask(text, bundle.session.objective, pictures)
+            self._ask(text, bundle.session.objective, (before, after), file)
             if number < self.max_questions
-            else make_unknown(text, KIND, PICTURE_AFTER, f"only {self.max_questions} criteria are asked about")
+            else make_unknown(text, KIND, file, f"only {self.max_questions} criteria are asked about")
             for number, text in enumerate(texts)
         ]
 
-    def _ask(self, text: str, objective: str, pictures: Sequence[bytes]) -> Criterion:
-        key = hashlib.sha256(b"\0".join([text.encode(), objective.encode(), *pictures])).hexdigest()
+    def _ask(self, text: str, objective: str, pictures: tuple[Pictures, Pictures], file: str) -> Criterion:
+        shown = (*pictures[0], b"", *pictures[1])
+        key = hashlib.sha256(b"\0".join([text.encode(), objective.encode(), *shown])).hexdigest()
         if key in self._known:
             self._known.move_to_end(key)
             return self._known[key]
         try:
             answer = _read_answer(self.endpoint.complete(_build_messages(text, objective, pictures)))
         except ExecutionError as error:  # another time it may answer, so this is not remembered
-            return make_unknown(text, KIND, PICTURE_AFTER, str(error), failure=error.code)
-        criterion = Criterion(
-            text=text, kind=KIND, truth=answer.truth, evidence=PICTURE_AFTER, because=answer.because[:400]
-        )
+            return make_unknown(text, KIND, file, str(error), failure=error.code)
+        criterion = Criterion(text=text, kind=KIND, truth=answer.truth, evidence=file, because=answer.because[:400])
         self._known[key] = criterion
         if len(self._known) > REMEMBERED:
             self._known.popitem(last=False)
         return criterion
 
 
-def _build_messages(text: str, objective: str, pictures: Sequence[bytes]) -> list[dict[str, Any]]:
-    question = f"Task: {objective}\nStatement: {text}\n{_explain(text)}\nIs the statement true in the second picture?"
-    images = [
-        {"type": "image_url", "image_url": {"url": f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"}}
-        for png in pictures
-    ]
-    return [
-        {"role": "system", "content": _SYSTEM},
-        {"role": "user", "content": [{"type": "text", "text": question}, *images]},
-    ]
+def _build_messages(text: str, objective: str, pictures: tuple[Pictures, Pictures]) -> list[dict[str, Any]]:
+    question = f"Task: {objective}\nStatement: {text}\n{_explain(text)}\nIs the statement true after the task?"
+    content: list[dict[str, Any]] = [{"type": "text", "text": question}]
+    for when, shown in zip(("Before the task:", "After the task:"), pictures, strict=True):
+        content.append({"type": "text", "text": when})
+        urls = (f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}" for png in shown)
+        content += [{"type": "image_url", "image_url": {"url": url}} for url in urls]
+    return [{"role": "system", "content": _SYSTEM}, {"role": "user", "content": content}]
 
 
 def _explain(text: str) -> str:

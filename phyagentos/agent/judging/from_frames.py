@@ -1,0 +1,133 @@
+"""A verdict formed again from what the cameras showed: perceived again by the runtime's code, judged again here.
+
+Upstream: the snapshots that perception made anew of the looks in a bundle. Downstream: `paos verify --from-frames`. It
+is compared with the snapshots that the session left and with the judgement that decided; nothing is recorded.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import msgspec
+
+from phyagentos.agent.judging.judges.predicates import evaluate_on
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, Bundle
+from phyagentos.protocol.sessions.looks import LookEntry, LookRole
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.truth import Truth
+
+Seen = Sequence[tuple[LookEntry, Environment]]
+"""Each look of a bundle, and the world as it is perceived from it now."""
+
+
+class JudgedAgain(msgspec.Struct, frozen=True, kw_only=True):
+    """A session, perceived and judged again.
+
+    Attributes:
+        verdict: That the criteria come to now; replanning is not weighed again.
+        looks: How many looks were perceived again.
+        criteria: Preconditions, acceptance and hold conditions as they are now.
+        differences: Where that is not what was recorded; empty when it is equal.
+    """
+
+    session: str
+    verdict: Verdict
+    looks: int
+    criteria: tuple[Criterion, ...]
+    differences: tuple[str, ...]
+
+
+def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision: Attempt | None) -> JudgedAgain:
+    """Judge a session on what its looks show.
+
+    Args:
+        bundle: As the session left it.
+        seen: Its looks, perceived again.
+        verifier: Who judges.
+        decision: The judgement that decided; None for a session without one.
+
+    Raises:
+        ExecutionError: `LOOK_MISSING` where a snapshot was perceived from a look that the bundle does not hold.
+    """
+    again, holds = _replace_snapshots(bundle, seen)
+    attempt = verifier.judge(again, History())
+    criteria = (*_judge_requires(again), *attempt.criteria)
+    recorded = (*_judge_requires(bundle), *verifier.judge(bundle, History()).criteria)
+    decided = decision.criteria if decision is not None else ()
+    differences = [*_compare_snapshots(bundle, again), *holds]
+    for each in (recorded, decided):
+        differences += _compare_criteria(each, criteria)
+    if decision is not None and decision.found is not None and _is_met(decision) != _is_met(attempt):
+        differences.append(f"verdict: {attempt.found}, was {decision.found}")
+    return JudgedAgain(
+        session=bundle.session.id,
+        verdict=attempt.verdict,
+        looks=len({entry.file for entry, _ in seen}),
+        criteria=criteria,
+        differences=tuple(dict.fromkeys(differences)),
+    )
+
+
+def _replace_snapshots(bundle: Bundle, seen: Seen) -> tuple[Bundle, list[str]]:
+    """The bundle with what is perceived now, and where a sample of a hold condition comes out otherwise."""
+    snapshots = {entry.role: world for entry, world in seen if not entry.text}
+    for role, recorded in ((LookRole.START, bundle.before), (LookRole.END, bundle.after)):
+        if recorded is not None and role not in snapshots:
+            raise ExecutionError("LOOK_MISSING", f"{bundle.folder}: no look of the {role}, but a snapshot of it")
+    before = snapshots.get(LookRole.START)
+    again = msgspec.structs.replace(bundle, before=before, after=snapshots.get(LookRole.END))
+    if before is None:
+        return again, []
+    holds = {criterion.text: criterion for criterion in bundle.holds}
+    differences: list[str] = []
+    for entry, world in seen:
+        if not entry.text:
+            continue
+        view = View(now=world, initial=before, target=bundle.session.target, metrics=entry.metrics)
+        found = parse_predicate(entry.text).evaluate(view)
+        if entry.role is LookRole.WORST and entry.text in holds:
+            holds[entry.text] = msgspec.structs.replace(
+                holds[entry.text], truth=found.truth, measured=found.measured, because=found.because
+            )
+        elif entry.role is LookRole.UNKNOWN and found.truth is not Truth.UNKNOWN:
+            differences.append(f"hold {entry.text} at {entry.time_s:.3f} s: {found.truth}, was unknown")
+    again = msgspec.structs.replace(again, holds=tuple(holds.values()))
+    return again, [*differences, *_compare_criteria(bundle.holds, again.holds)]
+
+
+def _judge_requires(bundle: Bundle) -> list[Criterion]:
+    session, before = bundle.session, bundle.before
+    if before is None:
+        return []
+    return [
+        evaluate_on(text, "requires", before, before, target=session.target, evidence=BEFORE)
+        for text in session.requires
+    ]
+
+
+def _compare_criteria(recorded: Iterable[Criterion], again: Iterable[Criterion]) -> Iterable[str]:
+    """Criteria that are answered or measured otherwise now."""
+    known = {(criterion.kind, criterion.text): criterion for criterion in again}
+    for was in recorded:
+        now = known.get((was.kind, was.text))
+        if now is None:
+            yield f"{was.kind} {was.text}: not judged again, was {was.truth}"
+        elif (now.truth, now.measured) != (was.truth, was.measured):
+            yield f"{was.kind} {was.text}: {now.truth} {now.measured}, was {was.truth} {was.measured}"
+
+
+def _compare_snapshots(bundle: Bundle, again: Bundle) -> Iterable[str]:
+    """Entities that are perceived otherwise now."""
+    for file, was, now in ((BEFORE, bundle.before, again.before), (AFTER, bundle.after, again.after)):
+        if was is None or now is None:
+            continue
+        names = sorted(was.entities.keys() | now.entities.keys())
+        other = [name for name in names if was.entities.get(name) != now.entities.get(name)]
+        if other:
+            yield f"{file}: {', '.join(other)} perceived otherwise"
+
+
+def _is_met(attempt: Attempt) -> bool:
+    return (attempt.found or attempt.verdict) is Verdict.SUCCESS
