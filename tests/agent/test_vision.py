@@ -15,10 +15,12 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.protocol.sessions.looks import LookRole
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
+from tests.looks import keep_look
 
 from .conftest import make_world, put
 from .test_verifier import BUDGET, IN_TRAY, make_bundle, make_session
@@ -83,9 +85,15 @@ def serve():
 
 @pytest.fixture
 def bundle(tmp_path):
-    (tmp_path / PICTURE_BEFORE).write_bytes(b"\x89PNG before")
-    (tmp_path / PICTURE_AFTER).write_bytes(b"\x89PNG after")
+    for role, shown in ((LookRole.START, "before"), (LookRole.END, "after")):
+        keep_look(tmp_path, role, {name: f"{name} {shown}".encode() for name in ("top", "left")})
+    for name in (PICTURE_BEFORE, PICTURE_AFTER):
+        (tmp_path / name).write_bytes(b"a rendering")
     return make_bundle(DONE, folder=tmp_path)
+
+
+def _decode(url):
+    return base64.b64decode(url.removeprefix("data:image/png;base64,")).decode()
 
 
 def make_judge(url, *, key="", timeout_s=5.0, **more):
@@ -93,18 +101,19 @@ def make_judge(url, *, key="", timeout_s=5.0, **more):
     return VisionJudge(endpoint, **more)
 
 
-def test_it_sends_both_pictures_and_the_statement_and_believes_a_strict_answer(serve, bundle):
+def test_it_is_shown_what_the_cameras_saw_and_no_rendering_and_a_strict_answer_is_believed(serve, bundle):
     model = serve()
     (criterion,) = make_judge(model.url, key="secret").judge(bundle)
     assert (criterion.text, criterion.kind, criterion.truth) == ("inside(red_cube, red_tray)", "vision", Truth.TRUE)
     assert criterion.because == "the cube lies between the walls"
     (asked,) = model.asked
     assert (asked["path"], asked["model"], asked["temperature"]) == ("/v1/chat/completions", "looker-1", 0)
-    text, *images = asked["messages"][1]["content"]
+    text, *shown = asked["messages"][1]["content"]
     assert "Statement: inside(red_cube, red_tray)" in text["text"]
     assert "inside(a, b) means: Let go of; centre within the sides of the interior box" in text["text"]
-    sent = [base64.b64decode(image["image_url"]["url"].removeprefix("data:image/png;base64,")) for image in images]
-    assert sent == [b"\x89PNG before", b"\x89PNG after"]
+    sent = [each.get("text") or _decode(each["image_url"]["url"]) for each in shown]
+    before, after = (["top before", "left before"], ["top after", "left after"])
+    assert sent == ["Before the task:", *before, "After the task:", *after]
     assert model.headers[0]["Authorization"] == "Bearer secret"
 
 
@@ -115,8 +124,8 @@ def test_its_answer_is_weighed_like_any_other(serve, bundle, said, truth):
     attempt = verifier.judge(bundle, BUDGET)
     assert attempt.verdict is not Verdict.SUCCESS
     assert attempt.criteria[-1].truth is truth
-    assert {PICTURE_AFTER} <= {reference.file for reference in attempt.evidence}
-    assert attempt.judges[-1] == "vision/1(looker-1 at 127.0.0.1)"
+    assert "look-end.zip" in {reference.file for reference in attempt.evidence}
+    assert attempt.judges[-1] == "vision/2(looker-1 at 127.0.0.1)"
     assert "secret" not in repr(verifier)
 
 
@@ -158,12 +167,13 @@ def test_nobody_there_is_unknown(serve, bundle):
     assert (criterion.truth, criterion.because.split(":")[0]) == (Truth.UNKNOWN, "MODEL_UNREACHABLE")
 
 
-@pytest.mark.parametrize("missing", [PICTURE_BEFORE, PICTURE_AFTER])
-def test_without_pictures_nobody_is_asked(serve, bundle, missing):
+@pytest.mark.parametrize("missing", ["look-start.zip", "look-end.zip", "looks.json"])
+def test_without_frames_no_model_is_asked(serve, bundle, missing):
     model = serve()
     (bundle.folder / missing).unlink()
     (criterion,) = make_judge(model.url).judge(bundle)
-    assert (criterion.truth, criterion.because) == (Truth.UNKNOWN, f"there is no picture {missing}")
+    assert criterion.truth is Truth.UNKNOWN
+    assert criterion.because.startswith("LOOK_MISSING")
     assert model.asked == []
 
 

@@ -12,7 +12,9 @@ from phyagentos.protocol.sessions.evidence_manifest import Sealer, read_manifest
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
+from tests.looks import keep_look
 
 PROTOCOL = Path(__file__).resolve().parents[2] / "protocol"
 POLICY = "evidence:\n  keep_last: 0\n  keep_days: 1\n"
@@ -98,6 +100,55 @@ def test_a_running_session_without_a_manifest_is_no_damage(paos, run):
     run.workspace.evidence_of(id).mkdir()
     result = paos("evidence", "verify", "-w", run.workspace.root)
     assert (result.code, result.out) == (ExitCode.GOAL_MET, "0 bundles checked: as recorded\n")
+
+
+@pytest.fixture
+def seen(run):
+    """The bundle of a session whose snapshot points into the picture that it was perceived from."""
+    run.begin()
+    id = run.submit("red")
+    run.execute(id)
+    run.judge(id, Verdict.SUCCESS, Truth.TRUE)
+    folder = run.workspace.evidence_of(id)
+    folder.mkdir()
+    keep_look(folder, "end", {"top": b"png"}, time_s=9.0)
+    cube = Entity(name="cube", kind="cube", pose=Pose(), evidence=("top@9.000:180,10,12,20",))
+    facts = {"time_s": 9.0, "scene": "s", "episode": "e", "revision": 1, "sensing": "perceived"}
+    evidence.write_json(folder / evidence.AFTER, Environment(entities={"cube": cube}, **facts))
+    return folder
+
+
+def test_a_pointer_that_leads_to_pixels_is_sound(paos, run, seen):
+    Sealer(run.workspace.evidence).seal(seen)
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert (result.code, result.out) == (ExitCode.GOAL_MET, "1 bundle checked: as recorded\n"), result.err
+
+
+def test_a_pointer_beyond_its_picture_is_named(paos, run, seen):
+    path = seen / evidence.AFTER
+    path.write_text(path.read_text().replace("180,10,12,20", "181,10,12,20"))
+    Sealer(run.workspace.evidence).seal(seen)
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert result.code == ExitCode.GOAL_NOT_MET
+    assert f"{seen}: cube: POINTER_BROKEN: found top@9.000:181,10,12,20" in result.err
+
+
+def test_a_look_that_is_gone_is_named_also_where_no_manifest_lists_it(paos, run, seen):
+    (seen / "look-end.zip").unlink()
+    Sealer(run.workspace.evidence).seal(seen)
+    result = paos("evidence", "verify", "-w", run.workspace.root)
+    assert result.code == ExitCode.GOAL_NOT_MET
+    assert f"{seen / 'look-end.zip'}: LOOK_MISSING" in result.err
+
+
+def test_looks_that_a_clean_up_took_are_not_missed(paos, run, seen):
+    Sealer(run.workspace.evidence).seal(seen)
+    run.end("success")
+    contract = (PROTOCOL / "runtime_contract.yaml").read_text().split("evidence:")[0] + POLICY
+    run.workspace.runtime_contract.write_text(contract)
+    assert paos("evidence", "prune", "-w", run.workspace.root).code == ExitCode.GOAL_MET
+    assert not (seen / "look-end.zip").exists()
+    assert paos("evidence", "verify", "-w", run.workspace.root).code == ExitCode.GOAL_MET
 
 
 def test_a_dry_run_tells_what_would_go_and_takes_nothing(paos, run, bundles):

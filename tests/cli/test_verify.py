@@ -135,3 +135,10 @@ def test_a_review_that_does_not_say_that_it_is_one_is_refused(judged):
     attempt = msgspec.to_builtins(fold(judged).attempts[0])
     with pytest.raises(Exception, match="no attempt with is_review"):
         judged.pens[Side.AGENT].commit([Entry(SESSION, "review", {"attempt": attempt})])
+
+
+def test_a_session_that_left_no_frames_is_not_judged_from_them(paos, judged):
+    result = paos("verify", SESSION, "-w", judged.workspace.root, "--from-frames")
+    assert result.code not in (ExitCode.GOAL_MET, ExitCode.GOAL_NOT_MET)
+    assert "looks.json: no look was recorded" in result.err
+    assert len(fold(judged).attempts) == 1

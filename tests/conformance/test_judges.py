@@ -7,8 +7,9 @@ import pytest
 from phyagentos.agent.judging.judges.judge_registry import JudgeSettings
 from phyagentos.assembly.verification import build_judge_registry
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.sessions.evidence import HOLDS, PICTURE_AFTER, PICTURE_BEFORE, TRAJECTORY, Bundle
+from phyagentos.protocol.sessions.evidence import HOLDS, TRAJECTORY, Bundle
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD
+from phyagentos.protocol.sessions.looks import LOOKS
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.verification import Verification
@@ -48,7 +49,7 @@ def make_bundle(folder: Path, after: Environment | None = None) -> Bundle:
 
 
 def damage(folder: Path) -> None:
-    for name in (TRAJECTORY, LOOKAHEAD, HOLDS, PICTURE_BEFORE, PICTURE_AFTER):
+    for name in (TRAJECTORY, LOOKAHEAD, HOLDS, LOOKS):
         (folder / name).write_bytes(b"no such thing")
 
 

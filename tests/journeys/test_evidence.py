@@ -1,7 +1,11 @@
 """A bundle is complete, loads without this package, and repeats itself bit for bit."""
 
+import hashlib
 import json
 import shutil
+import subprocess
+import sys
+import zipfile
 
 import mujoco
 import numpy as np
@@ -11,6 +15,7 @@ from phyagentos.assembly.rerun import rerun_session
 from phyagentos.clock import ManualClock, SystemClock
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import MANIFEST, check_bundle, read_manifest
+from phyagentos.protocol.sessions.looks import LOOKS, read_looks
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.worker.rerun import find_differences
@@ -21,7 +26,7 @@ pytestmark = pytest.mark.journey
 FILES = (
     evidence.CONTRACT, evidence.SCENE_MODEL, evidence.SCENE_XML, evidence.INITIAL, evidence.TERMINAL, evidence.BEFORE,
     evidence.AFTER, evidence.TRACE, evidence.TRAJECTORY, evidence.EVENTS, evidence.HOLDS, evidence.FAULTS,
-    evidence.FINGERPRINT, evidence.EXECUTION,
+    evidence.FINGERPRINT, evidence.EXECUTION, LOOKS,
 )  # fmt: skip
 
 
@@ -117,3 +122,43 @@ def test_a_bundle_is_sealed_once_its_session_is_over(plane, calm):
     assert check_bundle(calm) == []
     assert {name for name in FILES if name not in read_manifest(calm).files} == set()
     assert (calm / evidence.SCENE_MODEL).stat().st_nlink > 1
+
+
+def _paos_verify(root, *more):
+    command = [sys.executable, "-m", "phyagentos", "verify", "calm-5.red", "-w", str(root), "--from-frames", *more]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_verdict_is_formed_again_from_the_frames_and_a_tampered_frame_is_found(plane, calm, tmp_path):
+    copy = Workspace(shutil.copytree(plane.workspace.root, tmp_path / "copy"))
+    equal = _paos_verify(copy.root, "--json")
+    assert equal.returncode == 0, equal.stderr
+    assert json.loads(equal.stdout)["differences"] == []
+
+    (end,) = (entry for entry in read_looks(calm) if entry.role == "end")
+    path = copy.evidence_of("calm-5.red") / end.file
+    path.unlink()
+    gone = _paos_verify(copy.root)
+    assert gone.returncode > 1
+    assert f"LOOK_MISSING: no file {path}" in gone.stderr
+
+    with zipfile.ZipFile(calm / end.file) as file:
+        parts = {name: file.read(name) for name in file.namelist()}
+    whole = max((name for name in parts if name.endswith("overhead.png")), key=lambda name: len(parts[name]))
+    for name, data in list(parts.items()):  # every camera is shown what only one of them saw
+        if name.endswith(".png") and len(data) > len(parts[whole]) / 2:
+            parts[name] = parts[whole]
+    with zipfile.ZipFile(path, "w") as file:
+        for name, data in parts.items():
+            file.writestr(name, data)
+    refused = _paos_verify(copy.root)
+    assert refused.returncode > 1
+    assert f"EVIDENCE_UNREADABLE: {path}: its bytes are not those of sha256 {end.sha256}" in refused.stderr
+
+    listed = path.with_name(LOOKS)
+    text = listed.read_text().replace(end.sha256, hashlib.sha256(path.read_bytes()).hexdigest())
+    listed.unlink()  # perhaps shared
+    listed.write_text(text)
+    other = _paos_verify(copy.root)
+    assert other.returncode == 1, other.stderr
+    assert "environment_after.json: " in other.stdout

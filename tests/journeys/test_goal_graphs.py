@@ -2,20 +2,53 @@
 
 import pytest
 
+from phyagentos.agent.judging.from_frames import judge_again
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.assembly.from_frames import perceive_again
+from phyagentos.assembly.verification import build_verifier
+from phyagentos.cli.history import read_ledger
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.sessions.looks import find_look_problems
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 
 pytestmark = pytest.mark.journey
+
+
+@pytest.fixture
+def judge_from_frames(plane, monkeypatch):
+    """Every session of a goal, perceived and judged again without a world."""
+
+    def refuse(*_, **__):
+        raise AssertionError("a world was started")
+
+    def judge(goal):
+        monkeypatch.setattr(MujocoDriver, "__init__", refuse)
+        verifier = build_verifier(plane.workspace, SystemClock())
+        evidence = Evidence(plane.workspace.root)
+        sessions = read_ledger(plane.workspace.root).sessions.values()
+        done = [status for status in sessions if status.contract.goal == goal]
+        assert done
+        for status in done:
+            bundle = evidence.read(status)
+            assert find_look_problems(bundle.folder, (bundle.before, bundle.after)) == []
+            yield judge_again(bundle, perceive_again(plane.workspace, status), verifier, status.decision)
+
+    return judge
+
 
 GRAPHS = sorted((find_shipped_root() / "goal_graphs").glob("*.yaml"))
 
 
 @pytest.mark.parametrize("graph", GRAPHS, ids=lambda path: path.stem)
-def test_a_shipped_goal_graph_is_met(plane, graph):
+def test_a_shipped_goal_graph_is_met_and_its_frames_give_the_same_verdicts(plane, graph, judge_from_frames):
     report = plane.mission.run(graph, seed=2)
 
     assert report.verdict == "success", report
     assert all(report.first_attempt_success.values()), report
     assert set(report.nodes.values()) == {"done"}
+    for again in judge_from_frames(report.goal):
+        assert (again.verdict, again.differences) == ("success", ()), again
 
 
 def test_a_filled_cup_keeps_every_ball_and_the_worst_tilt_is_on_record(plane):

@@ -11,7 +11,7 @@ import numpy as np
 
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
-from phyagentos.protocol.sessions.looks import LOOKS
+from phyagentos.protocol.sessions.looks import LOOKS, PREFIX
 
 _ARRAYS = (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
 _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION)
@@ -37,7 +37,8 @@ def find_differences(recorded: Path, repeated: Path) -> list[str]:
     for name in _ARRAYS:
         if name not in gone:
             differences += _compare_arrays(name, recorded / name, repeated / name)
-    for name in (*_TEXTS, *((LOOKS,) if (recorded / LOOKS).exists() else ())):
+    is_seen = (recorded / LOOKS).exists() and not any(name.startswith(PREFIX) for name in gone)  # else no first look
+    for name in (*_TEXTS, *((LOOKS,) if is_seen else ())):
         if name not in gone and _read(recorded / name) != _read(repeated / name):
             differences.append(f"{name}: differs")
     return differences

@@ -1,0 +1,164 @@
+"""A look that was recorded is perceived again to the same world, from its file alone."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.looks import LookRole, find_look_problems
+from phyagentos.protocol.world.environment import Pose, Status
+from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.perception.look import RecordedEyes
+from phyagentos.runtime.perception.look_file import read_look, write_look
+from phyagentos.runtime.perception.perceived_world import PerceivedWorld
+from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.worker.recorder import Recorder
+from tests.runtime.perception.conftest import observe_now
+from tests.runtime.perception.test_sensor_health import LaggingHandle
+
+pytestmark = pytest.mark.sim
+
+
+@pytest.fixture
+def eyes(twins, twins_library):
+    """A world that is perceived, one to perceive again with, and a way to let time pass."""
+    profile, folder = read_profile(twins_library.get_target("panda"))
+
+    def open_world(handle):
+        return PerceivedWorld("panda", handle, twins_library, RobotMask(profile, folder))
+
+    handle = LaggingHandle(twins, 0.0)
+    world = open_world(handle)
+
+    def observe(*things, after_s=0.1, lag_s=0.0):
+        twins.time_s += after_s
+        handle.lag_s = lag_s
+        return observe_now(world, twins, things)
+
+    def repeat(path, sha256):
+        look = read_look(path, sha256)
+        return open_world(RecordedEyes(look)).repeat(look)
+
+    return world, observe, repeat
+
+
+def test_pictures_and_depths_come_back_bit_for_bit_and_the_file_depends_on_the_look_alone(eyes, tmp_path):
+    world, observe, _ = eyes
+    observe()
+    look = world.latest_look
+    name, sha256 = write_look(look, tmp_path)
+    again = read_look(tmp_path / name, sha256)
+
+    assert [asked for asked, _ in again.captures] == [asked for asked, _ in look.captures]
+    for (_, then), (_, now) in zip(look.captures, again.captures, strict=True):
+        for one, other in zip(then.frames, now.frames, strict=True):
+            assert np.isnan(one.depth_m).any()
+            assert (one.rgb.tobytes(), one.depth_m.tobytes()) == (other.rgb.tobytes(), other.depth_m.tobytes())
+            assert msgspec.structs.replace(one, rgb=None, depth_m=None) == msgspec.structs.replace(
+                other, rgb=None, depth_m=None
+            )
+    again.file = None
+    assert write_look(again, tmp_path) == (name, sha256)
+
+
+@pytest.mark.parametrize("things", [(), ("can",), ("screen",), ("can", "first")])
+def test_each_kind_of_look_is_perceived_again_to_the_same_world(eyes, twins, tmp_path, things):
+    world, observe, repeat = eyes
+    for _ in range(3):
+        observe()
+    for moved in (False, True):
+        if moved:
+            twins.put("can", 0.6, -0.25)
+        belief = observe(*things)
+        assert repeat(*_write(world, tmp_path)) == belief
+
+
+@pytest.mark.parametrize("lag_s", [0.02, 0.4])
+def test_so_is_one_for_which_the_robot_was_asked_again_because_time_went_on(eyes, tmp_path, lag_s):
+    world, observe, repeat = eyes
+    for things in ((), ("can",)):
+        belief = observe(*things, lag_s=lag_s)
+        assert world.latest_look.moments
+        assert repeat(*_write(world, tmp_path)) == belief
+
+
+def test_a_picture_with_other_pixels_gives_another_world(eyes, twins, tmp_path):
+    world, observe, _ = eyes
+    for _ in range(2):
+        belief = observe()
+    look = world.latest_look
+    for _, frames in look.captures:
+        for frame in frames.frames:
+            frame.rgb[:] = 0
+    assert belief.entities["can"].status is Status.SEEN
+    assert world.repeat(look).entities["can"] != belief.entities["can"]
+
+
+def test_a_damaged_or_missing_file_is_named(eyes, tmp_path):
+    world, observe, _ = eyes
+    observe()
+    path, sha256 = _write(world, tmp_path)
+    path.write_bytes(path.read_bytes()[:-1] + b"!")
+    with pytest.raises(ExecutionError, match=f"EVIDENCE_UNREADABLE.*{path.name}"):
+        read_look(path, sha256)
+    path.unlink()
+    with pytest.raises(ExecutionError, match=f"LOOK_MISSING.*{path.name}"):
+        read_look(path, sha256)
+
+
+def test_perception_that_reads_something_else_now_refuses(eyes):
+    world, observe, _ = eyes
+    for _ in range(3):
+        observe()
+    observe("can")
+    look = world.latest_look
+    look.things = frozenset({"screen"})
+    with pytest.raises(ExecutionError, match="LOOK_DIFFERS: perception now asks for"):
+        world.repeat(look)
+
+
+def test_what_a_belief_points_at_is_kept_however_long_ago_it_was_seen(eyes, twins, tmp_path):
+    world, observe, _ = eyes
+    for _ in range(3):
+        observe()
+    observe("can")
+    twins.put("screen", 0.66, 0.05, yaw_rad=0.3)
+    for _ in range(3):
+        belief = observe()
+    recorder = Recorder(tmp_path / "g.a")
+    looks = [(LookRole.END, world.latest_look), *((LookRole.POINTED, each) for each in world.find_looks(belief))]
+    recorder.write_looks(looks, {})
+    assert find_look_problems(tmp_path / "g.a", [belief]) == []
+
+    lost = msgspec.structs.replace(belief.entities["can"], evidence=("top@0.001:1,1,3,3",))
+    broken = msgspec.structs.replace(belief, entities=belief.entities | {"can": lost})
+    (problem,) = find_look_problems(tmp_path / "g.a", [broken])
+    assert (problem.code, problem.found) == ("POINTER_BROKEN", "top@0.001:1,1,3,3")
+
+
+def test_a_bundle_that_begins_where_another_ended_shares_its_look(eyes, tmp_path):
+    world, observe, _ = eyes
+    observe()
+    for name in ("g.a", "g.b"):
+        Recorder(tmp_path / name).write_looks([(LookRole.START, world.latest_look)], {})
+    (one,), (other,) = ((tmp_path / name).glob("look-*.zip") for name in ("g.a", "g.b"))
+    assert one.samefile(other)
+
+
+def test_what_is_held_is_perceived_again_as_held(eyes, twins, tmp_path):
+    world, observe, repeat = eyes
+    for _ in range(2):
+        belief = observe()
+    can = Pose(belief.entities["can"].pose.position_m, (0.0, 1.0, 0.0, 0.0))
+    twins.state = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, fingers_touching=2)
+    belief = observe("can", "first")
+    assert belief.entities["can"].status is Status.HELD
+    assert repeat(*_write(world, tmp_path)) == belief
+    assert math.isclose(belief.time_s, twins.time_s)
+
+
+def _write(world, folder):
+    name, sha256 = write_look(world.latest_look, folder)
+    return folder / name, sha256
