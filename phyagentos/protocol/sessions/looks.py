@@ -217,9 +217,12 @@ def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]
     if entry is None:
         raise ExecutionError("LOOK_MISSING", f"{folder}: no camera picture of the {role}")
     look = read_stored_look(folder / entry.file, entry.sha256)
-    with zipfile.ZipFile(folder / entry.file) as file:
-        whole = (frame for capture in look.captures if not capture.crops for frame in capture.frames)
-        return entry.file, tuple(file.read(frame.picture) for frame in whole)
+    whole = (frame for capture in look.captures if not capture.crops for frame in capture.frames)
+    try:
+        with zipfile.ZipFile(folder / entry.file) as file:
+            return entry.file, tuple(file.read(frame.picture) for frame in whole)
+    except (KeyError, zipfile.BadZipFile) as error:
+        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder / entry.file}: {error}") from error
 
 
 def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collection[str] = ()) -> list[Problem]:

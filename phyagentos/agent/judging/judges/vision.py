@@ -86,7 +86,7 @@ class VisionJudge:
             _, before = read_pictures(bundle.folder, LookRole.START)
             file, after = read_pictures(bundle.folder, LookRole.END)
         except ExecutionError as error:
-            return [make_unknown(text, KIND, LOOKS, str(error)) for text in texts]
+            return [make_unknown(text, KIND, LOOKS, str(error), failure=error.code) for text in texts]
         return [
             self._ask(text, bundle.session.objective, (before, after), file)
             if number < self.max_questions
