@@ -14,6 +14,20 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from tests.goal_graphs import assert_same_graph, check_recorded_graphs
 
 HERE = Path(__file__).parent
+_FILES: set[Path] = set()  # of the journeys that this run goes through
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """What is said of all journeys comes after them."""
+    items.sort(key=lambda item: item.path == HERE / "test_statecharts.py")
+    _FILES.update(item.path for item in items)
+
+
+@pytest.fixture(scope="session")
+def runs_every_journey():
+    """Whether no file of this folder was left out."""
+    return set(HERE.glob("test_*.py")) <= _FILES
 
 
 class Plane:

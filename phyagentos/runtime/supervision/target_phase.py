@@ -47,7 +47,7 @@ PHASE_TRANSITIONS: tuple[Row, ...] = (
     Row("lose", (_P.IDLE, _P.CHECKING, _P.RUNNING), _P.STARTING),
     Row("lose", (_P.STARTING, _P.RECONCILING), _P.RESTING, when="attempts left"),
     Row("lose", (_P.STARTING, _P.RECONCILING), _P.BROKEN, when="no attempts left"),
-    Row("replace", (_P.CHECKING, _P.RUNNING, _P.RECONCILING, _P.RESTING), _P.STARTING),
+    Row("replace", (_P.CHECKING, _P.RECONCILING, _P.RESTING), _P.STARTING),
 )
 
 

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from phyagentos.runtime.supervision.world_process import WorldProcess
 from phyagentos.runtime.worker.orders import FromWorker, ToWorker, receive_answer, send
@@ -73,15 +73,15 @@ class ChildProcess:
     """
 
     def __init__(self, command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> None:
-        self._log: IO[bytes] = log.open("ab")
-        self._process = subprocess.Popen(
-            [sys.executable, *command],
-            stdin=subprocess.PIPE,
-            stdout=self._log,
-            stderr=self._log,
-            start_new_session=True,
-            pass_fds=tuple(pass_fds),
-        )
+        with log.open("ab") as output:  # the child has its own
+            self._process = subprocess.Popen(
+                [sys.executable, *command],
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+                pass_fds=tuple(pass_fds),
+            )
 
     @property
     def pid(self) -> int:
@@ -102,7 +102,6 @@ class ChildProcess:
         self._close_input()
         self.wait(grace_s)
         self.kill()
-        self._log.close()
 
     def kill(self) -> None:
         """End it at once, with its whole process group."""

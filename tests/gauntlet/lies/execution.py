@@ -92,4 +92,16 @@ SABOTAGES = (
             "test_every_bridge_of_any_chain_is_undone_by_its_inverse_or_is_a_projection",
         ),
     ),
+    Sabotage(
+        name="side_not_asked",
+        lie="Any side may fire any event of a session: the agent claims, the runtime gives a verdict.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.sessions.lifecycle",
+                "lambda event: event.model.side in sides",
+                "lambda event: True",
+            ),
+        ),
+        tests=("tests/protocol/test_lifecycle.py::test_every_row_is_refused_to_every_side_that_it_does_not_name",),
+    ),
 )

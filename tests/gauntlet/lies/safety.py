@@ -115,9 +115,9 @@ SABOTAGES = (
         lie="The journal records what a replaced claimant says.",
         edits=(
             Edit(
-                "phyagentos.store.admission",
-                "entry.epoch is not None and entry.epoch != known.epoch:",
-                "entry.epoch is not None and entry.epoch > known.epoch:",
+                "phyagentos.protocol.sessions.lifecycle",
+                "self.token is None or self.token == self.epoch",
+                "self.token is None or self.token <= self.epoch",
             ),
         ),
         tests=("tests/store/test_journal.py::test_a_claimant_of_an_earlier_epoch_is_fenced",),
