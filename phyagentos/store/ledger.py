@@ -1,4 +1,4 @@
-"""The fold: what stands in the journal, told as the present state of sessions and goals.
+"""The fold: what stands in the journal, as the present state of sessions and goals.
 
 Upstream: records of a follower, or a checkpoint and the records behind it: both lead to the same ledger. Downstream:
 watchdog, mission, views. Applying a record costs the same however many there are; nothing here is ever written back.
@@ -18,7 +18,7 @@ Bodies that it understands:
 - `goal_verdict`: `verdict`, `criteria`, `reason`. `goal_cancelled`: `reason`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -103,16 +103,15 @@ class Ledger:
         goal_count: Goals ever submitted.
 
     Args:
-        forgets: Whether it lets go of what is long over; off, it keeps all it is told of.
-        on_forget: Told of each session that it lets go of.
+        forgets: Whether it lets go of what is long over.
     """
 
-    def __init__(self, *, forgets: bool = True, on_forget: Callable[[SessionStatus], None] = lambda _: None) -> None:
+    def __init__(self, *, forgets: bool = True) -> None:
         self.seq = 0
         self.sessions: dict[SessionId, SessionStatus] = {}
         self.goals: dict[GoalId, GoalStatus] = {}
         self.session_count = self.goal_count = 0
-        self._forgets, self._on_forget = forgets, on_forget
+        self._forgets = forgets
         self._kept_goal: GoalId | None = None
         self._spans: dict[str, Span] = {}  # of sessions and goals, by id as in the journal
         self._by_state: dict[str, dict[SessionId, None]] = {state.value: {} for state in SessionState}
@@ -190,13 +189,9 @@ class Ledger:
         ledger._finished = {each.status.contract.id: None for each in image.sessions if each.is_over}
         return ledger
 
-    def iter_pending(self, target: str | None = None) -> Iterator[SessionStatus]:
-        """Sessions that wait for `target` (for any when None): larger priority first, then the older."""
-        waiting = [
-            status
-            for status in map(self.sessions.__getitem__, self._by_state[SessionState.PENDING])
-            if target is None or status.contract.target == target
-        ]
+    def iter_pending(self) -> Iterator[SessionStatus]:
+        """Sessions that wait for their target: larger priority first, then the older."""
+        waiting = map(self.sessions.__getitem__, self._by_state[SessionState.PENDING])
         return iter(sorted(waiting, key=lambda each: (-each.contract.priority, self._get_first_seq(each.contract.id))))
 
     def live_sessions(self) -> list[SessionStatus]:
@@ -221,8 +216,8 @@ class Ledger:
         else:
             contract = before.contract
             self._by_state[before.state].pop(id)
-            tells = (record.markdown and record.ev != "start") or record.ev == "claim"  # a plan changes no status
-            changes = _read_changes(before, record) if tells else {}
+            is_change = (record.markdown and record.ev != "start") or record.ev == "claim"  # a plan changes no status
+            changes = _read_changes(before, record) if is_change else {}
             if record.ev != REVIEW:  # which changes nothing but the list of judgements
                 changes["updated_at"] = record.at
             status = msgspec.structs.replace(before, state=state, **changes)
@@ -281,7 +276,6 @@ class Ledger:
     def _forget(self, id: SessionId) -> None:
         status = self.sessions.pop(id)
         del self._by_state[status.state][id], self._spans[id]
-        self._on_forget(status)
 
     def _apply_goal(self, record: Record) -> None:
         id = GoalId(record.id.removeprefix(GOAL_PREFIX))

@@ -57,7 +57,7 @@ def check_bindings(
         problems += _check_arguments(node, choices[name], runtime, located, names)
         problems += _check_data_edges(node, runtime, choices, located, catalogue)
         if not node.spec.accept and not runtime.guarantees:
-            hint = "Add 'accept': what nobody can judge can never succeed."
+            hint = "Add 'accept': a session without a criterion can never succeed."
             problems.append(located.problem("NOTHING_TO_ACCEPT", node.path, "no acceptance", "a predicate", hint))
     return {name: choices[name] for name in nodes if name in choices}, problems
 

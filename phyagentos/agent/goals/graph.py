@@ -74,33 +74,17 @@ def check_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, s
     return _load(path, catalogue, overrides or {})[1]
 
 
-def render_mermaid(graph: GoalGraph, states: Mapping[str, str] | None = None) -> str:
-    """The DAG as a Mermaid flowchart; data edges carry the names of their outputs.
-
-    Args:
-        graph: What to draw.
-        states: Node -> state, shown and coloured when given.
-    """
+def render_mermaid(graph: GoalGraph) -> str:
+    """The DAG as a Mermaid flowchart; data edges carry the names of their outputs."""
     ids = {name: f"n{index}" for index, name in enumerate(graph.nodes)}
     lines = ["flowchart LR"]
     for name, choice in graph.choices.items():
-        state = (states or {}).get(name, "")
         label = f"<b>{escape_label(name)}</b><br/>{escape_label(f'{choice.skill} on {choice.target}')}"
-        label += f"<br/>{state}" if state else ""
-        lines.append(f'    {ids[name]}["{label}"]' + (f":::{state}" if state else ""))
+        lines.append(f'    {ids[name]}["{label}"]')
     for before, after, facts in graph.dag.edges(data=True):
         outputs = facts["data"]
         arrow = f'-- "{escape_label(", ".join(outputs))}" -->' if outputs else "-->"
         lines.append(f"    {ids[before]} {arrow} {ids[after]}")
-    colors = {
-        "done": "#cde8c9",
-        "active": "#fde9b3",
-        "ready": "#d6e4f7",
-        "blocked": "#f3c6c2",
-        "invalidated": "#e6d5ee",
-    }
-    used = set((states or {}).values())
-    lines += [f"    classDef {state} fill:{color}" for state, color in colors.items() if state in used]
     return "\n".join(lines) + "\n"
 
 
@@ -125,8 +109,8 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     rank = {name: index for index, name in enumerate(nodes)}
     order = tuple(nx.lexicographical_topological_sort(dag, key=rank.__getitem__))
     choices, more = check_bindings(spec, nodes, dag, order, located, catalogue)
-    told = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
-    unique = list(reversed(told.values()))
+    by_finding = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
+    unique = list(reversed(by_finding.values()))
     if len(choices) < len(nodes):
         return None, unique
     graph = GoalGraph(spec=spec, source=located.source, nodes=nodes, choices=choices, dag=dag, order=order)

@@ -33,7 +33,7 @@ from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
 
 NODES_A_RECORD = 1000  # a record has an upper limit; a larger graph takes several
-BATCH = 64  # verdicts recorded as one: enough to share the wait for the disk, few enough that nobody waits for them
+BATCH = 64  # verdicts recorded as one: enough to share the wait for the disk, few enough to delay none of them
 
 _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan", Verdict.UNVERIFIED: "skip"}
 _OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
@@ -127,7 +127,7 @@ class GoalController:
 
     def cancel(self) -> list[Entry]:
         """The end of the goal, where it is not yet recorded, and of every session that has not been asked to end."""
-        body = {"reason": "the goal is cancelled"}
+        body = {"reason": "an end was asked for"}
         entries = [
             Entry(status.contract.id, trigger, body)
             for status in self.iter_live()
@@ -308,7 +308,7 @@ class GoalController:
 
 
 def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
-    """Whether what waits for the session may begin; where nobody judges, because its execution completed."""
+    """Whether what waits for the session may begin; without verification, because its execution completed."""
     is_completed = bundle.execution.ended is Ended.COMPLETED
     return attempt.verdict is Verdict.SUCCESS or (attempt.verdict is Verdict.UNVERIFIED and is_completed)
 

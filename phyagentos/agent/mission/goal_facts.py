@@ -1,4 +1,4 @@
-"""What the records tell of one goal: the sessions of its nodes, which of them pursued the objective, what is spent.
+"""What the records hold about one goal: the sessions of its nodes, which of them pursued the objective, what is spent.
 
 Upstream: the fold of the journal. Downstream: controller and `recovery`, which decide. Nothing here decides or records.
 """

@@ -47,7 +47,7 @@ def judge_goalless_sessions(
         begin = [] if status.state == SessionState.VERIFYING else [Entry(status.contract.id, "verify")]
         try:
             journal.commit([*begin, verdict])
-        except IllegalTransition:  # somebody else judged or cancelled it meanwhile
+        except IllegalTransition:  # judged or cancelled by another process meanwhile
             continue
         judged.append((status.contract.id, attempt))
     return judged
