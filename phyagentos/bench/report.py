@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phyagentos.agent.memory.intervals import Count
+
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """Successes among trials, with the 95 % Wilson score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953)."""
+    """Successes among trials, with the 95 % score interval of Wilson."""
 
     successes: int
     trials: int
@@ -22,12 +24,7 @@ class Rate:
     @property
     def interval(self) -> tuple[float, float]:
         """Lower and upper bound of the 95 % interval."""
-        if not self.trials:
-            return 0.0, 1.0
-        from scipy.stats import binomtest
-
-        bounds = binomtest(self.successes, self.trials).proportion_ci(0.95, method="wilson")
-        return float(bounds.low), float(bounds.high)
+        return Count(successes=self.successes, trials=self.trials).interval
 
     def __str__(self) -> str:
         """`148/150 = 98.7 % [95.3, 99.6]`."""

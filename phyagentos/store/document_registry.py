@@ -8,8 +8,8 @@ from typing import Any
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME
 from phyagentos.protocol.capabilities.targets import TARGETS
-from phyagentos.protocol.documents.document import DocumentFormat, extract_data, iter_blocks, read_document
-from phyagentos.protocol.documents.log import LOG, extract_log, read_log
+from phyagentos.protocol.documents.document import DocumentFormat, iter_blocks, read_document
+from phyagentos.protocol.documents.log import LOG, read_log
 from phyagentos.protocol.documents.schema import parse_yaml
 from phyagentos.protocol.documents.struct_schema import convert_located
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
@@ -84,12 +84,3 @@ def _check_runtime_signal(text: str, source: str) -> None:
         problems += error.problems
     if problems:
         raise DefinitionError(problems)
-
-
-def extract_document(text: str, file: str, source: str = "") -> dict[str, Any]:
-    """A document as plain data, unchecked: what its JSON Schema describes.
-
-    Raises:
-        DefinitionError: Where there is no front matter, or something is not YAML.
-    """
-    return extract_log(text, source) if file == LOG.file else extract_data(text, source)

@@ -15,7 +15,7 @@ from phyagentos.agent.mission.report import MissionReport
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, HOLDS, TRACE, write_json, write_lines
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, HOLDS, TRACE, encode_lines, write_json
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -296,7 +296,7 @@ class ScriptedRuntime:
         folder.mkdir(parents=True)
         write_json(folder / BEFORE, before)
         write_json(folder / AFTER, self.world)
-        write_lines(folder / TRACE, list(play.trace))
+        (folder / TRACE).write_bytes(encode_lines(list(play.trace)))
         view = View(now=self.world, initial=before, target="panda")
         holds = []
         for text in session.hold:

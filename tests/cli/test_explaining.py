@@ -7,7 +7,7 @@ import pytest
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.sessions.estop import is_latched
-from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, write_json, write_lines
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, encode_lines, write_json
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -35,7 +35,7 @@ def leave_evidence(run, id: str) -> None:
         message="the fingers touch red_cube from neither side",
         numbers={"width_m": 0.00125},
     )
-    write_lines(folder / TRACE, [failure])
+    (folder / TRACE).write_bytes(encode_lines([failure]))
 
 
 def test_why_names_verdict_criteria_layer_and_child(replanned, paos):

@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.views.log import LINES_SHOWN, NODES_NAMED, LogTail, describe_record, render_log
+from phyagentos.store.views.log import LINES_SHOWN, NODES_NAMED, LogTail, render_log
 
 FAILURE = Attempt(verdict=Verdict.FAILURE, criteria=(), cause="GRASP_LOST", reason="no budget is left.")
 REPLAN = Attempt(verdict=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", reason="the cube slipped.")
@@ -112,12 +112,19 @@ def test_the_log_tells_the_story_in_order_and_nothing_twice(tail):
     assert "older" not in text
 
 
+def tell(record, ledger):
+    """The line of one record, None for a silent one."""
+    tail = LogTail()
+    tail.take(record, ledger)
+    return next(iter(read_log(tail.render(record.seq)).lines), None)
+
+
 def tell_all(pen):
     ledger = Ledger()
     lines = []
     for record in pen.read_new():
         ledger.apply(record)
-        lines.append(describe_record(record, ledger))
+        lines.append(tell(record, ledger))
     return [line.text for line in lines if line is not None]
 
 
@@ -197,7 +204,7 @@ def test_a_session_of_which_nothing_new_is_told_has_no_line(pens):
     silent = []
     for record in pens[Side.AGENT].read_new():
         ledger.apply(record)
-        if describe_record(record, ledger) is None:
+        if tell(record, ledger) is None:
             silent.append(record.ev)
 
     assert silent == ["check", "halt", "verify"]

@@ -6,14 +6,14 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from phyagentos.protocol.capabilities.registries import read_target, render_skills, render_targets
-from phyagentos.protocol.capabilities.skill_runtimes import Needs, Output, Parameter, SkillRuntime, read_skill_runtimes
+from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, Needs, Output, Parameter, SkillRuntime
 from phyagentos.protocol.capabilities.targets import Health, RegisteredTarget, TargetHealth, read_targets
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.log import LogLine, read_log
 from phyagentos.protocol.sessions.knowledge import Fact, read_knowledge, render_knowledge
 from phyagentos.protocol.sessions.lessons import Lesson, read_lessons, render_lessons
-from phyagentos.protocol.sessions.runtime_signal import RuntimeState, Signs, read_runtime_signal
-from phyagentos.protocol.sessions.session import Session, SessionStatus, read_sessions
+from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RuntimeState, Signs
+from phyagentos.protocol.sessions.session import SESSIONS, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import TASK, GoalStatus
 from phyagentos.protocol.world.environment import (
     Entity,
@@ -87,7 +87,7 @@ def by_id(values):
 def test_sessions_come_back_as_they_were(statuses, seq):
     statuses = {status.contract.id: status for status in statuses}
     text = render_page(Page(seq, list(statuses.values()), len(statuses)))
-    found = read_sessions(text)
+    found = read_document(text, SESSIONS)
 
     assert found.front.view == seq
     assert found.blocks == statuses
@@ -114,7 +114,7 @@ def test_skills_come_back_as_they_were(skills):
     skills = {skill.skill: skill for skill in skills}
     text = render_skills(list(skills.values()))
 
-    assert read_skill_runtimes(text).blocks == skills
+    assert read_document(text, SKILLRUNTIME).blocks == skills
     check_schema(text, "SKILLRUNTIME.md")
 
 
@@ -181,5 +181,5 @@ def test_log_lines_come_back_as_they_were(lines, seq, older):
 def test_signs_come_back_as_they_were(signs):
     text = render_runtime_signal(signs)
 
-    assert read_runtime_signal(text).blocks == {"Signs": signs}
+    assert read_document(text, RUNTIME_SIGNAL).blocks == {"Signs": signs}
     check_schema(text, "RUNTIME_SIGNAL.md")

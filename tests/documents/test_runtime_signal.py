@@ -11,8 +11,9 @@ from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth, read_targets
+from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, write_heartbeat
-from phyagentos.protocol.sessions.runtime_signal import RequestState, RuntimeState, read_runtime_signal
+from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestState, RuntimeState
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.signal_intake import SignalDesk
@@ -38,7 +39,7 @@ def beat(workspace):
 
 
 def read_signs(workspace):
-    return read_runtime_signal(workspace.runtime_signal.read_text()).blocks["Signs"]
+    return read_document(workspace.runtime_signal.read_text(), RUNTIME_SIGNAL).blocks["Signs"]
 
 
 def read_health(workspace):

@@ -8,7 +8,7 @@ import pytest
 from phyagentos.cli.lint import lint_paths
 from phyagentos.protocol.capabilities.targets import Health, read_targets
 from phyagentos.protocol.documents.document import iter_blocks, read_document
-from phyagentos.protocol.sessions.runtime_signal import RuntimeState, read_runtime_signal
+from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RuntimeState
 from phyagentos.protocol.sessions.tasks import TASK, NodeState
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.store.document_registry import FORMATS
@@ -62,7 +62,7 @@ def test_the_task_tells_what_was_asked_what_went_wrong_and_what_was_done_about_i
 
 
 def test_nothing_claims_to_live_after_the_end(workspace):
-    signs = read_runtime_signal((workspace / "RUNTIME_SIGNAL.md").read_text(encoding="utf-8")).blocks["Signs"]
+    signs = read_document((workspace / "RUNTIME_SIGNAL.md").read_text(encoding="utf-8"), RUNTIME_SIGNAL).blocks["Signs"]
     targets = read_targets((workspace / "TARGETS.md").read_text(encoding="utf-8")).blocks
 
     assert signs.runtime is RuntimeState.ENDED

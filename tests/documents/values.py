@@ -8,10 +8,14 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 import jsonschema
 import msgspec
+import yaml
 from hypothesis import strategies as st
 
 from phyagentos.cli.schemas import render_schema
-from phyagentos.store.document_registry import FORMATS, extract_document
+from phyagentos.protocol.documents.document import iter_blocks, split_front_matter
+from phyagentos.protocol.documents.log import LOG, read_log
+from phyagentos.protocol.documents.schema import parse_yaml
+from phyagentos.store.document_registry import FORMATS
 
 NAMES = st.from_regex(r"[a-z][a-z0-9_]{0,8}(\.[a-z0-9]{1,3})?", fullmatch=True)
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=20) | st.sampled_from(
@@ -67,4 +71,12 @@ def load_schema(name: str) -> dict[str, Any]:
 
 
 def check_schema(text: str, file: str) -> None:
-    jsonschema.validate(extract_document(text, file), load_schema(FORMATS[file].name))
+    jsonschema.validate(extract(text, file), load_schema(FORMATS[file].name))
+
+
+def extract(text: str, file: str) -> dict[str, Any]:
+    """A document as plain data, unchecked: what its JSON Schema describes."""
+    front, _ = split_front_matter(text, file)
+    blocks = {each.name: parse_yaml(each.yaml, file, each.line).data for each in iter_blocks(text)}
+    lines = {"lines": msgspec.to_builtins(list(read_log(text).lines))} if file == LOG.file else {}
+    return {**yaml.safe_load(front), "blocks": blocks, **lines}

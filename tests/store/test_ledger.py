@@ -6,8 +6,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from phyagentos.errors import Problem
+from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SESSION_TRANSITIONS, IllegalTransition, Side
-from phyagentos.protocol.sessions.session import Ended, Execution, read_sessions
+from phyagentos.protocol.sessions.session import SESSIONS, Ended, Execution
 from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
@@ -74,7 +75,7 @@ def test_the_problems_of_a_rejection_stay_typed_and_stand_in_the_view(open_journ
 
     problems = (unmet, Problem(code="TOO_WIDE", address="dry run", found="0.1 m"))
     assert ledger.sessions["s"].problems == problems
-    assert read_sessions(render_sessions(ledger)).blocks["s"].problems == problems
+    assert read_document(render_sessions(ledger), SESSIONS).blocks["s"].problems == problems
 
 
 def test_who_waits_is_answered_by_priority_and_age(open_journal, submit):

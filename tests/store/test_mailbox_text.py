@@ -8,8 +8,9 @@ import pytest
 
 from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.estop import Latch, latch, read_latch, reset
-from phyagentos.protocol.sessions.runtime_signal import RequestState, read_runtime_signal
+from phyagentos.protocol.sessions.runtime_signal import RUNTIME_SIGNAL, RequestState
 from phyagentos.protocol.sessions.stop_signals import Signal, SignalReader, drop_signal, take_signals
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.views.runtime_signal import RuntimeSignal
@@ -119,6 +120,6 @@ def test_the_document_of_the_runtime_shows_every_request(tmp_path):
     lay(workspace.signals.parent, b"deep", b"[" * 3000)
     RuntimeSignal(workspace, ManualClock()).refresh()
 
-    signs = read_runtime_signal(workspace.runtime_signal.read_text()).blocks["Signs"]
+    signs = read_document(workspace.runtime_signal.read_text(), RUNTIME_SIGNAL).blocks["Signs"]
     assert sorted(each.reason for each in signs.requests) == ["", *["fire 🔥�"] * 3]
     assert {each.state for each in signs.requests} == {RequestState.WAITING}

@@ -19,7 +19,7 @@ from phyagentos.store.records import frame_payload, read_record
 from phyagentos.store.salvage import list_segment_files
 from phyagentos.store.segments import SystemIO
 from phyagentos.store.statistics import HashingFollower
-from phyagentos.store.views.log import describe_record
+from tests.documents.test_log import tell
 
 from .conftest import make_submit
 from .damage import checkpoint, fill, frames_of, mend, segment_of, segments_of, spoil, start_of
@@ -108,7 +108,7 @@ def test_the_log_tells_of_a_repair(open_journal):
     mend(journal.folder)
     _, told, _ = frames_of(journal.folder)
 
-    lines = [describe_record(record, Ledger()) for record in told if record.id == "journal"]
+    lines = [tell(record, Ledger()) for record in told if record.id == "journal"]
 
     assert [line.text for line in lines] == [
         "a record is lost; its number stays empty",

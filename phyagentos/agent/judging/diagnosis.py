@@ -18,11 +18,11 @@ from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import Environment, Status
+from phyagentos.protocol.world.predicates.builtins import MOVED_M
 from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
 from phyagentos.protocol.world.predicates.syntax import Call, Formula
 from phyagentos.protocol.world.truth import Truth
 
-MOVED_M = 0.015  # as the predicate `moved`
 DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
 GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
 FELL_M = 0.1  # nor is one that lies so much lower

@@ -59,11 +59,6 @@ class Alternative:
     revision: Revision | None = None
 
     @property
-    def risk(self) -> float:
-        """That it does not help, 0..1."""
-        return 1.0 - self.chance
-
-    @property
     def worth(self) -> float:
         """Chance per second."""
         return self.chance / max(self.sim_time_s, 1e-9)

@@ -11,7 +11,7 @@ import pydantic
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
-from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document, split_front_matter
+from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
 from phyagentos.protocol.documents.schema import Authored, Located, parse_yaml, validate
 from phyagentos.protocol.settings.operations import Operation
 
@@ -158,15 +158,6 @@ SKILLRUNTIME = DocumentFormat(
     block=SkillRuntime,
     key="skill",
 )
-
-
-def read_skill_runtimes(text: str, source: str = "") -> Document[SkillRuntime]:
-    """Read SKILLRUNTIME.md: skills by name.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
-    return read_document(text, SKILLRUNTIME, source)
 
 
 def read_skill(path: Path) -> tuple[SkillRuntime, Located]:

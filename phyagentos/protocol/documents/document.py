@@ -136,20 +136,6 @@ def read_document(
     return Document(front, blocks)
 
 
-def extract_data(text: str, source: str = "") -> dict[str, Any]:
-    """Front matter and blocks as plain data, unchecked: what the JSON Schema of the document describes.
-
-    Raises:
-        DefinitionError: Where there is no front matter, or something is not YAML.
-    """
-    from phyagentos.protocol.documents.schema import parse_yaml  # late: storing records needs no schema
-
-    yaml, line = split_front_matter(text, source)
-    front = parse_yaml(yaml, source, line).data
-    data = dict(front) if isinstance(front, dict) else {}
-    return data | {BLOCKS: {each.name: parse_yaml(each.yaml, source, each.line).data for each in iter_blocks(text)}}
-
-
 def build_schema(format: DocumentFormat[Any]) -> dict[str, Any]:
     """The JSON Schema of a document as `extract_data` gives it."""
     from phyagentos.protocol.documents.struct_schema import build_struct_schema

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter, extract_data, read_document
+from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter, read_document
 
 _DAY = re.compile(r"## (\d{4}-\d{2}-\d{2})")
 _LINE = re.compile(r"- (?P<time>\d\d:\d\d:\d\d) \*\*(?P<about>.+?)\*\* \((?P<by>.*?)\) (?P<text>.*)")
@@ -78,12 +78,6 @@ def read_log(text: str, source: str = "") -> Log:
     if problems:
         raise DefinitionError(problems)
     return Log(front=msgspec.convert(msgspec.to_builtins(front), LogFront), lines=tuple(lines))
-
-
-def extract_log(text: str, source: str = "") -> dict[str, Any]:
-    """LOG.md as plain data: what its JSON Schema describes."""
-    lines, _ = _read_lines(text, source or LOG.file)
-    return extract_data(text, source or LOG.file) | {"lines": msgspec.to_builtins(lines)}
 
 
 def _read_lines(text: str, source: str) -> tuple[list[LogLine], list[Problem]]:

@@ -116,11 +116,6 @@ def encode_lines(values: list[Any]) -> bytes:
     return b"".join([msgspec.json.encode(value) + b"\n" for value in values])
 
 
-def write_lines(path: Path, values: list[Any]) -> None:
-    """Write one JSON value a line."""
-    path.write_bytes(encode_lines(values))
-
-
 def _decode(data: bytes | None, kind: Any) -> Any:
     return msgspec.json.decode(data, type=kind) if data else None
 

@@ -9,7 +9,7 @@ from enum import StrEnum
 import msgspec
 
 from phyagentos.protocol.capabilities.targets import Health
-from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document
+from phyagentos.protocol.documents.document import DocumentFormat
 from phyagentos.protocol.sessions.heartbeats import Heartbeat
 
 
@@ -90,12 +90,3 @@ RUNTIME_SIGNAL = DocumentFormat(
     block=Signs,
     headings=("Signs",),
 )
-
-
-def read_runtime_signal(text: str, source: str = "") -> Document[Signs]:
-    """Read RUNTIME_SIGNAL.md; without a block before any runtime was started.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
-    return read_document(text, RUNTIME_SIGNAL, source)

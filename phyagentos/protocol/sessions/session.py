@@ -12,7 +12,7 @@ from typing import Annotated, Any, NewType
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.documents.document import Document, DocumentFormat, FrontMatter, read_document
+from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt
@@ -260,12 +260,3 @@ SESSIONS = DocumentFormat(
     key="contract.id",
     front=FrontMatter,
 )
-
-
-def read_sessions(text: str, source: str = "") -> Document[SessionStatus]:
-    """Read SESSIONS.md as it was rendered; what a person adds to it is read by `edits`.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
-    return read_document(text, SESSIONS, source)

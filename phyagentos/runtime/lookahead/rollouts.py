@@ -14,6 +14,7 @@ import numpy as np
 from mujoco import rollout
 
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.builtins import MOVED_M
 from phyagentos.protocol.world.predicates.predicate import View, has_metric, iter_entities, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.holds import HoldMonitor
@@ -23,7 +24,6 @@ from phyagentos.runtime.lookahead.shared_prefix import HeadStart
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
-MOVED_M = 0.015  # as the predicate `moved`
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 

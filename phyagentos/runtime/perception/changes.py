@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from phyagentos.protocol.world.environment import Change, Entity, Status
 
-MOVED_M = 0.01  # less than this is the noise of looking
+SEEN_MOVED_M = 0.01  # less than this is the noise of looking
 CHANGES_MAX = 40  # a document that names more says nothing
 
 
@@ -22,7 +22,7 @@ def _compare(was: Entity | None, entity: Entity) -> Change | None:
     if was is None:
         return Change(entity=entity.name, what="appeared")
     moved_m = round(math.dist(was.pose.position_m, entity.pose.position_m), 4)
-    by_m = moved_m if moved_m > MOVED_M else 0.0
+    by_m = moved_m if moved_m > SEEN_MOVED_M else 0.0
     if was.status is not entity.status:
         released = was.status is Status.HELD
         return Change(entity=entity.name, what="released" if released else entity.status.value, by_m=by_m)

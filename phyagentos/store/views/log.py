@@ -102,16 +102,6 @@ def render_log(lines: Sequence[LogLine], seq: int, *, older: int = 0) -> str:
     return f"{front}{_HEAD}{note}" + ("\n".join(told) or _NOTHING)
 
 
-def describe_record(record: Record, ledger: Ledger) -> LogLine | None:
-    """One line for people, or None for a record that says nothing new to them.
-
-    Args:
-        record: The one applied last.
-        ledger: The fold, this record included.
-    """
-    return None if record.ev in _SILENT else _tell(_take_note(record, ledger))
-
-
 def _take_note(record: Record, ledger: Ledger) -> _Note:
     if record.to is not None:
         return _Note(record, ledger.sessions.get(SessionId(record.id)), "")
