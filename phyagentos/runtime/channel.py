@@ -7,15 +7,19 @@ scheduler longer than a world needs for a control period.
 
 import os
 import select
+import socket
+import struct
 import time
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 SPIN_S = 0.0015  # about twice what a world needs for a control period
+MESSAGE_MAX_BYTES = 2**26  # some frames of several cameras, or the compiled model of a large scene
+_CREDENTIALS = struct.Struct("3i")  # process, user, group
 
 
 class Channel(Protocol):
-    """One end; `multiprocessing.connection.Connection` has it too."""
+    """One end."""
 
     def send_bytes(self, message: bytes, /) -> None:
         """Send one message."""
@@ -27,6 +31,14 @@ class Channel(Protocol):
 
     def poll(self, timeout_s: float = 0.0, /) -> bool:
         """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
+        ...
+
+    def is_gone(self) -> bool:
+        """Whether the other side has closed its end."""
+        ...
+
+    def find_peer(self) -> int:
+        """Id of the process at the other end, as the kernel knows it; 0 where it does not."""
         ...
 
     def close(self) -> None:
@@ -45,8 +57,9 @@ class Link:
     def __init__(self, connection: "Connection[Any, Any]", *, spin_s: float = SPIN_S) -> None:
         self._connection = connection
         self._spin_s = spin_s
-        self._poller = select.poll()
+        self._poller, self._end = select.poll(), select.poll()
         self._poller.register(connection.fileno(), select.POLLIN)
+        self._end.register(connection.fileno(), 0)  # an end is always reported
 
     def send_bytes(self, message: bytes, /) -> None:
         """Send one message."""
@@ -54,7 +67,7 @@ class Link:
 
     def recv_bytes(self) -> bytes:
         """Receive one message; raises EOFError when the other side is gone."""
-        return self._connection.recv_bytes()
+        return self._connection.recv_bytes(MESSAGE_MAX_BYTES)
 
     def poll(self, timeout_s: float = 0.0, /) -> bool:
         """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
@@ -65,6 +78,15 @@ class Link:
                     return True
                 os.sched_yield()
         return bool(self._poller.poll(timeout_s * 1e3))
+
+    def is_gone(self) -> bool:
+        """Whether the other side has closed its end."""
+        return bool(self._end.poll(0))
+
+    def find_peer(self) -> int:
+        """Id of the process at the other end of a UNIX socket."""
+        with socket.socket(fileno=os.dup(self._connection.fileno())) as end:
+            return int(_CREDENTIALS.unpack(end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))[0])
 
     def close(self) -> None:
         """Let go of it."""

@@ -6,12 +6,13 @@ Stop requests are looked for in every control period, so they never wait for a c
 """
 
 from collections.abc import Callable
-from multiprocessing.connection import Connection, Listener, wait
-from typing import Any, Protocol
+from typing import Protocol
 
 from phyagentos.clock import Clock
+from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.server import answer
+from phyagentos.runtime.targets.server import Door, answer
 from phyagentos.runtime.targets.wire import Command, Halt, Request, Settle
 
 AHEAD_PERIODS = 2  # a client may be this far ahead, so that it need not meet every period to the millisecond
@@ -65,13 +66,14 @@ class Pace:
 
 
 def serve_realtime(
-    target: ServedTarget, socket: str, clock: Clock, should_end: Callable[[], bool] = lambda: False
+    target: ServedTarget, door: Door, tokens: Tokens, clock: Clock, should_end: Callable[[], bool] = lambda: False
 ) -> None:
     """Answer one client at a time and let time pass, until a `Shutdown`.
 
     Args:
         target: What moves.
-        socket: Path of the UNIX socket to listen at.
+        door: Where its clients come from; closed at the end.
+        tokens: What admits them.
         clock: The wall clock.
         should_end: Asked in every control period.
     """
@@ -86,38 +88,43 @@ def serve_realtime(
                 return
             clock.sleep(min(ahead_s, period_s))
 
-    with Listener(socket, "AF_UNIX") as listener:
-        door = listener._listener._socket  # type: ignore[attr-defined]  # the only way to wait for a client and a period
-        client: Connection[Any, Any] | None = None
-        try:
-            while not should_end():
-                source = client if client is not None else door
-                if not _wait_for(source, target, pace):
-                    continue
-                if client is None:
-                    client = listener.accept()
-                    continue
-                was_moving = target.is_moving
-                try:
-                    if answer(client, target, keep_pace):
-                        return
-                except (EOFError, OSError):
-                    client.close()
-                    client = None
-                    target.withdraw()
-                if target.is_moving and not was_moving:
-                    pace.begin_motion()
-        finally:
-            if client is not None:
+    client: Channel | None = None
+    greet_by_s: float | None = None  # until the client is admitted
+    try:
+        while not should_end():
+            if greet_by_s is not None and client is not None and clock.now_s() > greet_by_s:
                 client.close()
+                client, greet_by_s = None, None
+            if not _wait_for(client or door, target, pace):
+                continue
+            if client is None:
+                client, greet_by_s = door.accept(), clock.now_s() + GREETING_S
+                continue
+            was_moving = target.is_moving
+            try:
+                if greet_by_s is not None:
+                    tokens.admit(client)
+                    greet_by_s = None
+                elif answer(client, target, keep_pace):
+                    return
+            except (EOFError, OSError):
+                client.close()
+                client, greet_by_s = None, None
+                target.withdraw()
+            if target.is_moving and not was_moving:
+                pace.begin_motion()
+    finally:
+        if client is not None:
+            client.close()
+        door.close()
 
 
-def _wait_for(source: Any, target: ServedTarget, pace: Pace) -> bool:
+def _wait_for(source: Channel | Door, target: ServedTarget, pace: Pace) -> bool:
     """Wait a control period at most, and let it pass once it is due; whether there is something to read before."""
     target.look_for_stops()
     period_s = target.control_period_s
     lag_s = pace.compute_lag_s()
-    if wait([source], min(max(0.0, period_s - lag_s), period_s)) and lag_s < LATE_PERIODS * period_s:
+    if source.poll(min(max(0.0, period_s - lag_s), period_s)) and lag_s < LATE_PERIODS * period_s:
         return True
     if pace.compute_lag_s() >= period_s:
         target.coast()

@@ -1,53 +1,98 @@
-"""Serves one target over a local socket, one client at a time: the main loop of a world process.
+"""Serves one target, one client at a time: the main loop of a target process, over any transport.
 
-Upstream: `handle`, in the worker. A client that goes away loses its authority and the arm holds; the next client finds
-the world as it was.
+Upstream: `handle`, in the worker. Clients come through a `Door` and are admitted by `handshake`. A client that goes
+away loses its authority and the target halts; the next client finds the world as it was.
 """
 
-import select
+import contextlib
 from collections import deque
 from collections.abc import Callable
-from multiprocessing.connection import Connection, Listener
-from typing import Any
+from multiprocessing.connection import Listener, wait
+from pathlib import Path
+from typing import Protocol
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.channel import Link
+from phyagentos.runtime.channel import SPIN_S, Channel, Link
+from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.wire import Here, Refused, Reply, Request, Shutdown, answer_bytes, receive_request, send
 
-WAIT_S = 60.0  # for a request; whoever steps a world in lockstep has the next one ready within a millisecond
+WAIT_S = 60.0  # for a request; a client that steps a world in lockstep has the next one ready within a millisecond
 
 
-def serve(target: ServedTarget, socket: str, should_end: Callable[[], bool] = lambda: False) -> None:
-    """Answer requests until a `Shutdown`.
+class Door(Protocol):
+    """Where clients come in."""
+
+    def poll(self, timeout_s: float = 0.0, /) -> bool:
+        """Whether a client waits, within `timeout_s` [s]."""
+        ...
+
+    def accept(self) -> Channel:
+        """Wait for the next client."""
+        ...
+
+    def close(self) -> None:
+        """Let no further client in."""
+        ...
+
+
+class UnixDoor:
+    """A UNIX socket, which only this user can reach where its folder is private.
+
+    Args:
+        path: Of the socket; one that another process left there is replaced.
+        spin_s: See `Link`.
+    """
+
+    def __init__(self, path: str, spin_s: float = SPIN_S) -> None:
+        Path(path).unlink(missing_ok=True)
+        self._listener, self._spin_s = Listener(path, "AF_UNIX"), spin_s
+        self._socket = self._listener._listener._socket  # type: ignore[attr-defined]  # the only way to poll it
+
+    def poll(self, timeout_s: float = 0.0, /) -> bool:
+        """Whether a client waits, within `timeout_s` [s]."""
+        return bool(wait([self._socket], timeout_s))
+
+    def accept(self) -> Link:
+        """Wait for the next client."""
+        return Link(self._listener.accept(), spin_s=self._spin_s)
+
+    def close(self) -> None:
+        """Let no further client in."""
+        self._listener.close()
+
+
+def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable[[], bool] = lambda: False) -> None:
+    """Answer requests until a `Shutdown`, in lockstep: time moves by requests alone.
 
     Args:
         target: What moves.
-        socket: Path of the UNIX socket to listen at.
+        door: Where its clients come from; closed at the end.
+        tokens: What admits them.
         should_end: Asked between clients.
     """
-    with Listener(socket, "AF_UNIX") as listener:
+    with contextlib.closing(door):
         while not should_end():
-            with listener.accept() as connection:
-                link = Link(connection)
+            with contextlib.closing(door.accept()) as client:
                 try:
+                    if not client.poll(GREETING_S):
+                        continue
+                    tokens.admit(client)
                     while True:
-                        link.poll(WAIT_S)
-                        if answer(connection, target):
+                        client.poll(WAIT_S)
+                        if answer(client, target):
                             return
                 except (EOFError, OSError):
                     target.withdraw()
 
 
-def answer(
-    connection: "Connection[Any, Any]", target: ServedTarget, before: Callable[[Request], None] = lambda _request: None
-) -> bool:
+def answer(client: Channel, target: ServedTarget, before: Callable[[Request], None] = lambda _request: None) -> bool:
     """Answer one request.
 
     Args:
-        connection: To the client.
+        client: Who asks.
         target: What moves.
-        before: Told of the request before it is carried out; it may wait, and this process be stopped meanwhile.
+        before: Called with the request before it is carried out; it may wait, and this process be stopped meanwhile.
 
     Returns:
         Whether it was a `Shutdown`.
@@ -56,28 +101,21 @@ def answer(
         EOFError: The client is gone; also OSError.
     """
     try:
-        request = receive_request(connection)
+        request = receive_request(client)
     except ExecutionError as error:
-        send(connection, Refused(error.code, str(error)))
+        send(client, Refused(error.code, str(error)))
         return False
     before(request)
-    if _is_gone(connection):  # whoever asked has no authority any more: what it left in the pipe must not happen
+    if client.is_gone():  # it has no authority any more: what it left in the pipe must not happen
         raise EOFError
-    send(connection, target.handle(request))
+    send(client, target.handle(request))
     return isinstance(request, Shutdown)
-
-
-def _is_gone(connection: "Connection[Any, Any]") -> bool:
-    """Whether the client has closed its end."""
-    poll = select.poll()
-    poll.register(connection.fileno(), 0)  # an end is always told
-    return bool(poll.poll(0))
 
 
 class Loopback(Here):
     """A `Channel` to a target that lives in this process; the same messages, without a process in between.
 
-    Whoever knows what it is asks it at once, with the message itself; it takes bytes like any other channel.
+    A client that knows it as `Here` asks it with the message itself; it takes bytes like any other channel.
 
     Args:
         target: What answers.
@@ -104,6 +142,14 @@ class Loopback(Here):
     def poll(self, timeout_s: float = 0.0, /) -> bool:
         """Whether a reply waits."""
         return bool(self._replies)
+
+    def is_gone(self) -> bool:
+        """Never: both ends are here."""
+        return False
+
+    def find_peer(self) -> int:
+        """This process needs no name."""
+        return 0
 
     def close(self) -> None:
         """Let go of the target."""

@@ -1,0 +1,147 @@
+"""How a connection to a target begins: version, size limit and the token of the epoch, on every transport alike.
+
+Upstream: whoever supervises the target. It makes a token for each commander (an epoch of the connection) and hands it
+to both ends over descriptors that they inherited: never in argv, in the environment or in a file that others can read.
+The newest token alone admits, so a commander that was replaced stays outside. Downstream: `server`.
+"""
+
+import hmac
+import secrets
+from collections.abc import Callable
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.runtime.channel import MESSAGE_MAX_BYTES, Channel
+from phyagentos.runtime.targets.wire import WIRE_VERSION, Refused
+
+TOKEN_BYTES = 32
+GREETING_S = 2.0  # a client that connects says its first word at once
+_PATIENCE_S = 10.0  # until the answer to it; a target in the middle of a halt answers after that
+
+
+class Hello(msgspec.Struct, frozen=True, tag=True):
+    """The first message of a client. Reply: `Welcome` or `Refused`.
+
+    Attributes:
+        version: Of the wire that it speaks.
+        max_bytes: Longest message that it takes.
+    """
+
+    version: int
+    token: bytes
+    max_bytes: int = MESSAGE_MAX_BYTES
+
+
+class Grant(msgspec.Struct, frozen=True, tag=True):
+    """The first message of a supervisor that adopts a running target: from now on this token admits. It then hangs up.
+
+    Believed from one process alone, which the kernel names: the one that holds the watchdog's lock.
+    """
+
+    token: bytes
+
+
+class Welcome(msgspec.Struct, frozen=True, tag=True):
+    """The connection is open.
+
+    Attributes:
+        version: Of the wire that the target speaks.
+        max_bytes: Longest message that it takes.
+    """
+
+    version: int = WIRE_VERSION
+    max_bytes: int = MESSAGE_MAX_BYTES
+
+
+_ENCODER = msgspec.msgpack.Encoder()
+_GREETINGS: msgspec.msgpack.Decoder[Hello | Grant] = msgspec.msgpack.Decoder(Hello | Grant)
+_ANSWERS: msgspec.msgpack.Decoder[Welcome | Refused] = msgspec.msgpack.Decoder(Welcome | Refused)
+
+
+def make_token() -> bytes:
+    """An unguessable token."""
+    return secrets.token_bytes(TOKEN_BYTES)
+
+
+class Tokens:
+    """What admits a client to one target: the newest token, and nothing before the first one.
+
+    Args:
+        token: The first one; empty when it comes later.
+        is_supervisor: Whether a process, by its id, may grant a token.
+    """
+
+    def __init__(self, token: bytes = b"", is_supervisor: Callable[[int], bool] = lambda _pid: False) -> None:
+        self._token, self._is_supervisor = token, is_supervisor
+
+    def renew(self, token: bytes) -> None:
+        """From now on this token admits, and no earlier one.
+
+        Raises:
+            ValueError: When it could be guessed.
+        """
+        if len(token) != TOKEN_BYTES:
+            raise ValueError(f"a token of {len(token)} bytes; {TOKEN_BYTES} are needed")
+        self._token = token
+
+    def admit(self, channel: Channel) -> None:
+        """Read the first message of a client and answer it.
+
+        Raises:
+            ConnectionError: The client is not admitted, or was a supervisor, which has nothing else to say.
+            EOFError: The client is gone; also OSError.
+        """
+        reply: Welcome | Refused
+        try:
+            greeting = _GREETINGS.decode(channel.recv_bytes())
+            reply = self._judge(greeting, channel.find_peer())
+        except (msgspec.MsgspecError, ValueError) as error:
+            greeting, reply = None, Refused("MALFORMED", f"the first message is no greeting: {error}")
+        channel.send_bytes(_ENCODER.encode(reply))
+        if not isinstance(greeting, Hello) or isinstance(reply, Refused):
+            raise ConnectionRefusedError
+
+    def _judge(self, greeting: Hello | Grant, peer: int) -> Welcome | Refused:
+        if isinstance(greeting, Grant):
+            if not self._is_supervisor(peer):
+                return Refused("BAD_TOKEN", f"process {peer} does not supervise this target, so it grants no token")
+            self.renew(greeting.token)
+            return Welcome()
+        if not self._token or not hmac.compare_digest(greeting.token, self._token):
+            return Refused("BAD_TOKEN", "the token is not that of the present epoch")
+        if greeting.version != WIRE_VERSION:
+            found = f"the client speaks version {greeting.version} of the wire, the target version {WIRE_VERSION}"
+            return Refused("VERSION_MISMATCH", f"{found}; start both from the same installation")
+        return Welcome()
+
+
+def greet(channel: Channel, token: bytes) -> Welcome:
+    """Open a connection, as a client.
+
+    Raises:
+        ExecutionError: `BAD_TOKEN`, `VERSION_MISMATCH`; `TARGET_LOST` when nothing answers.
+    """
+    return _say(channel, Hello(version=WIRE_VERSION, token=token))
+
+
+def grant(channel: Channel, token: bytes) -> None:
+    """Give a running target its next token, as its supervisor.
+
+    Raises:
+        ExecutionError: `BAD_TOKEN` when it knows another supervisor; `TARGET_LOST` when nothing answers.
+    """
+    _say(channel, Grant(token=token))
+
+
+def _say(channel: Channel, greeting: Hello | Grant) -> Welcome:
+    try:
+        channel.send_bytes(_ENCODER.encode(greeting))
+        if not channel.poll(_PATIENCE_S):
+            raise ExecutionError("TARGET_LOST", f"no answer to the greeting within {_PATIENCE_S} s")
+        reply = _ANSWERS.decode(channel.recv_bytes())
+    except (EOFError, OSError, msgspec.MsgspecError) as error:
+        raise ExecutionError("TARGET_LOST", "the target closed the connection before it was open") from error
+    if isinstance(reply, Refused):
+        raise ExecutionError(reply.code, reply.message)
+    return reply

@@ -1,0 +1,137 @@
+"""The wire of targets over WebSocket, for a target behind a TCP port: the same messages, one a frame.
+
+Upstream: `server` (as a `Door`), `drivers.remote` (as a client). It keeps message boundaries, size limits and liveness
+(pings) to the library `websockets`. It is meant for 127.0.0.1 or a tunnel: the token admits, and nothing is encrypted.
+"""
+
+import queue
+import threading
+from collections import deque
+from urllib.parse import urlsplit
+
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+from websockets.protocol import State
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.sync.server import ServerConnection, serve
+
+from phyagentos.errors import ExecutionError
+from phyagentos.runtime.channel import MESSAGE_MAX_BYTES
+
+BACKLOG = 8  # clients that may wait while one is served
+_OPEN_S = 5.0
+
+
+class WebSocketChannel:
+    """A `Channel` over one WebSocket connection."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._received: deque[bytes] = deque()
+        self.is_closed = threading.Event()
+
+    def send_bytes(self, message: bytes, /) -> None:
+        """Send one message; raises BrokenPipeError when the other side is gone."""
+        try:
+            self._connection.send(message)
+        except ConnectionClosed as error:
+            raise BrokenPipeError(str(error)) from error
+
+    def recv_bytes(self) -> bytes:
+        """Receive one message; raises EOFError when the other side is gone."""
+        return self._received.popleft() if self._received else self._receive(None)
+
+    def poll(self, timeout_s: float = 0.0, /) -> bool:
+        """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
+        if not self._received:
+            try:
+                self._received.append(self._receive(timeout_s))
+            except TimeoutError:
+                return False
+            except EOFError:
+                return True
+        return True
+
+    def is_gone(self) -> bool:
+        """Whether the other side has closed its end."""
+        return self._connection.state is not State.OPEN
+
+    def find_peer(self) -> int:
+        """No process of this machine is known to be at the other end."""
+        return 0
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._connection.close()
+        self.is_closed.set()
+
+    def _receive(self, timeout_s: float | None) -> bytes:
+        try:
+            message = self._connection.recv(timeout_s)
+        except ConnectionClosed as error:
+            raise EOFError(str(error)) from error
+        if not isinstance(message, bytes):
+            self.close()
+            raise EOFError("a text frame; the wire has binary ones only")
+        return message
+
+
+class WebSocketDoor:
+    """Where WebSocket clients of one target knock, one at a time.
+
+    Args:
+        host: To listen at.
+        port: Likewise; 0 takes a free one.
+    """
+
+    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
+        self._waiting: queue.Queue[WebSocketChannel] = queue.Queue(BACKLOG)
+        # a browser always names an origin: no web page may connect, whatever token it has
+        self._server = serve(self._receive, host, port, origins=[None], compression=None, max_size=MESSAGE_MAX_BYTES)
+        self.endpoint = f"ws://{host}:{self._server.socket.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._server.serve_forever, name="websocket-door", daemon=True)
+        self._thread.start()
+        self._next: WebSocketChannel | None = None
+
+    def poll(self, timeout_s: float = 0.0, /) -> bool:
+        """Whether a client waits, within `timeout_s` [s]."""
+        if self._next is None:
+            try:
+                self._next = self._waiting.get(timeout=max(timeout_s, 1e-4))
+            except queue.Empty:
+                return False
+        return True
+
+    def accept(self) -> WebSocketChannel:
+        """Wait for the next client."""
+        channel, self._next = self._next, None
+        return channel if channel is not None else self._waiting.get()
+
+    def close(self) -> None:
+        """Admit no further client; those that are connected are closed."""
+        self._server.shutdown()
+        self._thread.join()
+
+    def _receive(self, connection: ServerConnection) -> None:
+        """In a thread of the connection, which closes when this returns."""
+        channel = WebSocketChannel(connection)
+        try:
+            self._waiting.put_nowait(channel)
+        except queue.Full:
+            return
+        channel.is_closed.wait()
+
+
+def connect_websocket(endpoint: str) -> WebSocketChannel:
+    """A connection to a target that listens at `ws://host:port`.
+
+    Raises:
+        ExecutionError: `TARGET_LOST`.
+    """
+    try:
+        if urlsplit(endpoint).scheme not in {"ws", "wss"}:
+            raise InvalidURI(endpoint, "not ws:// or wss://")
+        connection = connect(endpoint, compression=None, max_size=MESSAGE_MAX_BYTES, open_timeout=_OPEN_S, proxy=None)
+    except (OSError, InvalidHandshake, InvalidURI, ValueError) as error:
+        raise ExecutionError("TARGET_LOST", f"no target answers at {endpoint}: {error}") from error
+    return WebSocketChannel(connection)
