@@ -21,10 +21,11 @@ from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.models.robot import name_actuator, read_profile
 from phyagentos.runtime.supervision.workers import end_with_parent
+from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.server import serve
+from phyagentos.runtime.targets.server import UnixDoor, serve
 from phyagentos.runtime.targets.stop_listener import StopListener
 
 WIDTH = 26
@@ -85,7 +86,8 @@ def main() -> None:
     parser.add_argument("--signals", type=Path)
     parser.add_argument("--log", type=Path)
     given = parser.parse_args()
-    end_with_parent()
+    tokens = Tokens()
+    end_with_parent(lambda line: tokens.renew(bytes.fromhex(line.decode())))
     library, clock = Library.open(), SystemClock()
     profile, folder = read_profile(library.get_target("panda"))
     eye = Eye(profile)
@@ -100,9 +102,9 @@ def main() -> None:
         keep_stop=stops.keep if stops else lambda: None,
     )
     if given.realtime:
-        serve_realtime(world, given.socket, clock)
+        serve_realtime(world, UnixDoor(given.socket, spin_s=0.0), tokens, clock)
     else:
-        serve(world, given.socket)
+        serve(world, UnixDoor(given.socket), tokens)
     eye.save(given.record)
 
 

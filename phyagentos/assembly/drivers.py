@@ -1,12 +1,16 @@
 """The drivers that ship, registered by name; each is imported when it is opened."""
 
 import os
+import stat
+from pathlib import Path
 
 import msgspec
 
-from phyagentos.assembly.paths import FAULTS, STRIKES
+from phyagentos.assembly.paths import FAULTS, STRIKES, TOKENS
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
+from phyagentos.runtime.targets.handshake import TOKEN_BYTES
 
 
 def build_driver_registry() -> DriverRegistry:
@@ -14,6 +18,8 @@ def build_driver_registry() -> DriverRegistry:
     registry = DriverRegistry()
     registry.register("debug", DriverSpec(open=_open_debug, kinds=("debug",), own_process=False))
     registry.register("mujoco", DriverSpec(open=_open_mujoco, kinds=("simulation",)))
+    everything = ("simulation", "real_robot", "debug")
+    registry.register("remote", DriverSpec(open=_open_remote, kinds=everything, own_process=False))
     registry.load_plug_ins()
     return registry
 
@@ -55,3 +61,33 @@ def _open_mujoco(site: DriverSite) -> TargetDriver:
         sensors=read_sensors(workspace.sensors),
     )
     return MujocoDriver(world, site.profile, site.folder)
+
+
+def _open_remote(site: DriverSite) -> TargetDriver:
+    from phyagentos.runtime.drivers.remote import RemoteDriver
+    from phyagentos.runtime.targets.handshake import greet
+    from phyagentos.runtime.targets.websocket import connect_websocket
+
+    token = read_secret(site.workspace.root / TOKENS / site.profile.target)
+    channel = connect_websocket(site.profile.endpoint)
+    greet(channel, token)
+    return RemoteDriver(site.profile, channel)
+
+
+def read_secret(path: Path) -> bytes:
+    """The token of a target that is served elsewhere, in hexadecimal digits, from a file of this user alone.
+
+    Raises:
+        DefinitionError: `NO_TOKEN` when the file is missing, holds no token, or can be read by others.
+    """
+    try:
+        is_private = not path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+        token = bytes.fromhex(path.read_text(encoding="ascii").strip()) if is_private else b""
+    except (OSError, ValueError):
+        is_private, token = True, b""
+    if len(token) == TOKEN_BYTES:
+        return token
+    found = "no token" if is_private else "a file that other users can read"
+    hint = "Write the token that the serving side was started with there, with mode 0600."
+    expected = f"{2 * TOKEN_BYTES} hexadecimal digits"
+    raise DefinitionError(Problem(code="NO_TOKEN", address=str(path), found=found, expected=expected, hint=hint))

@@ -10,6 +10,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 
 FAULTS = Path(".world") / "faults.yaml"  # read by the world process only
+TOKENS = Path(".world") / "tokens"  # one file a remote target, which only its owner may read
 STRIKES = Path(".world") / "strikes.json"  # of a repeated session: what struck, as its evidence tells
 
 

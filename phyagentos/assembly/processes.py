@@ -6,6 +6,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,25 +42,32 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
     """
-    from phyagentos.protocol.workspace.process_lock import become_sole
+    from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole, is_held_by
     from phyagentos.runtime.supervision.workers import end_with_parent
     from phyagentos.runtime.supervision.world_process import end_when_unwatched, get_lock
+    from phyagentos.runtime.targets.handshake import Tokens
 
     workspace, clock = Workspace.open(root), SystemClock()
     become_sole(get_lock(workspace.root, target), clock, "TARGET_BUSY", f"another world process has {target}")
+    tokens = Tokens(is_supervisor=partial(is_held_by, workspace.root / WATCHDOG_LOCK))
+
+    def renew_token(line: bytes) -> None:
+        name, token = line.decode().split()
+        if name == target:
+            tokens.renew(bytes.fromhex(token))
+
     if outlives:
-        end_when_unwatched(workspace.root, clock)
+        end_when_unwatched(workspace.root, clock, renew_token)
     else:
-        end_with_parent()
+        end_with_parent(renew_token)
     choose_graphics()
-    Path(socket).unlink(missing_ok=True)  # of a world that was killed: this is the only one
     from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.targets.driver_registry import DriverSite
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
-    from phyagentos.runtime.targets.server import serve
+    from phyagentos.runtime.targets.server import UnixDoor, serve
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     profile, folder = read_profile(workspace.library().get_target(target))
@@ -72,9 +80,9 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     world = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
     if mode is WorldMode.REALTIME:
         ask_for_precedence()
-        serve_realtime(world, socket, clock)
+        serve_realtime(world, UnixDoor(socket, spin_s=0.0), tokens, clock)
     else:
-        serve(world, socket)
+        serve(world, UnixDoor(socket), tokens)
 
 
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
@@ -106,6 +114,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     library = workspace.library()
     profile_path = library.get_target(target)
     orders = Link(Connection(control), spin_s=0.0)
+    token = orders.recv_bytes()
     try:
         profile = read_target_registry(workspace.target_registry)[target]
         skills = read_skill_registry(workspace.skill_registry)
@@ -118,7 +127,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     planner: Planner = PlannerProcess(profile_path) if profile.model else LocalPlanner(NoModel())
     connection: Channel
     if spec.own_process:
-        connection = connect_to_world(socket, clock)
+        connection = connect_to_world(socket, token, clock)
     else:
         site = DriverSite(profile=profile, folder=profile_path.parent, workspace=workspace, clock=clock)
         log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
@@ -233,16 +242,21 @@ def open_handle(
     )
 
 
-def connect_to_world(socket: str, clock: Clock) -> Link:
-    """The connection to a world process that may still be starting.
+def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
+    """The connection to a world process that may still be starting, opened with the token of this worker.
 
     Raises:
-        ExecutionError: `TARGET_LOST` when the socket is not served within the start-up time.
+        ExecutionError: `TARGET_LOST` when the socket is not served within the start-up time; `BAD_TOKEN`,
+            `VERSION_MISMATCH`.
     """
+    from phyagentos.runtime.targets.handshake import greet
+
     deadline_s = clock.now_s() + WORLD_START_S
     while True:
         try:
-            return Link(Client(socket, "AF_UNIX"))
+            link = Link(Client(socket, "AF_UNIX"))
+            greet(link, token)
+            return link
         except (FileNotFoundError, ConnectionRefusedError) as error:
             if clock.now_s() > deadline_s:
                 raise ExecutionError("TARGET_LOST", f"no world listens at {socket}") from error

@@ -189,11 +189,13 @@ def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: b
     has_world = False
     with contextlib.suppress(DefinitionError):
         has_world = build_driver_registry().get(profile).own_process
-    place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(sockets / f"{target}.world")]
+    socket = sockets / f"{target}.world"
+    place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(socket)]
     return Worker(
         target,
         world=[*_MODULE, "world", *place, *(["--outlives"] if outlives else [])] if has_world else [],
         lock=get_lock(workspace.root, target),
         worker=[*_MODULE, "worker", *place, *([] if pictures else ["--no-pictures"])],
         logs=workspace.logs,
+        socket=socket,
     )

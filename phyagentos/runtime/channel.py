@@ -19,7 +19,7 @@ _CREDENTIALS = struct.Struct("3i")  # process, user, group
 
 
 class Channel(Protocol):
-    """One end."""
+    """One end; `multiprocessing.connection.Connection` has it too."""
 
     def send_bytes(self, message: bytes, /) -> None:
         """Send one message."""
@@ -33,16 +33,20 @@ class Channel(Protocol):
         """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
         ...
 
+    def close(self) -> None:
+        """Let go of it."""
+        ...
+
+
+class PeerChannel(Channel, Protocol):
+    """One end whose other end is a client, which may vanish or not be what it says."""
+
     def is_gone(self) -> bool:
         """Whether the other side has closed its end."""
         ...
 
     def find_peer(self) -> int:
         """Id of the process at the other end, as the kernel knows it; 0 where it does not."""
-        ...
-
-    def close(self) -> None:
-        """Let go of it."""
         ...
 
 

@@ -1,16 +1,19 @@
 """What a client that has died left in the pipe is not carried out."""
 
+import contextlib
 import threading
-from multiprocessing.connection import Client, Connection
 
 import numpy as np
 import pytest
 
+from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.server import serve
+from phyagentos.runtime.targets.handshake import Tokens, make_token
+from phyagentos.runtime.targets.server import UnixDoor, serve
 
-PATIENCE_S, LOOK_S = 10.0, 0.002
+PATIENCE_S = 10.0
+TOKEN = make_token()
 
 
 class BusyTarget:
@@ -36,7 +39,7 @@ class BusyTarget:
 def target(tmp_path):
     target = BusyTarget()
     socket = str(tmp_path / "s")
-    thread = threading.Thread(target=serve, args=(target, socket), daemon=True)
+    thread = threading.Thread(target=serve, args=(target, UnixDoor(socket), Tokens(TOKEN)), daemon=True)
     thread.start()
     yield target, socket
     with connect(socket) as last:
@@ -44,13 +47,8 @@ def target(tmp_path):
         thread.join(PATIENCE_S)
 
 
-def connect(socket: str) -> Connection:
-    for _ in range(round(PATIENCE_S / LOOK_S)):
-        try:
-            return Client(socket, "AF_UNIX")
-        except (FileNotFoundError, ConnectionRefusedError):  # bound, but not listening yet
-            SystemClock().sleep(LOOK_S)
-    raise TimeoutError(socket)
+def connect(socket: str):
+    return contextlib.closing(connect_to_world(socket, TOKEN, SystemClock()))
 
 
 def make_command() -> wire.Command:
@@ -63,7 +61,7 @@ def make_command() -> wire.Command:
 @pytest.mark.parametrize("lives", [True, False])
 def test_a_command_in_the_pipe_is_carried_out_only_while_its_sender_lives(target, lives):
     world, socket = target
-    client = connect(socket)
+    client = connect_to_world(socket, TOKEN, SystemClock())
     wire.send(client, wire.Begin(session="s", epoch=1))
     assert world.busy.wait(PATIENCE_S)
     wire.send(client, make_command())

@@ -84,6 +84,7 @@ class TargetProfile(Authored):
         kind: `debug` has no physics: the target takes each commanded posture at once (see `runtime.drivers.debug`).
         driver: What moves it, by its name in the registry of drivers; empty for the one of its kind: `mujoco` for
             `simulation`, `debug` for `debug`, none for `real_robot`.
+        endpoint: Where the driver `remote` finds its target (`ws://127.0.0.1:7000`).
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF file, relative to the profile; none for `debug`.
@@ -110,6 +111,7 @@ class TargetProfile(Authored):
     embodiment: str = "arm"
     model: str = ""
     driver: str = ""
+    endpoint: str = ""
     world: str = ""
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"

@@ -62,6 +62,14 @@ def find_sole(path: Path) -> int | None:
         os.close(fd)
 
 
+def is_held_by(path: Path, pid: int) -> bool:
+    """Whether this process holds this lock."""
+    try:
+        return int(path.read_text(encoding="ascii")) == pid and is_held(path)
+    except (OSError, ValueError):
+        return False
+
+
 def is_held(path: Path) -> bool:
     """Whether a process holds this lock."""
     try:

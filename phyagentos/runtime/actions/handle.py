@@ -263,7 +263,9 @@ class TargetSessionHandle:
     def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
         if (operation := OPERATIONS.get(type(request))) is not None:
             self._check_permitted(operation)
-        reply = self._here.ask(request) if self._here is not None else self._exchange(request, timeout_s)
+        reply = (
+            self._here.ask(request) if self._here is not None else wire.exchange(self._connection, request, timeout_s)
+        )
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
@@ -276,15 +278,3 @@ class TargetSessionHandle:
             raise CommandRefused(
                 "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
             )
-
-    def _exchange(self, request: wire.Request, timeout_s: float) -> wire.Reply:
-        """One request and its reply, through the connection."""
-        try:
-            wire.send(self._connection, request)
-        except OSError as error:
-            raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
-        try:
-            return wire.receive_reply(self._connection, timeout_s)
-        except ExecutionError:
-            self._connection.close()  # what was asked for must not happen later, nor be taken for another answer
-            raise

@@ -11,25 +11,29 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from phyagentos.runtime.supervision.world_process import WorldProcess
+from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines
+from phyagentos.runtime.targets.handshake import make_token
 from phyagentos.runtime.worker.orders import FromWorker, ToWorker, receive_answer, send
 
 SEAL_S = 3.0  # for a worker that is told to end; what it has not sealed by then, the next clean-up seals
 END_BYTES = 2000  # of a log: its last line is in there
 
 
-def end_with_parent() -> None:
-    """In a child: end this process as soon as the parent's end of standard input is closed."""
+def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> None:
+    """In a child: end this process as soon as the parent's end of standard input is closed.
+
+    Args:
+        on_line: Called with every line that the parent writes there, in a thread of its own.
+    """
 
     def wait() -> None:
-        while os.read(sys.stdin.fileno(), 1):
-            pass
+        read_lines(on_line)
         os._exit(0)
 
     threading.Thread(target=wait, daemon=True, name="end-with-parent").start()
@@ -123,13 +127,16 @@ class Worker:
         target: Name of the target.
         world: Command line of the world process (arguments after the interpreter); none when the worker holds it.
         lock: Held by the world process; one that lives is adopted.
-        worker: Command line of the worker process; it is given `--control FD`.
+        worker: Command line of the worker process; it is given `--control FD`, where its token is the first message.
         logs: Folder for the output of both.
+        socket: Where the world listens for the worker.
     """
 
-    def __init__(self, target: str, *, world: Sequence[str], lock: Path, worker: Sequence[str], logs: Path) -> None:
+    def __init__(
+        self, target: str, *, world: Sequence[str], lock: Path, worker: Sequence[str], logs: Path, socket: Path
+    ) -> None:
         self.target = target
-        self._lock = lock
+        self._lock, self._socket = lock, socket
         self._world_command, self._worker_command, self._logs = tuple(world), tuple(worker), logs
         self._world = self._start_world()
         self._worker, self.connection = self._start_worker()
@@ -145,6 +152,11 @@ class Worker:
         command = (*self._worker_command, "--control", str(fd))
         child = ChildProcess(command, self._logs / f"worker-{self.target}.log", pass_fds=(fd,))
         theirs.close()
+        token = make_token()
+        if self._world is not None:
+            self._world.grant(self.target, self._socket, token)
+        with contextlib.suppress(OSError):  # that the worker is gone shows at the next `receive`
+            ours.send_bytes(token)
         return child, ours
 
     @property

@@ -6,17 +6,22 @@ that holds the lock of its target, so there are never two.
 """
 
 import contextlib
+import io
 import os
 import select
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Client
 from pathlib import Path
 
 from phyagentos.clock import Clock
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, find_sole, is_held
+from phyagentos.runtime.channel import Link
+from phyagentos.runtime.targets.handshake import grant
 
 ORPHAN_S = 60.0  # a world that nobody supervises waits so long for the next watchdog
 LOOK_PERIOD_S = 1.0
@@ -36,12 +41,18 @@ def end_worlds(root: Path) -> None:
             os.close(pidfd)
 
 
-def end_when_unwatched(root: Path, clock: Clock) -> None:
+def read_lines(on_line: Callable[[bytes], None]) -> None:
+    """In a child: read what its parent writes to its standard input, until the parent closes it."""
+    with io.FileIO(sys.stdin.fileno(), closefd=False) as lines:
+        for line in lines:
+            on_line(line)
+
+
+def end_when_unwatched(root: Path, clock: Clock, on_line: Callable[[bytes], None] = lambda _line: None) -> None:
     """In a world process: end it once nobody has supervised its workspace for a while."""
 
     def wait() -> None:
-        while os.read(sys.stdin.fileno(), 1):
-            pass
+        read_lines(on_line)
         seen_s = clock.now_s()
         while clock.now_s() - seen_s < ORPHAN_S:
             clock.sleep(LOOK_PERIOD_S)
@@ -75,6 +86,22 @@ class WorldProcess:
                 )
             found = os.pidfd_open(self._process.pid)
         self._pidfd = found
+
+    def grant(self, target: str, socket: Path, token: bytes) -> None:
+        """Tell it what admits the next commander of a target: over the pipe that it inherited, or as who adopted it.
+
+        Args:
+            target: Name of the target.
+            socket: Where an adopted world listens.
+            token: The new one.
+        """
+        with contextlib.suppress(OSError, ExecutionError):  # then the commander is refused, and its log says why
+            if self._process is not None and self._process.stdin is not None:
+                self._process.stdin.write(f"{target} {token.hex()}\n".encode())
+                self._process.stdin.flush()
+            else:
+                with contextlib.closing(Link(Client(str(socket), "AF_UNIX"), spin_s=0.0)) as link:
+                    grant(link, token)
 
     def is_alive(self) -> bool:
         """Whether it still runs."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.channel import MESSAGE_MAX_BYTES, Channel
+from phyagentos.runtime.channel import MESSAGE_MAX_BYTES, Channel, PeerChannel
 from phyagentos.runtime.targets.wire import WIRE_VERSION, Refused
 
 TOKEN_BYTES = 32
@@ -85,7 +85,7 @@ class Tokens:
             raise ValueError(f"a token of {len(token)} bytes; {TOKEN_BYTES} are needed")
         self._token = token
 
-    def admit(self, channel: Channel) -> None:
+    def admit(self, channel: PeerChannel) -> None:
         """Read the first message of a client and answer it.
 
         Raises:

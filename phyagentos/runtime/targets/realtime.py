@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from phyagentos.clock import Clock
-from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.channel import PeerChannel
 from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Door, answer
@@ -88,7 +88,7 @@ def serve_realtime(
                 return
             clock.sleep(min(ahead_s, period_s))
 
-    client: Channel | None = None
+    client: PeerChannel | None = None
     greet_by_s: float | None = None  # until the client is admitted
     try:
         while not should_end():
@@ -119,7 +119,7 @@ def serve_realtime(
         door.close()
 
 
-def _wait_for(source: Channel | Door, target: ServedTarget, pace: Pace) -> bool:
+def _wait_for(source: PeerChannel | Door, target: ServedTarget, pace: Pace) -> bool:
     """Wait a control period at most, and let it pass once it is due; whether there is something to read before."""
     target.look_for_stops()
     period_s = target.control_period_s

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.channel import SPIN_S, Channel, Link
+from phyagentos.runtime.channel import SPIN_S, Link, PeerChannel
 from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.wire import Here, Refused, Reply, Request, Shutdown, answer_bytes, receive_request, send
@@ -27,7 +27,7 @@ class Door(Protocol):
         """Whether a client waits, within `timeout_s` [s]."""
         ...
 
-    def accept(self) -> Channel:
+    def accept(self) -> PeerChannel:
         """Wait for the next client."""
         ...
 
@@ -86,7 +86,9 @@ def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable
                     target.withdraw()
 
 
-def answer(client: Channel, target: ServedTarget, before: Callable[[Request], None] = lambda _request: None) -> bool:
+def answer(
+    client: PeerChannel, target: ServedTarget, before: Callable[[Request], None] = lambda _request: None
+) -> bool:
     """Answer one request.
 
     Args:
@@ -142,14 +144,6 @@ class Loopback(Here):
     def poll(self, timeout_s: float = 0.0, /) -> bool:
         """Whether a reply waits."""
         return bool(self._replies)
-
-    def is_gone(self) -> bool:
-        """Never: both ends are here."""
-        return False
-
-    def find_peer(self) -> int:
-        """This process needs no name."""
-        return 0
 
     def close(self) -> None:
         """Let go of the target."""

@@ -406,6 +406,23 @@ def receive_request(connection: Channel) -> Request:
         raise ExecutionError("MALFORMED", f"{len(message)} bytes that are no request: {error}") from error
 
 
+def exchange(connection: Channel, request: Request, timeout_s: float) -> Reply:
+    """One request and its reply; the connection is closed when there is none, so that none is taken for another.
+
+    Raises:
+        ExecutionError: `TARGET_LOST`, as of `receive_reply`.
+    """
+    try:
+        send(connection, request)
+    except OSError as error:
+        raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
+    try:
+        return receive_reply(connection, timeout_s)
+    except ExecutionError:
+        connection.close()
+        raise
+
+
 def receive_reply(connection: Channel, timeout_s: float) -> Reply:
     """Wait for the reply.
 

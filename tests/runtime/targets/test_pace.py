@@ -9,7 +9,9 @@ import pytest
 from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import ManualClock, SystemClock
 from phyagentos.runtime.targets import realtime, wire
+from phyagentos.runtime.targets.handshake import Tokens, make_token
 from phyagentos.runtime.targets.realtime import Pace, serve_realtime
+from phyagentos.runtime.targets.server import UnixDoor
 
 PERIOD_S = 0.02
 REAL = SystemClock()
@@ -48,9 +50,11 @@ class Arm:
 @pytest.fixture
 def stand(tmp_path):
     arm, clock, socket = Arm(), ManualClock(), str(tmp_path / "world.sock")
-    thread = threading.Thread(target=serve_realtime, args=(arm, socket, clock), daemon=True)
+    token = make_token()
+    serving = (arm, UnixDoor(socket, spin_s=0.0), Tokens(token), clock)
+    thread = threading.Thread(target=serve_realtime, args=serving, daemon=True)
     thread.start()
-    with contextlib.closing(connect_to_world(socket, REAL)) as connection:
+    with contextlib.closing(connect_to_world(socket, token, REAL)) as connection:
 
         def ask(request):
             wire.send(connection, request)
@@ -107,15 +111,19 @@ def test_time_stands_only_where_the_world_is_not_ahead_already():
         assert pace.compute_lag_s() == before_s
 
 
-def test_a_world_that_is_far_ahead_looks_for_stops_in_every_period_all_the_same(monkeypatch):
+def test_a_world_that_is_far_ahead_looks_for_stops_in_every_period_all_the_same():
     arm, clock, waits = Arm(), ManualClock(), []
+
+    class Silent:
+        def poll(self, timeout_s):
+            waits.append(timeout_s)
+
     pace = Pace(arm, clock)
     arm.time_s = 3 * PERIOD_S
-    monkeypatch.setattr(realtime, "wait", lambda _, timeout_s: waits.append(timeout_s))
     for _ in range(4):
-        assert not realtime._wait_for(object(), arm, pace)
+        assert not realtime._wait_for(Silent(), arm, pace)
         clock.advance(waits[-1])
     assert max(waits) <= PERIOD_S
     assert (arm.looks, arm.coasts) == (4, 0)
-    realtime._wait_for(object(), arm, pace)
+    realtime._wait_for(Silent(), arm, pace)
     assert arm.coasts == 1

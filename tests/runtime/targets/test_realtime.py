@@ -2,15 +2,17 @@
 
 import json
 import threading
-from multiprocessing.connection import Client
 
 import numpy as np
 import pytest
 
+from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.handshake import Tokens, make_token
 from phyagentos.runtime.targets.realtime import serve_realtime
+from phyagentos.runtime.targets.server import UnixDoor
 from phyagentos.runtime.targets.stop_listener import StopListener
 
 pytestmark = pytest.mark.sim
@@ -25,17 +27,14 @@ class Served:
         self.rig, self.signals, self.socket = rig, signals, str(socket)
         self.stops = StopListener(signals, CLOCK)
         rig.world._is_estopped = self.stops.is_latched
-        self.thread = threading.Thread(target=serve_realtime, args=(rig.world, str(socket), CLOCK), daemon=True)
+        self.token = make_token()
+        serving = (rig.world, UnixDoor(self.socket, spin_s=0.0), Tokens(self.token), CLOCK)
+        self.thread = threading.Thread(target=serve_realtime, args=serving, daemon=True)
         self.thread.start()
         self.connection = self.connect()
 
     def connect(self):
-        for _ in range(2000):
-            try:
-                return Client(self.socket, "AF_UNIX")
-            except (FileNotFoundError, ConnectionRefusedError):  # it does not listen yet
-                CLOCK.sleep(0.005)
-        raise AssertionError("nobody listens")
+        return connect_to_world(self.socket, self.token, CLOCK)
 
     def ask(self, request):
         wire.send(self.connection, request)

@@ -4,6 +4,7 @@ from multiprocessing import Pipe
 
 import pytest
 
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets.server import answer
 from phyagentos.runtime.targets.wire import Ack, Settle, send
 
@@ -27,7 +28,7 @@ class Recording:
 def ends():
     ours, theirs = Pipe()
     with ours:
-        yield ours, theirs
+        yield Link(ours), theirs
 
 
 def test_a_request_is_answered(ends):

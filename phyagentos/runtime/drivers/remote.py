@@ -1,0 +1,148 @@
+"""A target behind a connection: another process, or another machine, that serves the same wire.
+
+Upstream: `served_target`, which holds this side's authority. Downstream: a target that is served there, under its own
+authority, with its own receive log, stops and deadman: it halts by itself when this side falls silent. It is what
+`driver: remote` in a target.yaml gives; over which transport the messages travel is the channel's own affair.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import msgspec
+from typing_extensions import override
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.driver import TargetDriver
+
+REPLY_S = 10.0  # as a worker waits for a world
+SLOW_REPLY_S = 120.0  # a scene that compiles, pictures of many cameras
+
+ReplyT = TypeVar("ReplyT", bound=wire.Reply)
+
+
+class RemoteDriver(TargetDriver):
+    """One target that is served elsewhere.
+
+    Args:
+        profile: As this side knows the target.
+        channel: To the target; admitted already.
+
+    Raises:
+        ExecutionError: `TARGET_LOST` from every method when the target is gone or silent; else its own refusals.
+    """
+
+    def __init__(self, profile: TargetProfile, channel: Channel) -> None:
+        self._profile, self._channel = profile, channel
+        self._session, self._epoch = "", 0
+        self._time_s = math.nan
+        self._step: wire.Step | None = None  # not reported yet
+        self._is_moving = False
+
+    @property
+    @override
+    def time_s(self) -> float:
+        return self._time_s
+
+    @property
+    @override
+    def control_period_s(self) -> float:
+        return self._profile.control_period_s
+
+    @property
+    @override
+    def is_moving(self) -> bool:
+        return self._is_moving
+
+    @override
+    def describe(self) -> wire.Description:
+        there = self._ask(wire.Describe(), wire.Description)
+        return msgspec.structs.replace(there, driver=f"remote/{there.driver}")
+
+    @override
+    def load(self, request: wire.LoadScene) -> wire.Loaded:
+        loaded = self._ask(request, wire.Loaded, SLOW_REPLY_S)
+        self.observe(truth=False)  # what time it is there
+        return loaded
+
+    @override
+    def begin(self, session: str, epoch: int) -> None:
+        self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
+        self._session, self._epoch, self._step, self._is_moving = session, epoch, None, False
+
+    @override
+    def end(self) -> tuple[wire.FaultStruck, ...]:
+        session, self._session, self._is_moving = self._session, "", False
+        ended = self._ask(wire.End(session=session, epoch=self._epoch), wire.Ended)
+        self._time_s = ended.time_s
+        return ended.faults
+
+    @override
+    def observe(self, *, truth: bool) -> wire.Observation:
+        observation = self._ask(wire.Observe(truth=truth), wire.Observation)
+        self._time_s = observation.time_s
+        return observation
+
+    @override
+    def report(self) -> wire.Step:
+        step, self._step = self._step, None
+        if step is not None:
+            return msgspec.structs.replace(step, stopped="")  # said by `apply`
+        now = self.observe(truth=False)
+        return wire.Step(time_s=now.time_s, target=now.target, tracking_error_rad=0.0)
+
+    @override
+    def snapshot(self) -> wire.Artefact | None:
+        return self._ask(wire.Observe(snapshot=True), wire.Observation).snapshot
+
+    @override
+    def capture(self, request: wire.Capture) -> wire.Frames:
+        return self._ask(request, wire.Frames, SLOW_REPLY_S)
+
+    @override
+    def apply(self, command: wire.Command) -> str:
+        step = self._move(command)
+        self._is_moving = not step.stopped and bool(command.qd_rad_s[-1].any())
+        return step.stopped
+
+    @override
+    def hold(self, duration_s: float) -> None:
+        if self._session:  # between sessions it holds by itself
+            self._move(wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s))
+            self._is_moving = False
+
+    @override
+    def halt(self, category: int = 2) -> None:
+        if self._session:
+            self._move(wire.Halt(session=self._session, epoch=self._epoch, category=category))
+            self._is_moving = False
+
+    @override
+    def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
+        request = wire.InvokeTool(name=name, arguments=dict(arguments), session=self._session, epoch=self._epoch)
+        return self._ask(request, wire.ToolResult, SLOW_REPLY_S)
+
+    @override
+    def close(self) -> None:
+        """Hang up; the target there halts and takes back its authority."""
+        self._channel.close()
+
+    def _move(self, request: wire.Command | wire.Settle | wire.Halt) -> wire.Step:
+        """A request that takes time; the greatest contact force is kept until it is reported."""
+        step = self._ask(request, wire.Step)
+        felt = [each.contact_force_n for each in (step, self._step) if each is not None]
+        forces = [force for force in felt if force is not None]
+        self._step = msgspec.structs.replace(step, contact_force_n=max(forces, default=None))
+        self._time_s = step.time_s
+        return step
+
+    def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_S) -> ReplyT:
+        reply = wire.exchange(self._channel, request, timeout_s)
+        if isinstance(reply, wire.Refused):
+            raise ExecutionError(reply.code, reply.message)
+        if not isinstance(reply, expected):
+            raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
+        return reply

@@ -1,0 +1,322 @@
+"""What every driver must do, as checks that any package can run over its own driver.
+
+    from phyagentos.runtime.targets.conformance import CHECKS, Subject
+
+    @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+    def test_my_driver(check):
+        check(Subject(open=open_my_driver, scene="tabletop/cubes_and_trays"))
+
+A check drives a fresh driver through `ServedTarget` and raises AssertionError with what it found. Motions are small:
+one joint by a few hundredths of a radian (metres, for a slide) from where the driver stands after `load`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
+from phyagentos.runtime.targets.server import Loopback
+
+SESSION, EPOCH = "conformance", 1
+PERIODS = 25  # of the small motion: half a second at 50 Hz
+TOLERANCE_RAD = 0.02  # between the last set-point and where a joint came to rest
+STILL_RAD_S = 0.02
+
+Check = Callable[["Subject"], None]
+
+
+@dataclass(slots=True, kw_only=True)
+class Subject:
+    """One driver under test.
+
+    Attributes:
+        open: Makes a fresh driver of the same target each time.
+        scene: It can load this one.
+        joint: Index of the joint that is moved.
+        way: How far [rad or m].
+    """
+
+    open: Callable[[], TargetDriver]
+    scene: str
+    joint: int = 0
+    way: float = 0.04
+    estop: bool = False
+    sequence: int = 0
+    _targets: list[ServedTarget] = field(default_factory=list)
+
+    def serve(self) -> "Client":
+        """A fresh driver, served in this process; every message travels as bytes."""
+        self._targets.append(ServedTarget(self.open(), ReceiveLog(None), is_estopped=lambda: self.estop))
+        return Client(self._targets[-1], self)
+
+    def close(self) -> None:
+        """Let go of what was served."""
+        while self._targets:
+            self._targets.pop().close()
+
+
+@dataclass(slots=True)
+class Client:
+    """One side of the wire."""
+
+    target: ServedTarget
+    subject: Subject
+    sequence: int = 0
+
+    def ask(self, request: wire.Request) -> Any:
+        """The reply, after both travelled as bytes."""
+        return wire.exchange(Loopback(self.target), request, 1.0)
+
+    def load(self, episode: str = "e", seed: int = 1, snapshot: bytes = b"", *, may_reset: bool = True) -> Any:
+        """The scene of the subject."""
+        scene = self.subject.scene
+        return self.ask(wire.LoadScene(scene, seed, episode, snapshot, may_reset=may_reset))
+
+    def begin(self, session: str = SESSION, epoch: int = EPOCH) -> "Client":
+        """Load and take authority."""
+        _require(self.load(), wire.Loaded, "LoadScene")
+        _require(self.ask(wire.Begin(session, epoch)), wire.Ack, "Begin")
+        self.sequence = 0
+        return self
+
+    def make(self, **changes: Any) -> wire.Command:
+        """A command that holds where the target stands; `changes` replace its fields."""
+        live, now = self.ask(wire.Describe()), self.ask(wire.Observe())
+        rows = np.tile(np.clip(now.target.q_rad, live.q_min_rad, live.q_max_rad), (live.steps_per_command, 1))
+        command = wire.Command(
+            session=SESSION,
+            epoch=EPOCH,
+            sequence=self.sequence + 1,
+            expires_at_s=1e9,
+            q_rad=rows,
+            qd_rad_s=np.zeros_like(rows),
+            gripper_width_m=np.full(len(rows), now.target.gripper_width_m),
+        )
+        return msgspec.structs.replace(command, **changes)
+
+    def plan(self) -> list[wire.Command]:
+        """A smooth small motion of one joint, towards the middle of its range."""
+        first, live = self.make(), self.ask(wire.Describe())
+        steps, joint = live.steps_per_command, self.subject.joint
+        middle = 0.5 * (live.q_min_rad[joint] + live.q_max_rad[joint])
+        way = self.subject.way * (1.0 if first.q_rad[0, joint] <= middle else -1.0)
+        s = np.arange(1, PERIODS * steps + 1) / (PERIODS * steps)
+        q, qd = np.tile(first.q_rad[0], (len(s), 1)), np.zeros((len(s), live.n_joints))
+        q[:, joint] += way * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        qd[:, joint] = way * (30 * s**2 - 60 * s**3 + 30 * s**4) / (PERIODS * steps * live.physics_step_s)
+        return [
+            msgspec.structs.replace(
+                first,
+                sequence=self.sequence + 1 + index,
+                q_rad=q[index * steps : (index + 1) * steps],
+                qd_rad_s=qd[index * steps : (index + 1) * steps],
+                gripper_width_m=first.gripper_width_m,
+            )
+            for index in range(PERIODS)
+        ]
+
+    def send(self, command: wire.Command) -> Any:
+        """A command; counted when it was carried out."""
+        reply = self.ask(command)
+        self.sequence += isinstance(reply, wire.Step)
+        return reply
+
+
+def describes_itself(subject: Subject) -> None:
+    """What it describes agrees with itself and with what it measures."""
+    client = subject.serve()
+    _require(client.load(), wire.Loaded, "LoadScene")
+    live, now = client.ask(wire.Describe()), client.ask(wire.Observe())
+    n = live.n_joints
+    assert live.version == wire.WIRE_VERSION, f"it speaks version {live.version} of the wire"
+    assert live.driver, "a description names its driver"
+    sizes = {len(live.joints), len(live.q_min_rad), len(live.q_max_rad), len(now.target.q_rad)}
+    assert sizes == {n}, f"{n} joints, but lists of {sizes}"
+    assert (np.array(live.q_min_rad) < live.q_max_rad).all(), "a joint's range is empty"
+    period_s = live.steps_per_command * live.physics_step_s
+    assert abs(period_s - client.target.control_period_s) < 1e-9, f"a command of {period_s} s"
+    assert abs(client.target.time_s - now.time_s) < 1e-9 or live.mode == "realtime", "two times of one moment"
+
+
+def is_nothing_before_a_scene(subject: Subject) -> None:
+    """Before a scene is loaded no session begins."""
+    _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "NO_SCENE")
+
+
+def keeps_an_episode(subject: Subject) -> None:
+    """An episode goes on, is one scene and seed, and ends only where that is permitted."""
+    client = subject.serve()
+    first = _require(client.load(), wire.Loaded, "LoadScene")
+    assert client.load() == first, "the same episode was begun anew"
+    _refuse(client.load(seed=2), "EPISODE_CONFLICT")
+    _refuse(client.load("f", may_reset=False), "RESET_FORBIDDEN")
+    _require(client.load("f"), wire.Loaded, "LoadScene")
+    _require(client.ask(wire.Begin(SESSION, EPOCH)), wire.Ack, "Begin")
+    _refuse(client.load("g"), "NO_AUTHORITY")
+
+
+def follows_set_points(subject: Subject) -> None:
+    """A motion takes one control period a command, and ends where it was commanded to, at rest."""
+    client = subject.serve().begin()
+    commands = client.plan()
+    before_s = client.ask(wire.Observe()).time_s
+    for command in commands:
+        step = _require(client.send(command), wire.Step, "Command")
+    passed_s, expected_s = step.time_s - before_s, len(commands) * client.target.control_period_s
+    if client.ask(wire.Describe()).mode == "lockstep":
+        assert abs(passed_s - expected_s) < 1e-6, f"{passed_s} s passed in {expected_s} s of commands"
+    rest = _require(client.ask(wire.Settle(SESSION, EPOCH, 0.3)), wire.Step, "Settle")
+    error = np.abs(np.array(rest.target.q_rad) - commands[-1].q_rad[-1]).max()
+    assert error < TOLERANCE_RAD, f"it came to rest {error:.4f} from its last set-point"
+    assert np.abs(rest.target.qd_rad_s).max() < STILL_RAD_S, "it does not come to rest"
+    assert not client.target.is_moving, "it says that it moves, at rest"
+
+
+def refuses_what_is_no_command(subject: Subject) -> None:
+    """Arrays of a wrong shape or with numbers that are none move nothing, and count as nothing."""
+    client = subject.serve().begin()
+    sound, before = client.make(), _look(client)
+    for name in ("q_rad", "qd_rad_s", "gripper_width_m"):
+        array = getattr(sound, name)
+        for bad in (array[:0], np.concatenate((array, array)), array.ravel()[:1], np.full_like(array, np.nan)):
+            if bad.shape != array.shape or np.isnan(bad).any():
+                _refuse(client.send(client.make(**{name: bad})), "MALFORMED", "TARGET_LIMIT")
+    assert _look(client) == before, "a command that was refused moved it"
+    _require(client.send(client.make()), wire.Step, "a sound command after refused ones")
+
+
+def asks_for_authority(subject: Subject) -> None:
+    """What does not come from the session in authority, in its turn and in time, moves nothing."""
+    client = subject.serve()
+    _require(client.load(), wire.Loaded, "LoadScene")
+    _refuse(client.send(client.make()), "NO_AUTHORITY")
+    client.begin()
+    before = _look(client)
+    for changes, code in (
+        ({"session": "other"}, "NO_AUTHORITY"),
+        ({"epoch": EPOCH + 1}, "STALE_TOKEN"),
+        ({"sequence": 2}, "OUT_OF_SEQUENCE"),
+        ({"expires_at_s": -1.0}, "EXPIRED"),
+    ):
+        _refuse(client.send(client.make(**changes)), code)
+    _refuse(client.ask(wire.Begin("other", EPOCH)), "NO_AUTHORITY")
+    _refuse(client.ask(wire.Settle(SESSION, EPOCH, float("nan"))), "MALFORMED")
+    assert _look(client) == before, "a request that was refused moved it"
+    _require(client.ask(wire.End(SESSION, EPOCH)), wire.Ended, "End")
+    _refuse(client.send(client.make()), "NO_AUTHORITY")
+    _refuse(client.ask(wire.Begin(SESSION, EPOCH)), "STALE_TOKEN")
+
+
+def halts_in_the_middle(subject: Subject) -> None:
+    """A halt brings a motion to rest by the target's own means; after category 1 nothing is commanded."""
+    client = _be_in_the_middle(subject)
+    step = _require(client.ask(wire.Halt(SESSION, EPOCH)), wire.Step, "Halt")
+    assert np.abs(step.target.qd_rad_s).max() < STILL_RAD_S, "it still moves after a halt"
+    _require(client.send(client.make()), wire.Step, "a command after a halt of category 2")
+    _require(client.ask(wire.Halt(SESSION, EPOCH, category=1)), wire.Step, "Halt")
+    _refuse(client.send(client.make()), "DRIVES_OFF")
+
+
+def halts_when_its_client_is_gone(subject: Subject) -> None:
+    """A client that vanishes in the middle of a motion leaves it at rest, without authority."""
+    client = _be_in_the_middle(subject)
+    client.target.withdraw()
+    assert not client.target.is_moving, "it goes on without its client"
+    assert np.abs(client.ask(wire.Observe()).target.qd_rad_s).max() < STILL_RAD_S, "it still moves"
+    _refuse(client.send(client.make()), "NO_AUTHORITY")
+
+
+def stops_in_an_emergency(subject: Subject) -> None:
+    """A latched emergency stop ends a motion, and no command or session begins under it."""
+    client = _be_in_the_middle(subject)
+    subject.estop = True
+    _refuse(client.send(client.make()), "ESTOPPED")
+    assert not client.target.is_moving, "it goes on under an emergency stop"
+    assert np.abs(client.ask(wire.Observe()).target.qd_rad_s).max() < STILL_RAD_S, "it still moves"
+    _require(client.ask(wire.End(SESSION, EPOCH)), wire.Ended, "End")
+    _refuse(client.ask(wire.Begin("next", EPOCH)), "ESTOPPED")
+    subject.estop = False
+    _require(client.ask(wire.Begin("next", EPOCH)), wire.Ack, "Begin")
+
+
+def goes_on_from_its_snapshot(subject: Subject) -> None:
+    """A driver that gives snapshots goes on from one with the same bits; other bytes change nothing."""
+    client = subject.serve().begin()
+    snapshot = client.ask(wire.Observe(snapshot=True)).snapshot
+    if snapshot is None:
+        return
+    assert snapshot.media_type, "a snapshot without a media type"
+    commands = client.plan()
+    _require(client.ask(wire.End(SESSION, EPOCH)), wire.Ended, "End")
+    ends = []
+    for _ in range(2):
+        other = subject.serve()
+        _require(other.load(snapshot=snapshot.data), wire.Loaded, "LoadScene from a snapshot")
+        _require(other.ask(wire.Begin(SESSION, EPOCH)), wire.Ack, "Begin")
+        for command in commands:
+            _require(other.send(command), wire.Step, "Command")
+        ends.append(other.ask(wire.Observe(snapshot=True)).snapshot)
+        _require(other.ask(wire.End(SESSION, EPOCH)), wire.Ended, "End")
+    assert ends[0] == ends[1], "the same commands from the same snapshot ended in two states"
+    _refuse(other.load("x", snapshot=b"no snapshot"), "MALFORMED")
+    assert other.ask(wire.Observe(snapshot=True)).snapshot == ends[1], "a refused snapshot changed the state"
+
+
+def offers_what_it_describes(subject: Subject) -> None:
+    """Tools, cameras and ground truth are those of its description; others are refused by their code."""
+    client = subject.serve()
+    _require(client.load(), wire.Loaded, "LoadScene")
+    live = client.ask(wire.Describe())
+    _refuse(client.ask(wire.InvokeTool("no such tool")), "UNKNOWN_TOOL")
+    _refuse(client.ask(wire.Capture(cameras=("no such camera",))), "UNKNOWN_CAMERA")
+    if live.ground_truth:
+        _require(client.ask(wire.Observe(truth=True)), wire.Observation, "Observe")
+    else:
+        _refuse(client.ask(wire.Observe(truth=True)), "NO_GROUND_TRUTH")
+    plain = client.ask(wire.Observe())
+    assert (plain.entities, plain.regions, plain.snapshot) == ((), (), None), "more than was asked for"
+    if live.offers_tool(wire.SCENE_MODEL):
+        assert client.ask(wire.InvokeTool(wire.SCENE_MODEL)).artefacts, "a scene model without files"
+
+
+CHECKS: tuple[Check, ...] = (
+    describes_itself,
+    is_nothing_before_a_scene,
+    keeps_an_episode,
+    follows_set_points,
+    refuses_what_is_no_command,
+    asks_for_authority,
+    halts_in_the_middle,
+    halts_when_its_client_is_gone,
+    stops_in_an_emergency,
+    goes_on_from_its_snapshot,
+    offers_what_it_describes,
+)
+
+
+def _be_in_the_middle(subject: Subject) -> Client:
+    client = subject.serve().begin()
+    for command in client.plan()[: PERIODS // 2]:
+        _require(client.send(command), wire.Step, "Command")
+    return client
+
+
+def _look(client: Client) -> Any:
+    """The present without its time: what must not change."""
+    return client.ask(wire.Observe()).target
+
+
+def _require(reply: Any, kind: type, what: str) -> Any:
+    assert isinstance(reply, kind), f"{what} was answered by {reply}"
+    return reply
+
+
+def _refuse(reply: Any, *codes: str) -> None:
+    assert isinstance(reply, wire.Refused), f"not refused: {reply}; expected {' or '.join(codes)}"
+    assert reply.code in codes, f"refused with {reply}; expected {' or '.join(codes)}"
