@@ -218,6 +218,7 @@ def halts_in_the_middle(subject: Subject) -> None:
     client = _be_in_the_middle(subject)
     step = _require(client.ask(wire.Halt(SESSION, EPOCH)), wire.Step, "Halt")
     assert np.abs(step.target.qd_rad_s).max() < STILL_RAD_S, "it still moves after a halt"
+    _require(client.ask(wire.Settle(SESSION, EPOCH, 0.5)), wire.Step, "Settle")
     _require(client.send(client.make()), wire.Step, "a command after a halt of category 2")
     _require(client.ask(wire.Halt(SESSION, EPOCH, category=1)), wire.Step, "Halt")
     _refuse(client.send(client.make()), "DRIVES_OFF")

@@ -4,6 +4,7 @@ Upstream: `server` (as a `Door`), `drivers.remote` (as a client). It keeps messa
 (pings) to the library `websockets`. It is meant for 127.0.0.1 or a tunnel: the token admits, and nothing is encrypted.
 """
 
+import contextlib
 import queue
 import threading
 from collections import deque
@@ -23,10 +24,15 @@ _OPEN_S = 5.0
 
 
 class WebSocketChannel:
-    """A `Channel` over one WebSocket connection."""
+    """A `Channel` over one WebSocket connection.
 
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
+    Args:
+        connection: What carries it.
+        opened: What to leave when it is closed.
+    """
+
+    def __init__(self, connection: Connection, opened: contextlib.ExitStack | None = None) -> None:
+        self._connection, self._opened = connection, opened or contextlib.ExitStack()
         self._received: deque[bytes] = deque()
         self.is_closed = threading.Event()
 
@@ -64,6 +70,7 @@ class WebSocketChannel:
         """Let go of it."""
         self._connection.close()
         self.is_closed.set()
+        self._opened.close()
 
     def _receive(self, timeout_s: float | None) -> bytes:
         try:
@@ -128,10 +135,13 @@ def connect_websocket(endpoint: str) -> WebSocketChannel:
     Raises:
         ExecutionError: `TARGET_LOST`.
     """
+    opened = contextlib.ExitStack()
     try:
         if urlsplit(endpoint).scheme not in {"ws", "wss"}:
             raise InvalidURI(endpoint, "not ws:// or wss://")
-        connection = connect(endpoint, compression=None, max_size=MESSAGE_MAX_BYTES, open_timeout=_OPEN_S, proxy=None)
+        connection = opened.enter_context(
+            connect(endpoint, compression=None, max_size=MESSAGE_MAX_BYTES, open_timeout=_OPEN_S, proxy=None)
+        )
     except (OSError, InvalidHandshake, InvalidURI, ValueError) as error:
         raise ExecutionError("TARGET_LOST", f"no target answers at {endpoint}: {error}") from error
-    return WebSocketChannel(connection)
+    return WebSocketChannel(connection, opened)
