@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.assembly.paths import FAULTS, STRIKES, TOKENS
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
 from phyagentos.runtime.targets.handshake import TOKEN_BYTES
@@ -68,9 +68,16 @@ def _open_remote(site: DriverSite) -> TargetDriver:
     from phyagentos.runtime.targets.handshake import greet
     from phyagentos.runtime.targets.websocket import connect_websocket
 
-    token = read_secret(site.workspace.root / TOKENS / site.profile.target)
+    path = site.workspace.root / TOKENS / site.profile.target
+    token = read_secret(path)
     channel = connect_websocket(site.profile.endpoint)
-    greet(channel, token)
+    try:
+        greet(channel, token)
+    except ExecutionError as error:
+        channel.close()
+        if error.code == "TARGET_LOST":
+            raise
+        raise DefinitionError(Problem(code=error.code, address=str(path), found=str(error))) from error
     return RemoteDriver(site.profile, channel)
 
 

@@ -10,6 +10,7 @@ from functools import partial
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from phyagentos.assembly.drivers import build_driver_registry, choose_graphics
 from phyagentos.assembly.gc_tuning import collect_rarely
@@ -24,7 +25,7 @@ from phyagentos.protocol.settings.cameras import WORLD
 from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.channel import Channel, Link
+from phyagentos.runtime.channel import SPIN_S, Channel, Link
 
 if TYPE_CHECKING:
     from phyagentos.runtime.actions.handle import TargetSessionHandle
@@ -32,12 +33,19 @@ if TYPE_CHECKING:
     from phyagentos.runtime.perception.look import Eyes
     from phyagentos.runtime.perception.world_model import WorldModel
     from phyagentos.runtime.preflight.settings import Settings
+    from phyagentos.runtime.targets.server import Door
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
 
 
 def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
-    """The world process of one target: simulate until its supervisor is gone.
+    """The world process of one target: hold it until its supervisor is gone.
+
+    Args:
+        root: The workspace.
+        target: Its name.
+        socket: Where it listens: the path of a UNIX socket, or `ws://host:port` for commanders of another workspace.
+        outlives: Whether it waits for another watchdog when the process that started it dies.
 
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
@@ -67,7 +75,7 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
-    from phyagentos.runtime.targets.server import UnixDoor, serve
+    from phyagentos.runtime.targets.server import serve
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     profile, folder = read_profile(workspace.library().get_target(target))
@@ -80,9 +88,9 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     world = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
     if mode is WorldMode.REALTIME:
         ask_for_precedence()
-        serve_realtime(world, UnixDoor(socket, spin_s=0.0), tokens, clock)
+        serve_realtime(world, open_door(socket, spin_s=0.0), tokens, clock)
     else:
-        serve(world, UnixDoor(socket), tokens)
+        serve(world, open_door(socket), tokens)
 
 
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
@@ -121,17 +129,16 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         spec = build_driver_registry().get(profile)
         settings = read_settings(workspace, target)
         registry = build_registry(library)
+        local = None
+        if not spec.own_process:
+            site = DriverSite(profile=profile, folder=profile_path.parent, workspace=workspace, clock=clock)
+            log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
+            local = ServedTarget(spec.open(site), log)
     except DefinitionError as error:
         serve_refusals(orders, error.problems)
         return
     planner: Planner = PlannerProcess(profile_path) if profile.model else LocalPlanner(NoModel())
-    connection: Channel
-    if spec.own_process:
-        connection = connect_to_world(socket, token, clock)
-    else:
-        site = DriverSite(profile=profile, folder=profile_path.parent, workspace=workspace, clock=clock)
-        log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
-        connection = Loopback(ServedTarget(spec.open(site), log))
+    connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
     world = open_world_model(workspace, target, profile, handle, settings)
@@ -240,6 +247,21 @@ def open_handle(
     return TargetSessionHandle(
         connection, limits, is_stopped=lambda: is_latched(signals), collision=collision, sees_truth=sees_truth
     )
+
+
+def open_door(where: str, spin_s: float = SPIN_S) -> "Door":
+    """Where commanders come in; a WebSocket's endpoint is printed, since its port may be a free one."""
+    from phyagentos.runtime.targets.server import UnixDoor
+
+    if not where.startswith("ws:"):
+        return UnixDoor(where, spin_s)
+    from phyagentos.runtime.targets.websocket import WebSocketDoor
+
+    parts = urlsplit(where)
+    door = WebSocketDoor(parts.hostname or "127.0.0.1", parts.port or 0)
+    sys.stdout.write(f"{door.endpoint}\n")
+    sys.stdout.flush()
+    return door
 
 
 def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:

@@ -1,0 +1,72 @@
+"""A session on a target that another workspace serves over WebSocket: the same protocol, so the same bits."""
+
+import subprocess
+import sys
+
+import pytest
+
+from phyagentos.assembly.paths import TOKENS
+from phyagentos.cli.why import explain_session
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.targets.handshake import make_token
+from phyagentos.runtime.worker.rerun import find_differences
+
+pytestmark = pytest.mark.journey
+
+
+@pytest.fixture
+def served(tmp_path):
+    """The arm of another workspace at a port of this machine: its endpoint, and the token that admits."""
+    workspace, token = Workspace.create(tmp_path / "there", Library.open()), make_token().hex()
+    command = [sys.executable, "-m", "phyagentos.assembly.processes", "world", "--workspace", str(workspace.root)]
+    command += ["--target", "panda", "--socket", "ws://127.0.0.1:0"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as process:
+        process.stdin.write(f"panda {token}\n")
+        process.stdin.flush()
+        yield process.stdout.readline().strip(), token, workspace
+        process.stdin.close()  # it ends with its parent
+        assert process.wait(30) == 0
+
+
+def command_from_here(plane, endpoint, token):
+    """The panda of this workspace is the one that is served there."""
+    registry = plane.workspace.target_registry
+    told = f"target: panda\ndriver: remote\nendpoint: {endpoint}\n"
+    registry.write_text(registry.read_text().replace("target: panda\n", told))
+    secret = plane.workspace.root / TOKENS / "panda"
+    secret.parent.mkdir(parents=True)
+    secret.touch(mode=0o600)
+    secret.write_text(token)
+
+
+def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket(make_plane, served):
+    endpoint, token, there = served
+    near, far = make_plane("near"), make_plane("far")
+    command_from_here(far, endpoint, token)
+    reports = [plane.run("ws-3", seed=3) for plane in (near, far)]
+
+    assert [report.verdict for report in reports] == ["success", "success"]
+    (session,) = reports[1].sessions
+    differences = find_differences(near.bundle(session.id), far.bundle(session.id))
+    assert differences == ["execution.json: differs"]  # it says which driver moved
+    why = [explain_session(plane.workspace, plane.mission.ledger, session.id) for plane in (near, far)]
+    assert "moved by    driver mujoco" in why[0]
+    assert "moved by    driver remote/mujoco" in why[1]
+    commands = [
+        (plane / "logs" / "receive-panda.jsonl").read_text().count('"Command"')
+        for plane in (near.workspace.root, far.workspace.root, there.root)
+    ]
+    assert commands[0] == commands[1] == commands[2] > 100
+
+
+def test_a_token_that_is_not_the_targets_moves_nothing(make_plane, served):
+    endpoint, _, there = served
+    plane = make_plane()
+    command_from_here(plane, endpoint, make_token().hex())
+    report = plane.run("ws-4", seed=3)
+
+    assert report.exit_code == 3
+    assert "BAD_TOKEN" in report.sessions[0].reason
+    assert '"Begin"' not in (there.logs / "receive-panda.jsonl").read_text()
