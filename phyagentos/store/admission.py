@@ -28,7 +28,7 @@ GOAL_PREFIX = "goal:"
 NODE_PREFIX = "node:"
 _StructT = TypeVar("_StructT", bound=msgspec.Struct)
 _OF_AGENT = (GOAL_PREFIX, NODE_PREFIX)
-_UNKNOWN = "unknown"  # state of a session that nobody has submitted
+_UNKNOWN = "unknown"  # state of a session that was never submitted
 
 
 class GoalEvent(StrEnum):
@@ -69,7 +69,7 @@ _FORGETTABLE = frozenset({*FINAL_STATES, GoalEvent.GOAL_VERDICT})
 
 
 class Entry(msgspec.Struct, frozen=True):
-    """What somebody wants recorded.
+    """What is to be recorded.
 
     Attributes:
         id: A session id, `goal:<goal id>` or `node:<goal id>/<node>`.
@@ -270,7 +270,7 @@ class Admission:
         goal = entry.id if is_goal else GOAL_PREFIX + split_node_id(entry.id)[0]
         known = self._find(goal)
         if (known is None) != (entry.ev == _SUBMITTED):
-            said = "it was submitted before" if known else "nobody has submitted this goal"
+            said = "it was submitted before" if known else "this goal was never submitted"
             raise IllegalEvent(entry.id, entry.ev, said)
         if known is not None and known.state == _VERDICT:
             raise IllegalEvent(entry.id, entry.ev, "the goal has its verdict, which is final")

@@ -87,7 +87,7 @@ def append(journal, **facts):
         ({"id": "s0", "ev": "claim", "source": "pending", "to": "running", "epoch": 1}, "the lifecycle gives"),
         ({"id": "s0", "ev": "claim", "source": "pending", "to": "claimed", "epoch": 7}, "the lifecycle gives"),
         ({"id": "t", "ev": "cancel", "source": "pending", "to": "cancelled", "epoch": 0}, "state 'unknown'"),
-        ({"id": "goal:g", "ev": "goal_verdict", "side": "agent"}, "nobody has submitted this goal"),
+        ({"id": "goal:g", "ev": "goal_verdict", "side": "agent"}, "this goal was never submitted"),
         (
             {"id": "s0", "ev": "claim", "source": "pending", "to": "claimed", "epoch": 1, "side": "me"},
             "not a valid Side",

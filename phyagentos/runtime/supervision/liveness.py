@@ -1,7 +1,7 @@
-"""What the signs of life of a worker tell: silent, without progress, or inconsistent.
+"""What the heartbeats of a worker show: silence, no progress, or a contradiction.
 
 Upstream: heartbeats, as files. Downstream: the watchdog. Time is the watchdog's own. A worker that thinks is judged by
-another limit than one that says it acts; whoever goes to and fro between the two is judged by both sums.
+another limit than one that says it acts; one that alternates between the two is judged by both sums.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ class Sign(StrEnum):
     """What is wrong with a worker; the value is the code under which its session ends."""
 
     SILENT = "HEARTBEAT_LOST"
-    """It says nothing new."""
+    """Its heartbeats stopped."""
     STALLED = "NO_PROGRESS"
-    """It says that it lives, and nothing goes on."""
+    """Its heartbeats go on, its control periods do not."""
     INCONSISTENT = "HEARTBEAT_INCONSISTENT"
-    """What it says cannot be one worker at work."""
+    """Its heartbeats cannot be those of one worker."""
 
 
 @dataclass(frozen=True, slots=True)

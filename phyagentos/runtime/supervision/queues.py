@@ -2,7 +2,7 @@
 
 Upstream: the journal's pending sessions. Downstream: the watchdog, which claims what is granted here. Priorities age: a
 session gains `ageing_per_s` for each second that it has waited. Since all gain alike, the order of two sessions never
-changes while they wait, so each has one key for good, and a claim costs O(log n). Nobody starves: whoever comes later
+changes while they wait, so each has one key for good, and a claim costs O(log n). None starves: one that comes later
 by more than the difference of the priorities, divided by the rate, comes after.
 
 Resources are granted all at once or not at all, the senior session first, and what a senior one waits for no junior one
@@ -130,7 +130,7 @@ class Queues:
         return turns
 
     def hold(self, target: str, resources: Collection[str]) -> None:
-        """A target may be using these, whoever granted them."""
+        """A target may be using these already."""
         self._holders.update(dict.fromkeys(resources, target))
 
     def release(self, target: str) -> None:
@@ -139,7 +139,7 @@ class Queues:
             self._holders = {name: holder for name, holder in self._holders.items() if holder != target}
 
     def forsake(self, target: str) -> None:
-        """A target is given up, and nobody has seen how it stands: what it holds nobody else gets."""
+        """A target is given up unobserved: what it holds is granted to no other."""
         self._forsaken |= {name: holder for name, holder in self._holders.items() if holder == target}
 
     def pop_overdue(self) -> Iterator[Session]:

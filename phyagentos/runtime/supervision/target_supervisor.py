@@ -180,7 +180,16 @@ class TargetSupervisor:
 
     def hear(self, answer: FromWorker | None) -> None:
         """React to an answer of the worker; None when the worker ended."""
-        self._journal.insist(partial(self._react, answer))
+        session = self.session
+        if answer is None:
+            self._journal.insist(partial(self._lose, "the worker process ended"))
+        elif isinstance(answer, Ready):
+            self._journal.insist(self._on_ready)
+        elif session is not None and answer.session == session.id:
+            if isinstance(answer, Finished):
+                self._journal.insist(partial(self._on_finished, session, answer))
+            elif self.phase is Phase.CHECKING:
+                self._journal.insist(partial(self._on_checked, session, answer))
 
     def attend(self) -> None:
         """Take the measure that a limit of time asks for; else renew the lease of what runs."""
@@ -199,17 +208,6 @@ class TargetSupervisor:
         self.worker.stop(at_once=self.phase is not Phase.IDLE)
 
     # -- answers of the worker -----------------------------------------------------------------------------------------
-
-    def _react(self, answer: FromWorker | None) -> None:
-        if answer is None:
-            self._lose("the worker process ended")
-        elif isinstance(answer, Ready):
-            self._on_ready()
-        elif self.session is not None and answer.session == self.session.id:
-            if isinstance(answer, Finished):
-                self._on_finished(self.session, answer)
-            elif self.phase is Phase.CHECKING:
-                self._on_checked(self.session, answer)
 
     def _on_ready(self) -> None:
         self._fire("ready")

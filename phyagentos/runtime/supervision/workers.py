@@ -21,7 +21,7 @@ from phyagentos.runtime.supervision.world_process import WorldProcess, read_line
 from phyagentos.runtime.targets.handshake import make_token
 from phyagentos.runtime.worker.orders import FromWorker, ToWorker, receive_answer, send
 
-SEAL_S = 3.0  # for a worker that is told to end; what it has not sealed by then, the next clean-up seals
+SEAL_S = 3.0  # for a worker that is asked to end; what it has not sealed by then, the next clean-up seals
 END_BYTES = 2000  # of a log: its last line is in there
 
 

@@ -1,6 +1,6 @@
 """Signs of life of a worker, written at most ten times a second.
 
-Upstream: the runner's loop. Downstream: the watchdog (`liveness`), and whoever looks on.
+Upstream: the runner's loop. Downstream: the watchdog (`liveness`), and views.
 """
 
 import os
@@ -15,7 +15,7 @@ PERIOD_S = 0.1
 
 
 class HeartbeatWriter:
-    """Publishes what one worker is doing, at most ten times a second; what is left out of a rush nobody would see."""
+    """Publishes what one worker is doing, at most ten times a second; beats in between are dropped."""
 
     def __init__(self, folder: Path, target: str, clock: Clock) -> None:
         self._folder = folder
@@ -34,7 +34,7 @@ class HeartbeatWriter:
         leaf: str = "",
         at_once: bool = False,
     ) -> None:
-        """Say what is going on now; cheap enough for every control period.
+        """Publish what is going on now; cheap enough for every control period.
 
         Args:
             phase: See `Heartbeat`, as for the other fields.

@@ -50,7 +50,7 @@ from phyagentos.runtime.worker.orders import (
 from phyagentos.runtime.worker.runner import SessionRunner
 from phyagentos.store.views.environment import render_environment
 
-REST_S = 0.05  # nobody asked for so long: time for what nobody waits for
+REST_S = 0.05  # without an order for so long, there is time for housekeeping
 OBSERVERS = 20  # so many may be lost while they look at what one session left
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
@@ -76,10 +76,10 @@ class WorkerLoop:
         target: What its sessions command and perceive.
         examiner: Checks sessions.
         runner: Carries them out.
-        heartbeat: Says what is going on.
+        heartbeat: Publishes what is going on.
         workspace: Where ENVIRONMENT.md is published.
         clock: For the rate of publishing.
-        gate: Looks ahead where a session asks for it; None where nobody can.
+        gate: Looks ahead where a session asks for it; None where that is not possible.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class WorkerLoop:
             if isinstance(order, Check):
                 send(self._control, self._check(order))
             elif isinstance(order, Run):
-                send(self._control, self._finish(order))
+                send(self._control, self._carry_out(order))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._publish_environment(PUBLISH_PERIOD_S)
@@ -142,7 +142,7 @@ class WorkerLoop:
         return receive_order(self._control)
 
     def _tidy_up(self, is_asked: Callable[[], bool]) -> None:
-        """What nobody waits for: ENVIRONMENT.md, the hashes of bundles; gives way to an order."""
+        """Housekeeping: ENVIRONMENT.md, the hashes of bundles; gives way to an order."""
         self._heartbeat.beat(phase="idle", at_once=True)
         self._publish_environment(0.0)
         while self._unsealed and not is_asked():
@@ -183,7 +183,7 @@ class WorkerLoop:
         )
 
     def _look_ahead(self, order: Check, tree: str) -> Sequence[Problem]:
-        """What the session's look-ahead says against it; what is repeated has happened, and is not foreseen."""
+        """What the session's look-ahead says against it; none for a rerun."""
         if self._gate is None or order.restore:
             return ()
         return self._gate.find_problems(order.session, tree, lambda: self._is_unwanted(order))
@@ -195,26 +195,23 @@ class WorkerLoop:
             self._obey(receive_order(self._control))
         return self._stop_reason is not None
 
-    def _finish(self, order: Run) -> Finished:
-        """Carry out a session."""
-        self._lease_until_s = order.until_s
-        done = self._execute(order)
+    def _carry_out(self, order: Run) -> Finished:
+        """Run the session that was checked last, and no other."""
+        checked, self._checked, self._lease_until_s = self._checked, None, order.until_s
+        if checked is not None and checked.is_of(order):
+            done = self._runner.run(
+                order.session,
+                order.epoch,
+                checked.plan,
+                evidence=order.evidence,
+                cancel=self._find_stop_reason,
+                beat=self._heartbeat.beat,
+            )
+        else:
+            done = Execution(ended=Ended.SKILL_FAILED, evidence="", code="NOT_CHECKED", message="run without preflight")
         if self._gate is not None:
             self._gate.file_result(self._workspace.root / order.evidence)
         return Finished(session=order.session.id, execution=done, is_target_lost=done.ended is Ended.TARGET_LOST)
-
-    def _execute(self, order: Run) -> Execution:
-        checked, self._checked = self._checked, None
-        if checked is None or not checked.is_of(order):
-            return Execution(ended=Ended.SKILL_FAILED, evidence="", code="NOT_CHECKED", message="run without preflight")
-        return self._runner.run(
-            order.session,
-            order.epoch,
-            checked.plan,
-            evidence=order.evidence,
-            cancel=self._find_stop_reason,
-            beat=self._heartbeat.beat,
-        )
 
     def _publish_environment(self, period_s: float) -> None:
         """ENVIRONMENT.md: the world as the latest session left it, unless it was published less than `period_s` ago."""
@@ -227,7 +224,7 @@ class WorkerLoop:
             publish(self._workspace.environment, render_environment(self._world.observe(WORLD)))
 
     def _seal(self, evidence: str) -> None:
-        """Record the hashes of a bundle, once nobody waits for it; what fails here is done by the next clean-up."""
+        """Record the hashes of a bundle; what fails here is done by the next clean-up."""
         with contextlib.suppress(OSError, ExecutionError):
             self._sealer.seal(self._workspace.root / evidence)
 
@@ -256,7 +253,7 @@ class WorkerLoop:
             self._waiting.append(order)
 
     def _reconcile(self, order: Reconcile) -> Finished:
-        """Look at the world a lost runner left behind, and say how it was lost."""
+        """Observe the world that a lost runner left behind."""
         try:
             self._handle.load(order.session.scene)
             self._remember(order)
@@ -267,7 +264,7 @@ class WorkerLoop:
             return Finished(session=order.session.id, execution=lost, is_target_lost=True)
 
     def _remember(self, order: Reconcile) -> None:
-        """Believe what was believed as the session began: what hides behind the arm is not forgotten with a worker."""
+        """Restore the belief at the begin of the session: what the arm hides now was seen then."""
         belief = None
         with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
             belief = _read_belief(str(self._workspace.root / order.evidence / BEFORE))
@@ -275,7 +272,7 @@ class WorkerLoop:
             self._world.restore(belief, _read_looks(self._workspace.root / order.evidence))
 
     def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
-        """Under an epoch that the target has not seen yet: whoever was observing before may have been lost too."""
+        """Under an epoch that the target has not seen yet: an earlier observer may have been lost too."""
         epoch = epoch or order.epoch
         try:
             return self._runner.observe_only(
