@@ -69,7 +69,7 @@ class Steps:
             raise ExecutionError("TARGET_LOST", "nobody looks")
         return SimpleNamespace(time_s=self.time_s)
 
-    def restore(self, belief) -> None:
+    def restore(self, belief, looks) -> None:
         self.told.append(f"believe {sorted(belief.entities)}")
 
     def observe_only(self, session, epoch, *, ended, evidence, **_) -> Execution:
