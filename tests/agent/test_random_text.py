@@ -1,0 +1,265 @@
+"""No decision reads a sentence: with every text for people replaced, causes, verdicts and repairs stay the same.
+
+The replacement is random and full of what code might search for: codes, predicates, names. Bundles and journal records
+are scrambled where the agent reads them, criteria and judgements where they are formed.
+"""
+
+import dataclasses
+import tarfile
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.judging import goal_judgement
+from phyagentos.agent.judging.causes import Cause, CauseClass
+from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
+from phyagentos.agent.judging.goal_judgement import Evidence
+from phyagentos.agent.judging.judges.predicates import evaluate_criterion
+from phyagentos.agent.judging.verifier import History, SessionVerifier
+from phyagentos.agent.repair.clearing import propose_clearing
+from phyagentos.agent.repair.looking import propose_looking
+from phyagentos.agent.repair.other_skill import propose_other_skill
+from phyagentos.agent.repair.other_target import propose_other_target
+from phyagentos.agent.repair.recovery_policies import GENERATORS
+from phyagentos.agent.repair.resume_held import propose_resume_held
+from phyagentos.agent.repair.retrying import propose_retry
+from phyagentos.clock import ManualClock
+from phyagentos.codes import CODES
+from phyagentos.errors import Problem
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
+
+from .conftest import add_skills, make_unmet, make_world
+from .test_diagnosis import COURSES, JUDGING, criterion, make_bundle, moved
+from .test_recovery_missions import (
+    GRAPH,
+    MORE_SKILLS,
+    achieve_and_hide_green,
+    achieve_unseen,
+    be_blocked,
+    drop,
+    hide,
+    lose_runner,
+    make_table_world,
+    move_away,
+    see_again,
+    still_unseen,
+)
+from .test_repair import HEMMED_IN, HOLDING, NEAR, ROOT, make_box, make_case, met
+from .test_repair import make_table_world as make_repair_world
+
+STORED = Path(__file__).resolve().parents[1] / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
+TEXTS = {"message", "because", "reason", "detail"}
+OF_PROBLEMS = {"found", "expected", "hint", "triggered_by"}
+POOL = [*CODES, "visible(red_cube)", "holding(", "inside(red_cube, red_tray)", "MODEL_", "red_cube", "true", "moved"]
+OFTEN = ["TOO_WIDE", "NO_FREE_SITE", "TARGET_UNAVAILABLE", "PRECONDITION_UNMET", "LOOKAHEAD_LOW", "GRASP_LOST"]
+
+
+class Babble:
+    """Replaces what is meant for people in structs, dataclasses and plain data; every call says something else."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def say(self) -> str:
+        words = (*self._rng.choice(OFTEN, size=2), *self._rng.choice(POOL, size=4))
+        return f"{' '.join(words)}: {self._rng.random()}"
+
+    def scramble(self, value: Any) -> Any:
+        if isinstance(value, msgspec.Struct):
+            fields = value.__struct_fields__
+            texts = TEXTS | (OF_PROBLEMS if isinstance(value, Problem) else set())
+            return msgspec.structs.replace(value, **{n: self._change(n, getattr(value, n), texts) for n in fields})
+        if dataclasses.is_dataclass(value) and not isinstance(value, type | Catalogue):
+            names = [each.name for each in dataclasses.fields(value) if each.init]
+            return dataclasses.replace(value, **{n: self._change(n, getattr(value, n), TEXTS) for n in names})
+        if isinstance(value, dict):
+            texts = TEXTS | (OF_PROBLEMS if {"code", "address"} <= value.keys() else set())
+            return {key: self._change(key, each, texts) for key, each in value.items()}
+        return type(value)(map(self.scramble, value)) if type(value) in {list, tuple} else value
+
+    def _change(self, name: str, value: Any, texts: set[str]) -> Any:
+        if name in texts and isinstance(value, str) and not isinstance(value, Enum):
+            return self.say()
+        return self.scramble(value)
+
+
+@pytest.fixture(params=[1, 2, 3])
+def babble(request):
+    return Babble(request.param)
+
+
+def judge_all(bundle):
+    return [evaluate_criterion(text, "accept", bundle) for text in bundle.session.accept]
+
+
+def violated(bundle):
+    return [criterion("upright(bottle)", Truth.FALSE, "constraint")]
+
+
+MORE = [
+    (make_bundle(make_world(), code="NO_IK"), judge_all, CauseClass.PLANNING),
+    (make_bundle(make_world(), ended="timed_out", code="TIMED_OUT"), judge_all, CauseClass.TIMEOUT),
+    (make_bundle(make_world(), ended="safety_stop", code="HOLD_VIOLATED"), violated, CauseClass.SAFETY),
+    (make_bundle(make_world(), code="A_CODE_OF_NOBODY"), judge_all, CauseClass.OTHER),
+]
+RECORDED = [
+    *((make_bundle(after, stage, **execution), judge_all, kind) for after, stage, execution, _, kind in COURSES),
+    *(
+        (make_bundle(moved(), ended="completed"), lambda _, found=found: found, CauseClass.VERIFIER)
+        for found, _ in JUDGING
+    ),
+    *MORE,
+]
+
+
+def test_each_class_of_causes_is_among_the_recorded_cases():
+    assert {kind for _, _, kind in RECORDED} == set(CauseClass)
+
+
+@pytest.mark.parametrize(("bundle", "judge", "kind"), RECORDED)
+def test_a_cause_is_the_same_whatever_the_messages_say(bundle, judge, kind, babble):
+    found = judge(bundle)
+    plain = diagnose(bundle, found)
+    assert plain.kind is kind
+    for ask in (diagnose, diagnose_after_looking):
+        told, scrambled = ask(bundle, found), ask(babble.scramble(bundle), babble.scramble(found))
+        names = ("cause", "leaf", "object", "is_hopeless", "stage", "kind", "layer")
+        assert [getattr(scrambled, name) for name in names] == [getattr(told, name) for name in names]
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Catalogue:
+    catalogue = Catalogue.read(Library((ROOT,)))
+    twin = catalogue.targets["panda"].model_copy(update={"target": "twin"})
+    return Catalogue(skills=catalogue.skills, targets={**catalogue.targets, "twin": twin}, scenes={})
+
+
+def stand_beside(world):
+    return msgspec.structs.replace(world, targets={**world.targets, "twin": world.targets["panda"]})
+
+
+FULL = make_repair_world(make_box("red_cube", (0.5, 0.0, 0.02)), make_box("post", (0.5, -0.3, 0.03), 0.03))
+CASES = [
+    (propose_looking, Cause.EVIDENCE_MISSING, {"missing": ("red_cube",)}),
+    (propose_retry, Cause.GRASP_LOST, {"trace": met("post")}),
+    (propose_resume_held, Cause.RUNNER_LOST, {"world": HOLDING, "contract": NEAR}),
+    (propose_other_skill, Cause.IMPOSSIBLE, {}),
+    (propose_clearing, Cause.NO_PLAN, HEMMED_IN),
+    (propose_clearing, Cause.NO_PLAN, {"code": "NO_FREE_SITE", "world": FULL}),
+    (
+        propose_other_target,
+        Cause.TARGET_LOST,
+        {"world": stand_beside(make_repair_world(make_box("red_cube", (0.5, 0, 0.02))))},
+    ),
+]
+
+
+def test_each_generator_of_repairs_is_among_the_cases():
+    assert {generator for generator, _, _ in CASES} == set(GENERATORS)
+
+
+@pytest.mark.parametrize(("generator", "cause", "facts"), CASES)
+def test_a_repair_is_the_same_whatever_the_messages_say(generator, cause, facts, shipped, babble):
+    case = make_case(shipped, cause, **facts)
+
+    def tell(case):
+        found = list(generator(case))
+        decisive = ("parent", "strategy", "requires", "purpose", "lead", "threshold")
+        return [
+            (each.kind, each.chance, find_means(each.revision), *(getattr(each.revision, name) for name in decisive))
+            for each in found
+        ]
+
+    plain = tell(case)
+    assert plain, f"{generator.__name__} proposes nothing for its own case"
+    assert tell(babble.scramble(case)) == plain
+
+
+def find_means(revision):
+    choice = revision.choice
+    return choice and (choice.skill, choice.target, choice.parameters)
+
+
+@pytest.fixture
+def library(library):
+    return add_skills(library, MORE_SKILLS)
+
+
+def scramble_all(monkeypatch, babble):
+    """Every text that the agent reads, forms or prints."""
+    apply, read, ask, judge = Ledger.apply, goal_judgement.read_bundle, SessionVerifier._ask, SessionVerifier.judge
+
+    def apply_scrambled(self, record):
+        if record.to is None or record.ev != "submit":
+            record.__dict__["body"] = babble.scramble(record.body)
+        apply(self, record)
+
+    monkeypatch.setattr(Ledger, "apply", apply_scrambled)
+    monkeypatch.setattr(goal_judgement, "read_bundle", lambda *args, **more: babble.scramble(read(*args, **more)))
+    monkeypatch.setattr(SessionVerifier, "_ask", lambda self, bundle: babble.scramble(ask(self, bundle)))
+    monkeypatch.setattr(SessionVerifier, "judge", lambda self, *args: babble.scramble(judge(self, *args)))
+    monkeypatch.setattr(Problem, "__str__", lambda self: babble.say())
+
+
+MISSIONS = {
+    "looked at": {"script": {"red": achieve_unseen, "red.r1": see_again}},
+    "never seen": {"script": {"red": achieve_unseen, "red.r1": still_unseen, "red.r2": still_unseen}},
+    "asked by the goal": {"script": {"red": achieve_and_hide_green, "green.r1": see_again}},
+    "resumed": {"script": {"green": lose_runner}},
+    "dropped": {"script": {"red": drop}},
+    "cleared": {"script": {"red": be_blocked, "red.r1": move_away}, "world": make_table_world()},
+    "refused, too wide": {"refuse": {"red": Problem(code="TOO_WIDE", address="dry run")}},
+    "refused, no target": {"refuse": {"red": Problem(code="TARGET_UNAVAILABLE", address="panda")}},
+    "refused, on paper": {"refuse": {"red": Problem(code="ACTION_UNAVAILABLE", address="skill")}},
+    "refused, foreseen": {"refuse": {"red": Problem(code="LOOKAHEAD_LOW", address="look-ahead")}},
+    "refused, not seen": {"refuse": {"red": make_unmet("visible(red_cube)")}, "world": hide(make_world(), "red_cube")},
+    "refused, not held": {"refuse": {"red": make_unmet("holding(target, red_cube)")}},
+}
+
+
+def tell_mission(report):
+    ledgers = [
+        (each.id, each.state, each.skill, each.target, each.ended, each.verdict, each.cause, each.code, each.criteria)
+        for each in report.sessions
+    ]
+    told = [(*row[:-1], [(one.text, one.kind, one.truth) for one in row[-1]]) for row in ledgers]
+    return report.verdict, report.exit_code, report.nodes, report.replans, told
+
+
+@pytest.mark.parametrize("name", MISSIONS)
+def test_a_mission_is_the_same_whatever_the_messages_say(name, make_stage, write_graph, tmp_path, monkeypatch):
+    graph = write_graph(GRAPH.replace("BUDGET", ""))
+    report = make_stage(**MISSIONS[name]).pursue(graph)
+    plain, reasons = tell_mission(report), {each.reason for each in report.sessions}
+    for seed in (1, 2):
+        (tmp_path / "workspace").rename(tmp_path / f"before {seed}")
+        with monkeypatch.context() as patches:
+            scramble_all(patches, Babble(seed))
+            report = make_stage(**MISSIONS[name]).pursue(graph)
+        assert tell_mission(report) == plain
+        assert {each.reason for each in report.sessions}.isdisjoint(reasons)
+
+
+def test_a_recorded_workspace_is_judged_the_same_whatever_its_messages_say(tmp_path, babble):
+    with tarfile.open(STORED) as archive:
+        archive.extractall(tmp_path, filter="data")
+    root = tmp_path / "tidy_table"
+    ledger = Journal(root, side=Side.OPERATOR, by="test", clock=ManualClock()).open_ledger()
+    causes = set()
+    for status in ledger.sessions.values():
+        bundle = Evidence(root).read(status)
+        history = History(max_replans=2)
+        plain = SessionVerifier().judge(bundle, history)
+        again = SessionVerifier().judge(babble.scramble(bundle), history)
+        assert (again.verdict, again.cause, again.kind) == (plain.verdict, plain.cause, plain.kind)
+        causes.add(plain.cause)
+    assert "GRASP_LOST" in causes
