@@ -95,7 +95,7 @@ def read_retention(workspace: Workspace) -> EvidenceRetention:
 def apply_retention(
     workspace: Workspace, policy: EvidenceRetention, clock: Clock, *, dry_run: bool = False
 ) -> RetentionReport:
-    """Thin what the policy allows, finish what an interrupted clean-up left, and drop large files nobody needs.
+    """Thin what the policy allows, finish what an interrupted clean-up left, and drop large files that no bundle needs.
 
     Args:
         workspace: Whose evidence.
@@ -105,7 +105,7 @@ def apply_retention(
 
     Raises:
         ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
-            still tells the truth and the next clean-up goes on.
+            still says what it holds and the next clean-up goes on.
     """
     if dry_run:
         return _Cleaning(workspace, policy, clock).run(dry_run=True)
@@ -141,7 +141,7 @@ class _Space:
             self.needed_by.setdefault(inode, set()).add(path)
 
     def remove(self, path: Path) -> None:
-        """Account for a file that goes; the space is free when nobody else needs it."""
+        """Account for a file that goes; the space is free when no other bundle needs it."""
         status = path.stat()
         needed = self.needed_by.get((status.st_dev, status.st_ino), set())
         needed.discard(path)
@@ -197,7 +197,7 @@ class _Cleaning:
                 self._damaged[folder.name] = None
 
     def _choose(self, succeeded: list[SessionStatus], folders: Mapping[str, Path]) -> None:
-        """Decide what goes: first what nobody asked to keep, then from the oldest on until the rest fits."""
+        """Decide what goes: first what is not to be kept, then from the oldest on until the rest fits."""
         policy = self._policy
         beyond = max(len(succeeded) - policy.keep_last, 0)
         for status in succeeded[:beyond]:

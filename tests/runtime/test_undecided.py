@@ -11,7 +11,7 @@ from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
-from phyagentos.runtime.execution.open_criteria import find_undecided
+from phyagentos.runtime.execution.open_criteria import find_open_criteria
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Supervision, TargetSupervisor
 from phyagentos.store.ledger import Ledger
@@ -38,14 +38,14 @@ def make_world(**cube: Any) -> Environment:
     ],
 )
 def test_what_the_acceptance_names_and_nobody_saw_is_undecided(world, found):
-    assert find_undecided(SESSION, world) == found
+    assert find_open_criteria(SESSION, world) == found
 
 
 @pytest.mark.parametrize("text", ["not moved(*)", "count(inside(*, tray)) >= 1"])
 def test_so_is_what_it_covers_by_a_star(text):
     session = msgspec.structs.replace(SESSION, accept=(text,))
-    assert find_undecided(session, make_world()) == ()
-    assert find_undecided(session, make_world(observed_at_s=8.0)) == ("red_cube",)
+    assert find_open_criteria(session, make_world()) == ()
+    assert find_open_criteria(session, make_world(observed_at_s=8.0)) == ("red_cube",)
 
 
 class Target:
@@ -58,7 +58,7 @@ class Target:
         shared = Supervision(journal=journal, queues=cast(Any, None), clock=self.clock, logs=Path("logs"))
         self.supervisor = TargetSupervisor("panda", cast(Any, None), cast(Any, None), shared)
         self.supervisor.state = Phase.IDLE
-        self.supervisor.note_end(SESSION, Execution(ended=ended, evidence="", undecided=undecided))
+        self.supervisor.note_end(SESSION, Execution(ended=ended, evidence="", open_criteria=undecided))
 
     def is_free(self, state: SessionState, after_s: float = 0.1) -> bool:
         self.ledger.sessions[SESSION.id] = SessionStatus(contract=SESSION, state=state)

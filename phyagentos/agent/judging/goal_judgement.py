@@ -113,11 +113,11 @@ class Evidence:
         try:
             return read_bundle(folder, status.contract, execution, with_course=with_course)
         except ExecutionError as error:
-            told = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
+            explained = msgspec.structs.replace(execution, message=f"{execution.message} {error}".strip())
             return Bundle(
                 folder=folder,
                 session=status.contract,
-                execution=told,
+                execution=explained,
                 before=None,
                 after=None,
                 holds=(),
@@ -178,13 +178,15 @@ def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
         worlds = {target: worlds[target] for target in named & worlds.keys()}
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
-    told = {target: _judge_in(predicate.text, seen, only) for target, seen in worlds.items()}
-    if not told:
+    answers = {target: _judge_in(predicate.text, seen, only) for target, seen in worlds.items()}
+    if not answers:
         return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because="no session left a snapshot")
-    if len({criterion.truth for criterion in told.values()}) > 1:
-        because = ", ".join(f"{criterion.truth} in the world of {target}" for target, criterion in sorted(told.items()))
+    if len({criterion.truth for criterion in answers.values()}) > 1:
+        because = ", ".join(
+            f"{criterion.truth} in the world of {target}" for target, criterion in sorted(answers.items())
+        )
         return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because=because)
-    return told[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
+    return answers[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
 
 
 def _judge_in(text: str, seen: Seen, target: str | None) -> Criterion:

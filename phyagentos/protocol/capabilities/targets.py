@@ -59,6 +59,7 @@ class Gripper(Authored):
         palm_depth_m: How far a thing may reach above the tool centre point before it meets the palm [m].
         palm_height_m: How far the palm stands above the fingertips [m].
         fingertip_m: Least height of the tool centre point above a support that the fingertips must not touch [m].
+        grasp_reach_m: How far from the tool centre point the fingers hold a thing, beyond its own size [m].
         finger_half_m: Half thickness of the closed fingers across the closing axis [m].
     """
 
@@ -73,6 +74,7 @@ class Gripper(Authored):
     palm_height_m: float = 0.09
     fingertip_m: float = 0.016
     finger_half_m: float = 0.009
+    grasp_reach_m: float = 0.03
 
 
 class TargetProfile(Authored):

@@ -202,7 +202,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         sim_time_s: Simulated time spent [s].
         interventions: Number of safety interventions.
         ticks: Control periods commanded.
-        undecided: What the acceptance speaks of and the last look did not show; the target waits for the verdict.
+        open_criteria: What the acceptance speaks of and the last look did not show; the target waits for the verdict.
         driver: What moved the target, as it described itself; empty in records of before, and when nothing was moved.
     """
 
@@ -215,7 +215,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     sim_time_s: float = 0.0
     interventions: int = 0
     ticks: int = 0
-    undecided: tuple[str, ...] = ()
+    open_criteria: tuple[str, ...] = msgspec.field(default=(), name="undecided")
     driver: str = ""
 
 

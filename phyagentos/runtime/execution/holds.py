@@ -25,7 +25,7 @@ from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.world_model import BELIEF, WORLD, Need
 from phyagentos.runtime.targets.wire import Step
 
-SAMPLE_PERIODS = 5  # control periods between samples, where nobody says
+SAMPLE_PERIODS = 5  # control periods between samples, unless given
 PEAK_FORCE = "peak_force_n"
 SampleKey = tuple[str, LookRole]  # the condition, and whether its worst or its first unknown sample
 

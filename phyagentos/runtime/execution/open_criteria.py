@@ -10,12 +10,12 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import find_things
 
 
-def find_undecided(session: Session, after: Environment) -> tuple[str, ...]:
+def find_open_criteria(session: Session, after: Environment) -> tuple[str, ...]:
     """Things that the acceptance speaks of and that were not seen at the end, in the order of their mention.
 
     Args:
         session: The contract.
-        after: The world after it; truth leaves nothing undecided.
+        after: The world after it; truth leaves nothing open.
     """
     if after.sensing == "truth":
         return ()

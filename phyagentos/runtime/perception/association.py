@@ -17,7 +17,7 @@ from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.clusters import POINTS_MIN, find_clusters, split
 from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.separate_overlaps import part
+from phyagentos.runtime.perception.separate_overlaps import separate_overlaps
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 
@@ -60,7 +60,7 @@ def associate(
         believed: Where they were; those never seen are missing.
         cloud: Points that no fixed thing and no hand explains.
         eyes: The cameras.
-        map_solids: What nobody sees through; points behind it come from edges and noise. None for nothing.
+        map_solids: What cannot be seen through; points behind it come from edges and noise. None for nothing.
     """
     matches: dict[str, Match] = {}
     for color in dict.fromkeys(thing.colors[0] for thing in things.values()):
@@ -80,8 +80,8 @@ def associate(
         return matches
     fits = {name: match.fit for name, match in matches.items()}
     points = {name: cloud.points_m[match.points] for name, match in matches.items()}
-    parted = part(things, fits, points, eyes, map_solids)
-    return {name: replace(match, fit=parted[name]) for name, match in matches.items()}
+    apart = separate_overlaps(things, fits, points, eyes, map_solids)
+    return {name: replace(match, fit=apart[name]) for name, match in matches.items()}
 
 
 def _is_behind_map(seen: Cloud, eyes: tuple[CameraView, ...], map_solids: Solids | None) -> bool:

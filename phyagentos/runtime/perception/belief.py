@@ -16,7 +16,7 @@ from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, S
 from phyagentos.runtime.perception.association import Match, associate
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, fit_fixed
-from phyagentos.runtime.perception.grip import carry, find_held, is_gripping, let_go
+from phyagentos.runtime.perception.grip import Hand, carry, find_held, let_go
 from phyagentos.runtime.perception.hand_check import check_hand
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Array, Solids
@@ -30,11 +30,11 @@ STILL_M, STILL_RAD = 0.008, 0.14  # a thing that comes out this near to where it
 FUSE_MAX = 5  # a mean over more looks would follow too slowly
 FIXED_LOOKS = 4  # after so many a fixed thing is known
 GONE_FRACTION = 0.6  # of its surface seen through
-SEEN_FRACTION = 0.25  # less of it in view tells nothing about it
+SEEN_FRACTION = 0.25  # less of it in view proves nothing
 NEAR_FIXED_M = 0.004  # what is this near to a fixed thing and of a colour like it belongs to it
 HAND_M = 0.008
 SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
-SPEED_S = (0.08, 2.0)  # a speed is told from two looks this far apart
+SPEED_S = (0.08, 2.0)  # a speed needs two looks this far apart
 
 
 def update_belief(
@@ -44,7 +44,7 @@ def update_belief(
     cloud: Cloud,
     state: TargetState,
     *,
-    target: str,
+    hand: Hand,
     time_s: float,
     focus: Collection[str] = (),
 ) -> dict[str, Entity]:
@@ -56,11 +56,11 @@ def update_belief(
         eyes: The cameras of this look.
         cloud: What they saw.
         state: What the target says of itself now.
-        target: Its name.
+        hand: Its gripper.
         time_s: Of the newest frame.
         focus: Only these are looked at; empty for all.
     """
-    entities = check_hand(inventory, follow_hand(inventory, before, state, target, time_s), cloud, state, target)
+    entities = check_hand(inventory, follow_hand(inventory, before, state, hand, time_s), cloud, state, hand)
     entities.update(inventory.known)
     wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}
     for thing in wanted.values():
@@ -73,8 +73,8 @@ def update_belief(
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
     _look_at_loose(loose, entities, rest, eyes, inventory, time_s)
-    if not held and not focus:  # nobody saw it taken: a worker that was lost had done so
-        _recognise_grip(inventory, entities, state, target, time_s)
+    if not held and not focus:  # it was taken unseen, by a worker that was lost
+        _recognise_grip(inventory, entities, state, hand, time_s)
     outside, filled = _take_filling(filling, entities, rest)
     spilt = associate(filling, entities, outside, eyes, inventory.map)
     for name, thing in filling.items():
@@ -103,28 +103,28 @@ def _look_at_loose(
 
 
 def follow_hand(
-    inventory: Inventory, before: Mapping[str, Entity], state: TargetState, target: str, time_s: float
+    inventory: Inventory, before: Mapping[str, Entity], state: TargetState, hand: Hand, time_s: float
 ) -> dict[str, Entity]:
-    """The entities as touch alone tells: what is held moves with the hand, what was let go is where it was let go."""
+    """The entities by touch alone: what is held moves with the hand, what was released is where it was released."""
     entities = dict(before)
     held = [entity for entity in before.values() if entity.status is Status.HELD]
-    if not is_gripping(state):
-        entities |= {entity.name: let_go(carry(entity, state, target)) for entity in held}
+    if not hand.is_gripping(state):
+        entities |= {entity.name: let_go(carry(entity, state, hand)) for entity in held}
         return entities
-    taken = held[0] if held else find_held(before, state, inventory)
+    taken = held[0] if held else find_held(before, state, inventory, hand)
     if taken is not None:
-        entities[taken.name] = msgspec.structs.replace(carry(taken, state, target), observed_at_s=time_s)
+        entities[taken.name] = msgspec.structs.replace(carry(taken, state, hand), observed_at_s=time_s)
         entities = _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
     return entities
 
 
 def _recognise_grip(
-    inventory: Inventory, entities: dict[str, Entity], state: TargetState, target: str, time_s: float
+    inventory: Inventory, entities: dict[str, Entity], state: TargetState, hand: Hand, time_s: float
 ) -> None:
     seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
-    taken = find_held(seen, state, inventory)
+    taken = find_held(seen, state, inventory, hand)
     if taken is not None:
-        entities[taken.name] = carry(taken, state, target)
+        entities[taken.name] = carry(taken, state, hand)
 
 
 def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[str, Region]:

@@ -14,11 +14,11 @@ BITS = 5  # per channel of the table: 32768 entries
 LIGHTS = np.linspace(0.3, 1.6, 14)  # from shade to more light than a picture can show
 NO_COLOR = 255
 FARTHEST = 0.24  # of a normalised colour from every curve: something that the scene file does not know
-DIM = 0.02  # of full brightness: too dark to tell
+DIM = 0.02  # of full brightness: too dark to label
 
 
 class Palette:
-    """Tells pixels by their colour.
+    """Labels pixels by their colour.
 
     Args:
         colors: (k, 3) colours of surfaces, 0..1.

@@ -26,7 +26,7 @@ SHIFT_M, TURN_RAD = 0.003, 0.06  # one step of a fit that is less than this is n
 
 
 def is_settled(entity: Entity | None, thing: ObjectModel | None) -> bool:
-    """Whether a thing is believed to stand still, in a pose that more than one look has told."""
+    """Whether a thing is believed to stand still, in a pose that more than one look has measured."""
     return (
         entity is not None
         and thing is not None

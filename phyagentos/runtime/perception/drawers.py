@@ -1,4 +1,4 @@
-"""Where a drawer stands, told by its handle: what is fixed to a thing that slides shows how far it has slid.
+"""Where a drawer stands, by its handle: what is fixed to a thing that slides shows how far it has slid.
 
 Upstream: the scene file's inventory. Downstream: `belief`, after everything else was measured. A drawer hides in
 its cabinet and changes what is seen of it as it opens; its handle is always outside. Across the slide the drawing is
@@ -35,7 +35,7 @@ class Drawer:
 
 
 def find_drawer(name: str, body: Body, template: Entity, spec: SceneSpec) -> Drawer | None:
-    """The drawer that a body of a scene is; None when it does not slide, has no part, or stands nobody knows where."""
+    """The drawer that a body of a scene is; None when it does not slide, has no part, or its place is not known."""
     part = next((other for other, each in spec.bodies.items() if each.part_of == name), None)
     place = body.place
     unsure = any(place.jitter_m) or place.area or place.frame or place.yaw_rad[0] != place.yaw_rad[1]

@@ -19,7 +19,7 @@ from phyagentos.runtime.perception.views import CameraView
 from phyagentos.runtime.perception.visibility import Sight, compute_sight
 
 HUBER_M = 0.004  # residuals beyond this count linearly: mixed pixels at edges
-DAMPING = 2.0  # of the normal equations, in points: what the points do not tell stays as it was
+DAMPING = 2.0  # of the normal equations, in points: what the points do not determine stays as it was
 POINTS_MAX = 220  # more do not make a fit better than the calibration is
 COARSE_POINTS = 80  # enough to choose among starts
 TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
@@ -135,7 +135,7 @@ def fit(
         points: (n, 3) of its surface, in the world.
         eyes: Cameras whose depth may contradict a pose.
         prior: Rotation and position believed so far: one more start.
-        obstacle: Solids in the world that it cannot be in; None where nobody asks.
+        obstacle: Solids in the world that it cannot be in; None for nothing.
     """
     points = thin(points)
     if len(points) < 4:

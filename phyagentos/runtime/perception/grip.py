@@ -1,10 +1,11 @@
 """Which thing the fingers hold: touch, the opening of the gripper and where things were last believed to be.
 
-Upstream: the target's own state; what is touched is not told by it. Downstream: the pipelines. Two fingers that press
-on a thing centre it between them: along the closing axis its middle is that of the hand.
+Upstream: the target's own state, which says that fingers touch, not what. Downstream: `belief`. Fingers that press on a
+thing centre it between them: along the closing axis its middle is that of the hand.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -14,32 +15,44 @@ from phyagentos.protocol.world.environment import Entity, Status, TargetState
 from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Array
 
-BESIDE_M = 0.030  # a thing this far from the hand's middle, beyond its own size, is not what is touched
 WIDTH_M = 0.012  # by which the opening may differ from the thing's size: pose errors, rounded edges
-FINGERS = 2
 
 
-def is_gripping(state: TargetState) -> bool:
-    """Whether both fingers touch something."""
-    return state.fingers_touching >= FINGERS
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hand:
+    """The gripper of one target.
+
+    Attributes:
+        target: Name of the target.
+        fingers: So many have to touch for a grip.
+        reach_m: A thing farther from the tool centre point, beyond its own size, is not what is touched [m].
+    """
+
+    target: str
+    fingers: int
+    reach_m: float
+
+    def is_gripping(self, state: TargetState) -> bool:
+        """Whether all fingers touch something."""
+        return state.fingers_touching >= self.fingers
 
 
-def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inventory) -> Entity | None:
+def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inventory, hand: Hand) -> Entity | None:
     """The thing between the fingers as it sits in the hand; None when they hold nothing that is known."""
-    if not is_gripping(state):
+    if not hand.is_gripping(state):
         return None
     candidates = []
     for name, entity in entities.items():
         thing = inventory.things.get(name)
         if thing is None or not entity.movable:
             continue
-        found = _measure(entity, thing, state)
+        found = _measure(entity, thing, state, hand)
         if found is not None:
             candidates.append((found, name))
     return None if not candidates else take_hold(entities[min(candidates)[1]], inventory, state)
 
 
-def _measure(entity: Entity, thing: ObjectModel, state: TargetState) -> float | None:
+def _measure(entity: Entity, thing: ObjectModel, state: TargetState, hand: Hand) -> float | None:
     """How badly a thing fits between the fingers; None when it does not."""
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
@@ -48,13 +61,13 @@ def _measure(entity: Entity, thing: ObjectModel, state: TargetState) -> float | 
     low, high = away + reach[:, 0], away + reach[:, 1]
     beyond = float(np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)))  # 0 when the hand's middle is in its box
     width = float(high[1] - low[1])
-    if beyond > BESIDE_M or width < state.gripper_width_m - WIDTH_M:
+    if beyond > hand.reach_m or width < state.gripper_width_m - WIDTH_M:
         return None
     return beyond + 0.2 * float(np.linalg.norm((low + high) / 2))
 
 
 def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entity:
-    """The entity held, centred and turned as two fingers press it."""
+    """The entity held, centred and turned as the fingers press it."""
     thing = inventory.things[entity.name]
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
     rotation = _align(compute_rotation(entity.pose.quaternion_wxyz), tcp[:, 1], thing)
@@ -80,18 +93,18 @@ def _align(rotation: Array, closing: Array, thing: ObjectModel) -> Array:
     return rotation if not 1e-6 < sine < 0.35 else turn(cross / sine * np.arcsin(sine)) @ rotation
 
 
-def carry(entity: Entity, state: TargetState, target: str) -> Entity:
+def carry(entity: Entity, state: TargetState, hand: Hand) -> Entity:
     """A held thing where the hand is now."""
     if entity.in_hand is None:
         return entity
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
     rotation = tcp @ compute_rotation(entity.in_hand.quaternion_wxyz)
     position = tcp @ np.array(entity.in_hand.position_m) + np.array(state.tcp.position_m)
-    return msgspec.structs.replace(entity, pose=as_pose(rotation, position), held_by=target)
+    return msgspec.structs.replace(entity, pose=as_pose(rotation, position), held_by=hand.target)
 
 
 def let_go(entity: Entity) -> Entity:
-    """A thing that has left the fingers: it fell or stands where it was put, and nobody has looked yet."""
+    """A thing that has left the fingers: it fell or stands where it was put, and was not looked at since."""
     return msgspec.structs.replace(
         entity, status=Status.HIDDEN, held_by=None, in_hand=None, visible=False, confidence=0.5, looks=0
     )

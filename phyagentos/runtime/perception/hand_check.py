@@ -1,7 +1,7 @@
 """Whether what is in the hand looks like what it is taken for.
 
-Upstream: touch, which tells that something is held, and memory, which tells what was there when they closed.
-Downstream: `belief`. Somebody may have exchanged it, or it was another thing from the start: where the held thing
+Upstream: touch, which says that something is held, and memory, which says what was there when the fingers closed.
+Downstream: `belief`. It may have been exchanged, or have been another thing from the start: where the held thing
 should be, its own colour is nearly absent and that of another thing is there.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status, TargetState
-from phyagentos.runtime.perception.grip import carry, let_go, take_hold
+from phyagentos.runtime.perception.grip import Hand, carry, let_go, take_hold
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.views import Cloud
 
@@ -20,7 +20,7 @@ TIMES = 4  # as many as of its own
 
 
 def check_hand(
-    inventory: Inventory, entities: dict[str, Entity], cloud: Cloud, state: TargetState, target: str
+    inventory: Inventory, entities: dict[str, Entity], cloud: Cloud, state: TargetState, hand: Hand
 ) -> dict[str, Entity]:
     """The entities, with the thing in the hand exchanged for the one that is seen there."""
     held = next((entity for entity in entities.values() if entity.status is Status.HELD), None)
@@ -39,7 +39,7 @@ def check_hand(
     if most < LEAST_POINTS or most < TIMES * max(own, 1):
         return entities
     there = msgspec.structs.replace(entities[others[most]], pose=held.pose)
-    taken = carry(take_hold(there, inventory, state), state, target)
+    taken = carry(take_hold(there, inventory, state), state, hand)
     return {
         **entities,
         held.name: let_go(held),

@@ -25,12 +25,12 @@ WHITE = (1.0, 1.0, 1.0, 1.0)
 
 
 class Form(StrEnum):
-    """What an orientation can be told of."""
+    """How far an orientation can be measured."""
 
     BOX = "box"
     """One box: up to its symmetries."""
     ROUND = "round"
-    """Everything lies around its z axis: the turn about it cannot be told."""
+    """Everything lies around its z axis: the turn about it cannot be measured."""
     BALL = "ball"
     """A sphere: no orientation at all."""
     FIXED = "fixed"
@@ -43,12 +43,12 @@ class ObjectModel:
 
     Attributes:
         template: What is known of the entity; its pose is the nominal one.
-        form: What can be told of its orientation.
+        form: How far its orientation can be measured.
         solids: What is seen of it, decor included, in its own frame.
         colors: (k,) indices of the colours of its solids in the palette, the main one first.
         reach_m: (3,) how far it may stand from its nominal place; None when anywhere.
         yaw_span_rad: Width of the span that its turn is drawn from.
-        vessel: The open vessel that it is a part of the filling of; such things are told apart only outside of it.
+        vessel: The open vessel that it is a part of the filling of; such things are distinguished only outside of it.
         stretch: Least and greatest factor of its height; None when it is as drawn.
         symmetries: (m, 3, 3) turns that leave its form as it is.
         samples_m: (n, 3) points of its surface.
@@ -96,7 +96,7 @@ class Inventory:
     Attributes:
         scene: Name of the scene.
         things: To be found, by name, in the file's order.
-        drawers: Told by their handles, by name.
+        drawers: Located by their handles, by name.
         known: Parts of the map.
         map: All solids of the map, in the world.
         map_colors: Indices in the palette of what the map is made of.
@@ -119,7 +119,7 @@ class Inventory:
 
 
 def build_inventory(spec: SceneSpec) -> Inventory:
-    """What a scene file tells before anything is seen."""
+    """What a scene file says before anything is seen."""
     colors: dict[tuple[float, float, float], int] = {}
 
     def register(solid: Solid, body: Body) -> int:

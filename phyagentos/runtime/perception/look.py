@@ -16,7 +16,7 @@ from phyagentos.protocol.world.environment import Environment, TargetState
 from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames, Observation, Step
 
 Moment = tuple[float, TargetState]
-"""A time [s], and what the target said of itself then."""
+"""A time [s], and the target's state then."""
 
 
 class Eyes(Protocol):

@@ -44,8 +44,8 @@ class PerceivedWorld(WorldModel):
         library: Where scenes are found.
         robot: Its solids.
         moving: Cameras that the robot carries.
-        max_age_s: Older frames tell nothing of now.
-        detector: Tells things apart instead of their colours.
+        max_age_s: Older frames are not believed.
+        detector: Labels pixels instead of their colours.
         noisy: Whether the sensors declare noise, so that no picture comes twice.
     """
 
@@ -96,8 +96,8 @@ class PerceivedWorld(WorldModel):
 
     @override
     def _answer(self, need: Need) -> Environment:
-        told = self._handle.latest or self._handle.observe()
-        now, before = (told.time_s, told.target), self._take()
+        moment = self._handle.latest or self._handle.observe()
+        now, before = (moment.time_s, moment.target), self._take()
         if before is not None and not need.is_look:
             self._belief = self._get_pipeline().recall(before, now[1], now[0])
             return self._belief
@@ -196,8 +196,8 @@ class PerceivedWorld(WorldModel):
         """The moment that frames belong to: a newer one where time went on before they were taken (realtime)."""
         if all(frame.time_s <= now[0] + AHEAD_S for frame in frames.frames):
             return now
-        told = self._handle.observe()
-        later = (told.time_s, told.target)
+        newer = self._handle.observe()
+        later = (newer.time_s, newer.target)
         if self._look is not None:
             self._look.moments.append(later)
         self._note(later)
@@ -205,7 +205,7 @@ class PerceivedWorld(WorldModel):
         return newest_s, self._find_state(newest_s)
 
     def _note(self, now: Moment) -> None:
-        """Remember what the target said of itself, for frames that come later than they were taken."""
+        """Remember the target's state, for frames that come later than they were taken."""
         if not self._states or now[0] > self._states[-1][0] + SAME_S:
             self._states.append(now)
             self._feel_pulses(now[0], PULSE_S)
@@ -244,9 +244,9 @@ class PerceivedWorld(WorldModel):
         return self._pipelines[name]
 
     def _find_state(self, time_s: float) -> TargetState:
-        """What the target said of itself nearest to a moment."""
+        """The target's state nearest to a moment."""
         if not self._states:
-            raise ExecutionError("NO_STATE", "the target has not said anything of itself yet")
+            raise ExecutionError("NO_STATE", "no state of the target has been read yet")
         nearest = min(self._states, key=lambda each: abs(each[0] - time_s))
         look = self._look
         if look is not None and nearest[0] <= look.now[0] and nearest not in look.states:

@@ -16,6 +16,7 @@ from phyagentos.runtime.perception.changes import find_changes
 from phyagentos.runtime.perception.colors import Palette
 from phyagentos.runtime.perception.confirmation import confirm
 from phyagentos.runtime.perception.drawers import place_drawers
+from phyagentos.runtime.perception.grip import Hand
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.sensor_health import assess
@@ -26,14 +27,14 @@ MAX_AGE_S = 0.3  # of a frame: its latency, and half a dozen lost ones
 
 
 class Pipeline:
-    """Senses one scene with one robot. It keeps no belief: who asks keeps it.
+    """Senses one scene with one robot. It keeps no belief; its caller does.
 
     Args:
         inventory: Of the scene.
         robot: Its solids, to be left out.
         target: Its name.
-        max_age_s: Older frames tell nothing of now.
-        segmenter: Tells pixels apart; by colour when absent.
+        max_age_s: Older frames are not believed.
+        segmenter: Labels pixels; by colour when absent.
         noisy: Whether the sensors declare noise, so that no picture comes twice.
     """
 
@@ -49,6 +50,7 @@ class Pipeline:
     ) -> None:
         self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
+        self._hand = Hand(target=target, fingers=robot.fingers, reach_m=robot.reach_m)
         self._segmenter: Segmenter = segmenter or Palette(inventory.palette)
         self.can_confirm = segmenter is None  # a detector is made for whole pictures
 
@@ -82,17 +84,17 @@ class Pipeline:
         try:
             eyes, cloud = look(believed, self.inventory, self._segmenter, robots)
             eyes = tuple(_place_crop(eye, known) for eye in eyes) if focus else eyes
-        except ExecutionError as error:  # of a detector: what nobody has segmented nobody has seen
+        except ExecutionError as error:  # of a detector: what is not segmented is not seen
             blind = {"status": "unread", "detail": str(error)}
             health = {name: msgspec.structs.replace(each, **blind) for name, each in health.items()}
             believed = ()
         if believed:
             newest_s = max(frame.time_s for frame in believed)
             after = update_belief(
-                self.inventory, entities, eyes, cloud, state, target=self._target, time_s=newest_s, focus=focus
+                self.inventory, entities, eyes, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
             )
         else:
-            after = self.inventory.known | follow_hand(self.inventory, entities, state, self._target, time_s)
+            after = self.inventory.known | follow_hand(self.inventory, entities, state, self._hand, time_s)
         sensors = health if not focus else (known.sensors if known is not None else {})
         looked_at_s = time_s if not focus else (known.looked_at_s if known is not None else 0.0)
         return Environment(
@@ -147,12 +149,12 @@ class Pipeline:
 
     def recall(self, before: Environment, state: TargetState, time_s: float) -> Environment:
         """What is believed without a look: what is held has moved with the hand."""
-        after = follow_hand(self.inventory, before.entities, state, self._target, time_s)
+        after = follow_hand(self.inventory, before.entities, state, self._hand, time_s)
         targets = {self._target: self.own_state(state, after)}
         return msgspec.structs.replace(before, time_s=time_s, entities=after, targets=targets)
 
     def own_state(self, state: TargetState, entities: dict[str, Entity]) -> TargetState:
-        """The target's state with what it holds as perceived: what its fingers touch is not told by touch."""
+        """The target's state with what it holds as perceived: touch does not say what is touched."""
         held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
         return msgspec.structs.replace(state, holding=held)
 

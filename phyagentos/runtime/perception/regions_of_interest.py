@@ -14,7 +14,7 @@ from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.targets.wire import Crop
 
-MARGIN = 1.35  # of the ball around a thing: it may have moved a little, and what is beside it tells edges
+MARGIN = 1.35  # of the ball around a thing: it may have moved a little, and what is beside it shows edges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +29,7 @@ class Extrinsics:
 
     @classmethod
     def find(cls, camera: SensorHealth) -> "Extrinsics | None":
-        """As it was told with the latest whole frame; None while there was none."""
+        """As given with the latest whole frame; None while there was none."""
         if camera.pose is None:
             return None
         return cls(

@@ -30,9 +30,14 @@ class RobotMask:
     Args:
         profile: The robot.
         folder: Where its model lies.
+
+    Attributes:
+        fingers: How many fingers its gripper has.
+        reach_m: How far from the tool centre point they touch [m].
     """
 
     def __init__(self, profile: TargetProfile, folder: Path) -> None:
+        self.fingers, self.reach_m = len(profile.gripper.joints), profile.gripper.grasp_reach_m
         self._model = build_robot(profile, folder).compile()
         self._data = mujoco.MjData(self._model)
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
@@ -46,7 +51,7 @@ class RobotMask:
         """Its solids in the world.
 
         Args:
-            state: What the target says of itself.
+            state: The measured joint positions.
         """
         data = self._data
         data.qpos[self._arm] = state.q_rad

@@ -2,7 +2,7 @@
 
 Upstream: frames and the health before them. Downstream: the pipelines, ENVIRONMENT.md. The noise of a real sensor never
 repeats, so two pictures that are equal bit for bit are one picture; a sensor that declares no noise may show a still
-scene twice, and only its stamps tell. Whole pictures are far apart in time, so a small window of each camera, its
+scene twice, and only its stamps differ. Whole pictures are far apart in time, so a small window of each camera, its
 pulse, is asked for now and then: a camera that froze between two looks is known before the second.
 """
 
@@ -69,7 +69,7 @@ def feel_pulses(frames: Frames, before: Mapping[str, SensorHealth], now_s: float
     for frame in frames.frames:
         was = health.get(frame.camera)
         if was is None:
-            continue  # nobody asked for it
+            continue  # not asked for
         if not np.isfinite(frame.depth_m).any():
             health[frame.camera] = msgspec.structs.replace(was, pulse="")  # darkness repeats
             continue

@@ -1,4 +1,4 @@
-"""Solids do not go through each other: a pose that is sunk into what carries it is looked for once more.
+"""Separates overlapping fits: a pose that is sunk into what carries it is fitted once more.
 
 Upstream: `association`, before it hands out its matches. From one side a coin that lies and a coin that stands on its
 rim look nearly alike; only one of them rests on what is below it. Depth is the deepest point of one surface within the
@@ -18,7 +18,7 @@ from phyagentos.runtime.perception.views import CameraView
 SUNK_M = 0.005  # depths and calibration err by less than this
 
 
-def part(
+def separate_overlaps(
     things: Mapping[str, ObjectModel],
     fits: Mapping[str, Fit],
     points_m: Mapping[str, Array],
@@ -34,12 +34,12 @@ def part(
         eyes: The cameras.
         map_solids: What is fixed, in the world.
     """
-    parted = dict(fits)
+    apart = dict(fits)
     rank = {name: (len(points_m[name]), name) for name in fits}
     for name in sorted(fits, key=rank.__getitem__):
-        thing, own = things[name], parted[name]
+        thing, own = things[name], apart[name]
         obstacle = map_solids
-        for other, found in parted.items():
+        for other, found in apart.items():
             near_m = (things[other].diameter_m + thing.diameter_m) / 2
             is_near = float(np.linalg.norm(found.position_m - own.position_m)) < near_m
             if other != name and rank[other] > rank[name] and is_near:
@@ -48,5 +48,5 @@ def part(
         if sunk_m < SUNK_M:
             continue
         again = fit(thing, points_m[name], eyes, (own.rotation, own.position_m), obstacle)
-        parted[name] = again or replace(own, sunk_m=sunk_m)
-    return parted
+        apart[name] = again or replace(own, sunk_m=sunk_m)
+    return apart

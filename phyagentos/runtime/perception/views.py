@@ -22,7 +22,7 @@ _UNKNOWN = np.float32(np.inf)
 
 
 class Segmenter(Protocol):
-    """Tells pixels apart: by their colour (`colors.Palette`), or by what a detector says."""
+    """Labels pixels: by their colour (`colors.Palette`), or by a detector."""
 
     def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(h, w) index in the palette of what each pixel of (h, w, 3) shows; raises ExecutionError."""
@@ -88,7 +88,7 @@ def look(
     Args:
         frames: Of one moment.
         inventory: Of the scene.
-        segmenter: Tells pixels apart.
+        segmenter: Labels pixels.
         robots: Its solids in the world at the time of each frame, grown by what its model and the calibration leave
             open.
     """

@@ -276,7 +276,7 @@ class TargetSupervisor:
 
     def note_end(self, session: Session, execution: Execution) -> None:
         """Note whether the verdict decides what the target does next: another look, or what was interrupted."""
-        waits = bool(execution.undecided) or execution.ended in INTERRUPTED
+        waits = bool(execution.open_criteria) or execution.ended in INTERRUPTED
         self._unsure = (session.id, self._clock.now_s()) if waits else None
 
     def _put_back(self, session: Session) -> None:

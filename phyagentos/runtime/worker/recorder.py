@@ -1,6 +1,6 @@
 """Writes the evidence bundle of one session: what was asked, observed, commanded and measured.
 
-Upstream: the runner, which tells it what happens. Downstream: the verifier, which reads nothing else. During the loop
+Upstream: the runner. Downstream: the verifier, which reads nothing else. During the loop
 samples only go to memory; files are written before the first command and after the last one.
 """
 

@@ -22,7 +22,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
-from phyagentos.runtime.execution.open_criteria import find_undecided
+from phyagentos.runtime.execution.open_criteria import find_open_criteria
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import FaultStruck, Step
@@ -88,7 +88,7 @@ class SessionRunner:
         self._skills, self._bundles, self._clock = skills, bundles, clock
         self._sample_every = max(1, round(1.0 / (sampling_hz * target.profile.control_period_s)))
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
-        self._undecided: tuple[str, ...] = ()
+        self._open_criteria: tuple[str, ...] = ()
 
     def run(
         self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
@@ -106,7 +106,7 @@ class SessionRunner:
         Returns:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
         """
-        began_s, self._undecided = self._clock.now_s(), ()
+        began_s, self._open_criteria = self._clock.now_s(), ()
         recorder = self._bundles.open(evidence)
         recorder.write_contract(self._bundles.describe(session, epoch, plan))
         try:
@@ -125,7 +125,8 @@ class SessionRunner:
         run.skill.close()
         report = _report(outcome, evidence, run, outputs, began_sim_s)
         return _finish(
-            recorder, msgspec.structs.replace(report, undecided=self._undecided, driver=self._handle.describe().driver)
+            recorder,
+            msgspec.structs.replace(report, open_criteria=self._open_criteria, driver=self._handle.describe().driver),
         )
 
     def observe_only(
@@ -235,7 +236,7 @@ class SessionRunner:
         self._write_looks(recorder, LookRole.END, after)
         if holds is not None:
             holds.sample(after, self._world.latest_look)
-        self._undecided = find_undecided(session, after)
+        self._open_criteria = find_open_criteria(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults
 

@@ -11,7 +11,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.grip",
-                "if beyond > BESIDE_M or width < state.gripper_width_m - WIDTH_M:",
+                "if beyond > hand.reach_m or width < state.gripper_width_m - WIDTH_M:",
                 "if False:",
             ),
         ),
