@@ -11,6 +11,7 @@ from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
+from tests.goal_graphs import check_recorded_graphs
 
 ARCHIVE = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"
 GOAL = "tidy_table-7"
@@ -46,6 +47,11 @@ def test_why_tells_cause_and_child(stored, paos):
     assert "GRASP_LOST" in told
     assert f"{GOAL}.red.r1" in told
     assert "avoid grasps yaw+000, speed 0.5" in told
+
+
+def test_its_graph_shows_the_child_and_is_that_of_an_agent_of_today(stored, paos):
+    assert "  red.r1  done         after red (replan)\n" in paos("graph", "-w", stored).out
+    check_recorded_graphs(stored)
 
 
 def test_its_evidence_is_judged_again_as_it_was(stored, paos):
