@@ -39,9 +39,12 @@ test: setup  ## every test, the fast ones first
 	@echo "test: fast"
 	@$(BIN)/pytest -q -n 2 -m "$(FAST)"
 	@echo "test: motion and simulation"
-	@$(BIN)/pytest -q -m "(sim or motion) and not journey"
+	@$(BIN)/pytest -q -n 2 -m "(sim or motion) and not journey and not alone"
+	@echo "test: what keeps real time, alone on the machine"
+	@$(BIN)/pytest -q -m "alone and not journey"
 	@echo "test: journeys"
-	@$(BIN)/pytest -q -m journey
+	@$(BIN)/pytest -q -n 2 -m journey --ignore tests/journeys
+	@$(BIN)/pytest -q -m journey tests/journeys
 
 check: static  ## formatting, lint, types, import contracts, fast tests
 	@$(BIN)/pytest -q -n 2 -m "$(FAST)"

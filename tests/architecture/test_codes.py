@@ -4,8 +4,6 @@ import ast
 import re
 from pathlib import Path
 
-import pytest
-
 import phyagentos
 from phyagentos.cli.error_codes import render_codes
 from phyagentos.codes import CODES
@@ -22,8 +20,9 @@ OTHER_NAMES = {
     "LOCK_NAME",
     "MUJOCO_GL",
     "PAOS_DEBUG",
+    "ROLE",
     "VISUAL",
-}  # the system's
+}  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
 METAVARS = {"AREA", "BODY", "MATERIAL", "SESSION"}  # of patterns and help texts
 OF_HTTP = {"POST"}
@@ -48,16 +47,14 @@ def find_names() -> tuple[set[str], set[str]]:
 NAMES, ENDINGS = find_names()
 
 
-@pytest.mark.parametrize("name", sorted(NAMES))
-def test_every_code_stands_in_the_table(name):
-    assert name in CODES or any(code.startswith(name + "_") for code in CODES), (
-        f"add {name} to phyagentos/code_tables.py"
-    )
+def test_every_code_stands_in_the_table():
+    missing = {name for name in NAMES - set(CODES) if not any(code.startswith(name + "_") for code in CODES)}
+    assert not missing, "add them to phyagentos/code_tables.py"
 
 
-@pytest.mark.parametrize("name", sorted(CODES))
-def test_every_row_is_raised_somewhere(name):
-    assert name in NAMES or any(name.endswith(ending) for ending in ENDINGS), f"nothing raises {name}"
+def test_every_row_is_raised_somewhere():
+    silent = {name for name in set(CODES) - NAMES if not any(name.endswith(ending) for ending in ENDINGS)}
+    assert not silent, "nothing raises them"
 
 
 def test_the_page_of_the_docs_is_current():

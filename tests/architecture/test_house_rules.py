@@ -5,8 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "phyagentos"
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -16,6 +14,8 @@ OWN_PYTHON = sorted(
     for path in (ROOT / folder).rglob("*.py")
 )
 MAX_LINES = 600
+COMPOSED = ("SessionRunner", "WorkerLoop", "Mission", "Physics")
+MAX_COLLABORATORS = 8
 BANNED_STEMS = {"utils", "util", "helpers", "helper", "misc", "common"}
 BODY_LIBRARIES = {"mujoco", "mink", "ompl", "toppra", "casadi", "py_trees", "numba"}
 
@@ -24,48 +24,64 @@ def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("path", OWN_PYTHON, ids=name_of)
-def test_no_file_is_longer_than_six_hundred_lines(path):
-    lines = len(path.read_text(encoding="utf-8").splitlines())
-    assert lines <= MAX_LINES, f"{name_of(path)} has {lines} lines: split it by concept"
+def test_no_file_is_longer_than_six_hundred_lines():
+    lengths = {name_of(path): len(path.read_text(encoding="utf-8").splitlines()) for path in OWN_PYTHON}
+    assert not {name: n for name, n in lengths.items() if n > MAX_LINES}, "split them by concept"
 
 
-@pytest.mark.parametrize("path", OWN_PYTHON, ids=name_of)
-def test_no_module_is_named_after_nothing(path):
-    assert path.stem not in BANNED_STEMS, f"{name_of(path)}: put the function next to its user"
+def test_no_module_is_named_after_nothing():
+    found = [name_of(path) for path in OWN_PYTHON if path.stem in BANNED_STEMS]
+    assert not found, "put the functions next to their users"
 
 
-@pytest.mark.parametrize("path", [path for path in MODULES if path.name == "__init__.py"], ids=name_of)
-def test_every_package_root_holds_a_docstring_only(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert ast.get_docstring(tree), f"{name_of(path)}: say what the package is"
-    rest = [node for node in tree.body[1:] if not _is_version(node)]
-    assert not rest, f"{name_of(path)}: importing a package must not load anything"
+def test_every_package_root_holds_a_docstring_only():
+    for path in (path for path in MODULES if path.name == "__init__.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert ast.get_docstring(tree), f"{name_of(path)}: say what the package is"
+        rest = [node for node in tree.body[1:] if not _is_version(node)]
+        assert not rest, f"{name_of(path)}: importing a package must not load anything"
 
 
 def _is_version(node):
     return isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__version__"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_every_public_name_of_the_package_is_documented(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    silent = [] if ast.get_docstring(tree) else ["the module"]
-    silent += [
-        node.name
-        for node in tree.body
-        if isinstance(node, ast.FunctionDef | ast.ClassDef)
-        and not node.name.startswith("_")
-        and not ast.get_docstring(node)
-    ]
-    assert not silent, f"{name_of(path)}: no docstring: {', '.join(silent)}"
+def test_every_public_name_of_the_package_is_documented():
+    silent = []
+    for path in MODULES:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        public = [
+            each for each in tree.body if isinstance(each, ast.FunctionDef | ast.ClassDef) and each.name[0] != "_"
+        ]
+        silent += [name_of(path)] if not ast.get_docstring(tree) else []
+        silent += [f"{name_of(path)}: {node.name}" for node in public if not ast.get_docstring(node)]
+    assert not silent, "no docstring"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
-def test_no_code_is_left_unfinished(path):
-    text = path.read_text(encoding="utf-8")
-    for word in ("TODO", "FIXME", "XXX", "HACK"):
-        assert word not in text, f"{name_of(path)}: {word}"
+def test_no_code_is_left_unfinished():
+    words = ("TODO", "FIXME", "XXX", "HACK")
+    found = [name_of(path) for path in MODULES if any(word in path.read_text(encoding="utf-8") for word in words)]
+    assert not found
+
+
+def test_what_runs_a_session_or_a_goal_has_at_most_eight_collaborators():
+    counts = {name: count_parameters(find_class(name)) for name in COMPOSED}
+    assert not {name: count for name, count in counts.items() if count > MAX_COLLABORATORS}, counts
+
+
+def find_class(name):
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in MODULES)
+    (found,) = (n for tree in trees for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
+    return found
+
+
+def count_parameters(node):
+    """Of the constructor, `self` left out; of a dataclass, its fields that a caller gives."""
+    made = next((each for each in node.body if isinstance(each, ast.FunctionDef) and each.name == "__init__"), None)
+    if made is not None:
+        return len([*made.args.args, *made.args.kwonlyargs]) - 1
+    fields = [each for each in node.body if isinstance(each, ast.AnnAssign)]
+    return sum("init=False" not in ast.unparse(each) for each in fields)
 
 
 def loaded_by(*modules: str) -> set[str]:

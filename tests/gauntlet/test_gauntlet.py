@@ -8,7 +8,7 @@ import pytest
 from tests.gauntlet.running import run_tests
 from tests.gauntlet.sabotages import SABOTAGES
 
-pytestmark = pytest.mark.sim
+pytestmark = [pytest.mark.sim, pytest.mark.alone]  # as many processes as there are cores
 
 HONEST = "honest"
 NODES = list(dict.fromkeys(node for sabotage in SABOTAGES for node in sabotage.tests))

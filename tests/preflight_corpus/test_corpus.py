@@ -76,9 +76,8 @@ def test_the_corpus_is_large_and_drawn_from_every_side():
     assert all(count[side] >= 6 for side in SIDES), count
 
 
-@pytest.mark.parametrize("code", sorted({code for case in CASES for code in case.expect}))
-def test_every_expected_code_stands_in_the_table(code):
-    assert code in CODES
+def test_every_expected_code_stands_in_the_table():
+    assert {code for case in CASES for code in case.expect} <= set(CODES)
 
 
 @pytest.mark.sim

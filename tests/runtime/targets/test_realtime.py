@@ -15,7 +15,7 @@ from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.server import UnixDoor
 from phyagentos.runtime.targets.stop_listener import StopListener
 
-pytestmark = pytest.mark.sim
+pytestmark = [pytest.mark.sim, pytest.mark.alone]
 
 CLOCK = SystemClock()
 
