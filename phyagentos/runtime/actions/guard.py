@@ -167,7 +167,8 @@ class SafetyGuard:
             found[STEP:BEND] = slopes[:, 1:]
             np.subtract(slopes[:, 1:], slopes[:, :-1], out=found[BEND:])
             np.abs(found, out=found)
-            if not (found[:JERK] <= self._bounds).all():
+            is_within = found[:JERK] <= self._bounds
+            if np.count_nonzero(is_within) != is_within.size:
                 return self._find_broken_bound(command)
             jerk = found[JERK].sum(axis=0)
         if not (jerk <= self._limits.jerk_sum_max).all():
@@ -262,4 +263,5 @@ class SafetyGuard:
 
 def _measure_depth(point: tuple[float, float, float], box: Box) -> float:
     """How deep a point is inside a box [m]; not positive outside."""
-    return min(min(value - low, high - value) for value, low, high in zip(point, *box, strict=True))
+    (x, y, z), ((a, b, c), (d, e, f)) = point, box
+    return min(x - a, d - x, y - b, e - y, z - c, f - z)

@@ -4,6 +4,8 @@ Upstream: the target's own description. Downstream: the guard. It shares no code
 a mistake there is seen here. Lynch and Park, Modern Robotics, 2017, section 4.1.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,40 +15,34 @@ Array = NDArray[np.float64]
 
 
 class ToolPoint:
-    """Forward kinematics of one point.
+    """Forward kinematics of one point, by Rodrigues' formula about one joint after the other.
 
-    Rodrigues' formula about an axis w through a point a is C + cos(q) U + sin(q) W with constant matrices, and a slide
-    is C + q S, so that one posture costs a few array operations and one matrix product a joint.
+    It is computed in plain floats: seven joints take a third of the time that as many small arrays take.
 
     Raises:
         ValueError: When axes, anchors and slides are not equally many.
     """
 
     def __init__(self, kinematics: Kinematics) -> None:
-        axes = np.asarray(kinematics.axes, dtype=np.float64)
-        anchors = np.asarray(kinematics.anchors_m, dtype=np.float64)
+        axes = np.asarray(kinematics.axes, dtype=np.float64).tolist()
+        anchors = np.asarray(kinematics.anchors_m, dtype=np.float64).tolist()
         slides = kinematics.slides or (False,) * len(axes)
-        self._constant, self._cosine, self._sine, self._slide = np.zeros((4, len(axes), 4, 4))
-        for index, (w, a, is_slide) in enumerate(zip(axes, anchors, slides, strict=True)):
-            if is_slide:
-                self._constant[index] = np.eye(4)
-                self._slide[index, :3, 3] = w
-                continue
-            along = np.outer(w, w)
-            parts = (along, np.eye(3) - along, np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]]))
-            for matrix, part in zip((self._constant, self._cosine, self._sine), parts, strict=True):
-                matrix[index, :3, :3] = part
-                matrix[index, :3, 3] = -part @ a
-            self._constant[index, :3, 3] += a
-            self._constant[index, 3, 3] = 1.0
-        self._tcp = np.array([*kinematics.tcp_m, 1.0])
+        self._joints = list(zip(axes, anchors, slides, strict=True))[::-1]
+        self._tcp = tuple(map(float, kinematics.tcp_m))
 
-    def compute(self, q_rad: Array) -> list[float]:
-        """[x, y, z] of the tool centre point in the world [m], of one posture (n_joints,)."""
-        q = q_rad[:, None, None]
-        moves = self._constant + np.cos(q) * self._cosine + np.sin(q) * self._sine + q * self._slide
-        point = self._tcp
-        for move in moves[::-1]:
-            point = move @ point
-        found: list[float] = point[:3].tolist()
-        return found
+    def compute(self, q_rad: Array) -> tuple[float, float, float]:
+        """(x, y, z) of the tool centre point in the world [m], of one posture (n_joints,)."""
+        x, y, z = self._tcp
+        for ((u, v, w), (a, b, c), is_slide), q in zip(self._joints, q_rad[::-1].tolist(), strict=True):
+            if is_slide:
+                x, y, z = x + q * u, y + q * v, z + q * w
+                continue
+            cosine, sine = math.cos(q), math.sin(q)
+            x, y, z = x - a, y - b, z - c
+            along = (1.0 - cosine) * (u * x + v * y + w * z)
+            x, y, z = (
+                a + cosine * x + sine * (v * z - w * y) + along * u,
+                b + cosine * y + sine * (w * x - u * z) + along * v,
+                c + cosine * z + sine * (u * y - v * x) + along * w,
+            )
+        return x, y, z

@@ -152,7 +152,7 @@ class JointController:
 
     def _feel(self) -> None:
         physics = self._physics
-        is_felt = (np.abs(physics.data.qfrc_constraint[physics.v_address]) > FELT_NM).any()
+        is_felt = np.count_nonzero(np.abs(physics.data.qfrc_constraint[physics.v_address]) > FELT_NM)
         self._force_n = physics.find_hardest_contact()[0] if is_felt else 0.0
         self._force_max_n = max(self._force_max_n, self._force_n)
 

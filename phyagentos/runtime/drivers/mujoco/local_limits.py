@@ -26,6 +26,17 @@ BEND_TOLERANCE = 0.30  # of second differences of position rows
 ROUNDING = 1e-6
 
 
+BROKEN = (  # what is measured of every row, in this order
+    "a set-point leaves the range of its joint",
+    "a set-point leaves the range of its joint",
+    "set-points move or jump faster than the joints may",
+    "set-points move or jump faster than the joints may",
+    "positions change faster than the joints may accelerate",
+    "velocities change faster than the joints may accelerate",
+    "the velocities are not those of the positions",
+)
+
+
 @dataclass(frozen=True, slots=True)
 class SetPoint:
     """What the servos were told last.
@@ -69,6 +80,12 @@ class LocalLimits:
         room = 0.5 * (self.high - self.low) - self._top**2 / (2.0 * self._brake)
         self._free, self._look = np.array((self._lead_s * self._top, room)), np.empty((2, len(arm.joints)))
         self._box = np.array(profile.workspace_m) if profile.workspace_m is not None else None
+        top, a_dt, none = SET_POINT_SHARE * self._velocity, self._brake * dt, np.zeros(len(arm.joints))
+        change = (1.0 + CHANGE_TOLERANCE) * a_dt
+        bend = (1.0 + BEND_TOLERANCE) * a_dt * dt
+        self._bounds = np.array((none, none, top, top * dt, bend, change, change * dt))[:, None]
+        self._found = np.empty((len(BROKEN), *self._shape))
+        self._positions, self._velocities, self._steps = np.empty((3, n_steps + 1, len(arm.joints)))
 
     def check(self, command: Command, held: SetPoint) -> Refused | None:
         """Refuse what cannot be followed within the limits.
@@ -83,31 +100,37 @@ class LocalLimits:
             return Refused("MALFORMED", f"shapes {q.shape}, {qd.shape}, {width.shape}; expected {rows} rows of {n}")
         if any(array.dtype != np.float64 for array in (q, qd, width)):
             return Refused("MALFORMED", "set-points are float64")
-        if not (np.isfinite(q).all() and np.isfinite(qd).all() and np.isfinite(width).all()):
+        broken = self._find_broken(q, qd, held)
+        is_width_allowed = all(-ROUNDING <= each <= self._width_max_m + ROUNDING for each in width.tolist())
+        if (broken or not is_width_allowed) and not all(np.isfinite(array).all() for array in (q, qd, width)):
             return Refused("MALFORMED", "a set-point is not finite")
-        if (q < self.low).any() or (q > self.high).any():
-            return Refused("TARGET_LIMIT", "a set-point leaves the range of its joint")
-        if width.min() < -ROUNDING or width.max() > self._width_max_m + ROUNDING:
+        if broken:
+            return Refused("TARGET_LIMIT", broken)
+        if not is_width_allowed:
             return Refused("TARGET_LIMIT", f"opening outside 0..{self._width_max_m} m")
-        return self._check_motion(q, qd, held) or self._check_place(q[-1], qd[-1])
+        return self._check_place(q[-1], qd[-1])
 
-    def _check_motion(self, q: Array, qd: Array, held: SetPoint) -> Refused | None:
-        """Velocity and acceleration of the rows; sudden changes of one joint would push the others beyond theirs."""
-        dt, a_dt = self._dt, self._brake * self._dt
-        velocities = np.concatenate((held.qd_rad_s[None], qd))
-        steps = np.diff(q, axis=0, prepend=held.q_rad[None])
-        top = SET_POINT_SHARE * self._velocity
-        if (np.abs(qd) > top).any() or (np.abs(steps) > top * dt).any():
-            return Refused("TARGET_LIMIT", "set-points move or jump faster than the joints may")
-        bends = np.diff(steps, axis=0, prepend=held.step_rad[None])
-        if (np.abs(bends) > (1.0 + BEND_TOLERANCE) * a_dt * dt).any():
-            return Refused("TARGET_LIMIT", "positions change faster than the joints may accelerate")
-        if (np.abs(np.diff(velocities, axis=0)) > (1.0 + CHANGE_TOLERANCE) * a_dt).any():
-            return Refused("TARGET_LIMIT", "velocities change faster than the joints may accelerate")
-        means = 0.5 * (velocities[1:] + velocities[:-1])
-        if (np.abs(steps - means * dt) > (1.0 + CHANGE_TOLERANCE) * a_dt * dt).any():
-            return Refused("TARGET_LIMIT", "the velocities are not those of the positions")
-        return None
+    def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
+        """What the rows break, empty when nothing: one comparison for all bounds.
+
+        Sudden changes of one joint are among it, since they would push the others beyond their limits.
+        """
+        positions, velocities, steps, found = self._positions, self._velocities, self._steps, self._found
+        positions[0], velocities[0], steps[0] = held.q_rad, held.qd_rad_s, held.step_rad
+        positions[1:], velocities[1:] = q, qd
+        with np.errstate(invalid="ignore", over="ignore"):
+            np.subtract(positions[1:], positions[:-1], out=steps[1:])
+            found[2], found[3] = qd, steps[1:]
+            np.subtract(steps[1:], steps[:-1], out=found[4])
+            np.subtract(velocities[1:], velocities[:-1], out=found[5])
+            np.subtract(steps[1:], 0.5 * (velocities[1:] + velocities[:-1]) * self._dt, out=found[6])
+            np.abs(found[2:], out=found[2:])
+            np.subtract(self.low, q, out=found[0])
+            np.subtract(q, self.high, out=found[1])
+            is_within = found <= self._bounds
+        if np.count_nonzero(is_within) == is_within.size:
+            return ""
+        return BROKEN[int(np.argmin(is_within.all(axis=(1, 2))))]
 
     def _check_place(self, q: Array, qd: Array) -> Refused | None:
         """Whether the arm is clear of itself, of what stands fixed, and in its workspace, where it would come to rest.
@@ -116,16 +139,16 @@ class LocalLimits:
         they go on in the direction in which they move; braking each for itself was rejected, since it bends the way.
         """
         way = 0.5 * self._compute_stop_s(qd, FORESIGHT_SHARE) * qd
-        looks = LOOKS_FAST if (np.abs(way) > FAST_RAD).any() else LOOKS_SLOW
+        looks = LOOKS_FAST if np.count_nonzero(np.abs(way) > FAST_RAD) else LOOKS_SLOW
         for share in looks:
-            posture = np.clip(q + share * way, self.low, self.high)
+            posture = np.minimum(np.maximum(q + share * way, self.low), self.high)
             tcp, contact = self._physics.check_posture(posture)
             if contact:
                 return Refused("TARGET_LIMIT", f"the arm would run into something: {contact}")
             if self._box is None:
                 continue
             low, high = self._box[0] + WORKSPACE_MARGIN_M, self._box[1] - WORKSPACE_MARGIN_M
-            if (tcp < low).any() or (tcp > high).any():
+            if np.count_nonzero(tcp < low) or np.count_nonzero(tcp > high):
                 return Refused("TARGET_LIMIT", f"the tool would leave the workspace, at {np.round(tcp, 3).tolist()} m")
         return None
 
@@ -147,7 +170,7 @@ class LocalLimits:
         np.subtract(wanted, q, out=look[0])
         np.subtract(q, self._middle, out=look[1])
         np.abs(look, out=look)
-        if (look <= self._free).all():  # no joint is fast, and none is near its end
+        if not np.count_nonzero(look > self._free):  # no joint is fast, and none is near its end
             return
         up = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(self.high - q, 0.0)))
         down = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(q - self.low, 0.0)))
@@ -156,13 +179,13 @@ class LocalLimits:
     def find_excess(self) -> str:
         """What the measured state breaks; empty when nothing."""
         physics = self._physics
-        if (np.abs(physics.qd_rad_s) > self._velocity).any():
+        if np.count_nonzero(np.abs(physics.qd_rad_s) > self._velocity):
             return "a joint is faster than its limit"
         q = physics.q_rad
-        if (q < physics.q_range[0]).any() or (q > physics.q_range[1]).any():
+        if np.count_nonzero(q < physics.q_range[0]) or np.count_nonzero(q > physics.q_range[1]):
             return "a joint is outside its range"
         if self._box is not None:
             tcp = physics.find_tcp()[0]
-            if (tcp < self._box[0]).any() or (tcp > self._box[1]).any():
+            if np.count_nonzero(tcp < self._box[0]) or np.count_nonzero(tcp > self._box[1]):
                 return "the tool is outside the workspace"
         return ""

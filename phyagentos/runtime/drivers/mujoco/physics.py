@@ -23,6 +23,7 @@ from phyagentos.runtime.models.world import CompiledScene, compile_scene
 Array = NDArray[np.float64]
 RIGID = 0.9999  # constraint impedance of what must not give way
 _FREE = 6  # degrees of freedom of a body that nothing holds
+_ROBOT, _LOOSE, _FINGER = 1, 2, 4  # what a geom belongs to
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
@@ -52,15 +53,14 @@ class Physics:
         self.inputs = _as_slice([*servos, model.actuator(prefix + GRIPPER_ACTUATOR).id])
         self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers])
         self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
-        self._is_pad = np.zeros(model.ngeom, dtype=np.bool_)
-        self._is_pad[self._pads] = True
         self._tcp = model.site(prefix + profile.tcp).id
         self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
         moving = {int(model.body_weldid[joint.bodyid[0]]) for joint in (*joints, *fingers)}
-        self._of_fingers = np.isin(model.geom_bodyid, [joint.bodyid[0] for joint in fingers])
         self._of_robot = np.array([int(model.body_weldid[body]) in moving for body in model.geom_bodyid])
         loose = {model.body(entity.name).id for entity in self.entities if entity.movable}
-        self._is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
+        is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
+        of_fingers = np.isin(model.geom_bodyid, [joint.bodyid[0] for joint in fingers])
+        self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
         self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
@@ -181,9 +181,8 @@ class Physics:
 
     def _find_pad_contacts(self) -> list[list[int]]:
         """Pairs of geoms that touch, one of them a pad or both (after `look`)."""
-        geoms = self.seen.contact.geom[: self.seen.ncon]
-        pairs: list[list[int]] = geoms[self._is_pad[geoms].any(axis=1)].tolist()
-        return pairs
+        pairs: list[list[int]] = self.seen.contact.geom[: self.seen.ncon].tolist()
+        return [pair for pair in pairs if pair[0] in self._pads or pair[1] in self._pads]
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
         """Ground truth of every thing (after `look`).
@@ -303,10 +302,12 @@ class Physics:
 
     def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
         """Pairs of bodies: a moving part of the robot, and the robot itself, another robot or something fixed."""
-        geoms = data.contact.geom[: data.ncon]
-        firm = self._of_robot[geoms].any(axis=1) & ~self._is_loose[geoms].any(axis=1)
-        firm &= ~self._of_fingers[geoms].all(axis=1)  # closed fingers touch each other
-        return {(int(first), int(second)) for first, second in self.model.geom_bodyid[geoms[firm]]}
+        first, second = self._kinds[data.contact.geom[: data.ncon]].T
+        either, both = first | second, first & second
+        firm = ((either & (_ROBOT | _LOOSE)) == _ROBOT) & (both < _FINGER)  # closed fingers touch each other
+        if not np.count_nonzero(firm):
+            return set()
+        return {(int(a), int(b)) for a, b in self.model.geom_bodyid[data.contact.geom[: data.ncon][firm]]}
 
     def find_hardest_contact(self) -> tuple[float, str]:
         """The greatest force [N] between the robot and one other body, or two parts of it, in the latest physics step.
