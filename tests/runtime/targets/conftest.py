@@ -160,7 +160,7 @@ def rig(make_rig):
 @pytest.fixture(scope="module")
 def physics(library, panda):
     spec = read_scene(library.get_scene("tabletop/cubes_and_trays"))
-    physics = Physics(*panda, spec, 7)
+    physics = Physics.alone(*panda, spec, 7)
     physics.start(spec.settle_s)
     return physics
 
