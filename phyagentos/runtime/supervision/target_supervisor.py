@@ -323,7 +323,7 @@ class TargetSupervisor:
             self.worker.restart()
         elif self.phase is Phase.BROKEN and self.lost is not None:  # the world will not be observed: an end too
             unseen = msgspec.to_builtins(self.lost.make_unobserved())
-            self._journal.commit(self.lost.session.id, "reconcile", self.lost.epoch, execution=unseen)
+            self._journal.try_commit(make_entry(self.lost.session.id, "reconcile", self.lost.epoch, execution=unseen))
             self._queues.forsake(self.target)
             self.lost = None
 

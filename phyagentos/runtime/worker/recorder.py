@@ -9,7 +9,6 @@ import platform
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -41,21 +40,6 @@ RECORDED_PACKAGES = (
 _NONE: Mapping[str, float] = {}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contract:
-    """What was agreed before the first command.
-
-    Attributes:
-        plan: The adapter plan that preflight granted.
-        settings_sha256: Of the settings files in force, by name.
-    """
-
-    session: Session
-    epoch: int
-    plan: Mapping[str, Any]
-    settings_sha256: Mapping[str, str]
-
-
 class Recorder:
     """One bundle.
 
@@ -79,14 +63,18 @@ class Recorder:
             unseal_bundle(folder)  # of a session whose runner was lost: what it left is written to again
             self._looks += read_looks(folder)
 
-    def write_contract(self, contract: Contract) -> None:
-        """The resolved contract, the granted plan, the hashes of the settings, and the environment's fingerprint."""
-        document = {
-            "session": contract.session,
-            "epoch": contract.epoch,
-            "adapter_plan": contract.plan,
-            "settings_sha256": contract.settings_sha256,
-        }
+    def write_contract(
+        self, session: Session, epoch: int, plan: Mapping[str, Any], settings_sha256: Mapping[str, str]
+    ) -> None:
+        """What was agreed before the first command, and the environment's fingerprint.
+
+        Args:
+            session: The resolved contract.
+            epoch: Of the claim.
+            plan: The adapter plan that preflight granted.
+            settings_sha256: Of the settings files in force, by name.
+        """
+        document = {"session": session, "epoch": epoch, "adapter_plan": plan, "settings_sha256": settings_sha256}
         self._write(evidence.CONTRACT, render_yaml(document).encode())
         self._write(evidence.FINGERPRINT, _encode_fingerprint())
 
@@ -211,22 +199,21 @@ class Bundles:
 
     Args:
         root: The workspace; evidence folders are relative to it.
-        settings: Settings files in force; their hashes, as they are now, go into each bundle.
+        settings: Settings files in force.
         pictures: Whether to take pictures before and after.
+
+    Attributes:
+        settings_sha256: Hashes of the settings files, as they were at the start, by name.
     """
 
     def __init__(self, root: Path, *, settings: Sequence[Path] = (), pictures: bool = False) -> None:
         self.pictures = pictures
+        self.settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
         self._root = root
-        self._settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
 
     def open(self, evidence: str) -> Recorder:
         """The bundle of one session, begun or begun again."""
         return Recorder(self._root / evidence)
-
-    def describe(self, session: Session, epoch: int, plan: Mapping[str, Any]) -> Contract:
-        """What was agreed, with the settings in force."""
-        return Contract(session=session, epoch=epoch, plan=plan, settings_sha256=self._settings_sha256)
 
 
 @cache

@@ -108,7 +108,7 @@ class SessionRunner:
         """
         began_s, self._open_criteria = self._clock.now_s(), ()
         recorder = self._bundles.open(evidence)
-        recorder.write_contract(self._bundles.describe(session, epoch, plan))
+        recorder.write_contract(session, epoch, plan, self._bundles.settings_sha256)
         try:
             run = self._open(session, epoch, plan, recorder, cancel, beat)
         except (DefinitionError, ExecutionError) as error:
