@@ -65,6 +65,8 @@ UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
 UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
 WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.
 WRONG_ARGUMENTS      A predicate has too many or too few arguments.
+WORLD_NOT_SHARED     A driver cannot put several targets into one world.
+WORLD_SHARED         A session of a shared world cannot be repeated alone.
 WRONG_DOCUMENT       The front matter names another document.
 WRONG_LENGTH         A list has not one value per joint.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.

@@ -2,15 +2,22 @@
 
 import os
 import stat
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from phyagentos.assembly.paths import FAULTS, STRIKES, TOKENS
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.driver import TargetDriver
-from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
+from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec, find_driver_name
 from phyagentos.runtime.targets.handshake import TOKEN_BYTES
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.drivers.mujoco.simulation import ReadAgreement
+    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 
 
 def build_driver_registry() -> DriverRegistry:
@@ -36,16 +43,48 @@ def _open_debug(site: DriverSite) -> TargetDriver:
     return DebugDriver(site.profile, site.workspace.library())
 
 
+def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreement | None") -> "list[MujocoDriver]":
+    """The robots of a world that several targets share.
+
+    Args:
+        sites: Of these targets.
+        read_agreement: What the runtime plane says of the sessions that run; None in real time.
+
+    Raises:
+        DefinitionError: `WORLD_NOT_SHARED` for a target that is no MuJoCo simulation.
+    """
+    for site in sites:
+        if (driver := find_driver_name(site.profile)) != "mujoco":
+            raise DefinitionError(
+                Problem(
+                    code="WORLD_NOT_SHARED",
+                    address=f"{site.profile.target}/target.yaml: world",
+                    found=f"driver {driver!r} in the shared world {site.profile.world!r}",
+                    expected="the driver 'mujoco', or a world of its own",
+                )
+            )
+    world = _open_world(sites[0].workspace, read_agreement)
+    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+
+    return [MujocoDriver(world, site.profile, site.folder) for site in sites]
+
+
 def _open_mujoco(site: DriverSite) -> TargetDriver:
+    world = _open_world(site.workspace)
+    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+
+    return MujocoDriver(world, site.profile, site.folder)
+
+
+def _open_world(workspace: Workspace, read_agreement: "ReadAgreement | None" = None) -> "SimulatedWorld":
     choose_graphics()
     from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
     from phyagentos.protocol.settings.sensors import read_sensors
     from phyagentos.protocol.world.faults import read_faults
     from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule, read_strikes
-    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
+    from phyagentos.runtime.drivers.mujoco.world import SimulatedWorld
     from phyagentos.runtime.targets.wire import FaultStruck
 
-    workspace = site.workspace
     path, strikes = workspace.root / FAULTS, workspace.root / STRIKES
     file = read_faults(path) if path.exists() else None
 
@@ -54,13 +93,13 @@ def _open_mujoco(site: DriverSite) -> TargetDriver:
             return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
-    world = SimulatedWorld(
+    return SimulatedWorld(
         workspace.library(),
         faults=make_faults,
         mode=read_runtime_contract(workspace.runtime_contract).world_mode,
         sensors=read_sensors(workspace.sensors),
+        read_agreement=read_agreement,
     )
-    return MujocoDriver(world, site.profile, site.folder)
 
 
 def _open_remote(site: DriverSite) -> TargetDriver:

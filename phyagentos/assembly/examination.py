@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.assembly.runtime_plane import hire_worker
+from phyagentos.assembly.runtime_plane import hire_worker, start_world
 from phyagentos.errors import ExecutionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target_registry
@@ -75,7 +75,8 @@ class Examination:
     def _examine_on(self, target: str, sessions: Sequence[Session]) -> Iterator[tuple[str, Checked]]:
         found = []
         with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
-            worker = hire_worker(self.workspace, target, Path(sockets), pictures=False)
+            world = start_world(self.workspace, target, Path(sockets))
+            worker = hire_worker(self.workspace, target, Path(sockets), pictures=False, world=world)
             try:
                 answer = worker.receive()  # ready
                 for session in sessions:

@@ -5,7 +5,8 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
@@ -33,22 +34,26 @@ if TYPE_CHECKING:
     from phyagentos.runtime.perception.look import Eyes
     from phyagentos.runtime.perception.world_model import WorldModel
     from phyagentos.runtime.preflight.settings import Settings
+    from phyagentos.runtime.targets.driver_registry import DriverSite
+    from phyagentos.runtime.targets.handshake import Tokens
     from phyagentos.runtime.targets.server import Door
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
 
 
-def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
-    """The world process of one target: hold it until its supervisor is gone.
+def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
+    """The process of one world, and of every target in it, until its supervisor is gone.
 
     Args:
         root: The workspace.
-        target: Its name.
-        socket: Where it listens: the path of a UNIX socket, or `ws://host:port` for commanders of another workspace.
+        world: Its name; that of its only target where none shares it.
+        socket: Where the only target listens: the path of a UNIX socket, or `ws://host:port` for commanders of another
+            workspace. Targets that share a world listen beside that path, each at `<target>.world`.
         outlives: Whether it waits for another watchdog when the process that started it dies.
 
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
+        DefinitionError: `NO_DRIVER`, `WORLD_NOT_SHARED`, or problems of the targets' profiles.
     """
     from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole, is_held_by
     from phyagentos.runtime.supervision.workers import end_with_parent
@@ -56,41 +61,93 @@ def run_world(root: Path, target: str, socket: str, *, outlives: bool) -> None:
     from phyagentos.runtime.targets.handshake import Tokens
 
     workspace, clock = Workspace.open(root), SystemClock()
-    become_sole(get_lock(workspace.root, target), clock, "TARGET_BUSY", f"another world process has {target}")
-    tokens = Tokens(is_supervisor=partial(is_held_by, workspace.root / WATCHDOG_LOCK))
+    become_sole(get_lock(workspace.root, world), clock, "TARGET_BUSY", f"another world process has {world}")
+    choose_graphics()
+    sites = find_sites(workspace, world, clock)
+    is_supervisor = partial(is_held_by, workspace.root / WATCHDOG_LOCK)
+    tokens = {site.profile.target: Tokens(is_supervisor=is_supervisor) for site in sites}
 
     def renew_token(line: bytes) -> None:
         name, token = line.decode().split()
-        if name == target:
-            tokens.renew(bytes.fromhex(token))
+        if name in tokens:
+            tokens[name].renew(bytes.fromhex(token))
 
     if outlives:
         end_when_unwatched(workspace.root, clock, renew_token)
     else:
         end_with_parent(renew_token)
-    choose_graphics()
     from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
+
+    pace_by = clock if read_runtime_contract(workspace.runtime_contract).world_mode is WorldMode.REALTIME else None
+    if pace_by is not None:
+        ask_for_precedence()
+    if len(sites) == 1:
+        serve_one(sites[0], socket, tokens[sites[0].profile.target], pace_by)
+    else:
+        serve_shared(sites, Path(socket).parent, tokens, pace_by)
+
+
+def find_sites(workspace: Workspace, world: str, clock: Clock) -> "list[DriverSite]":
+    """The targets of a world, by name: those that name it, or the one of that name that shares none."""
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.targets.driver_registry import DriverSite
+
+    library = workspace.library()
+    found = [read_profile(library.get_target(name)) for name in sorted(library.names_of_targets())]
+    return [
+        DriverSite(profile=profile, folder=folder, workspace=workspace, clock=clock)
+        for profile, folder in found
+        if (profile.world or profile.target) == world
+    ]
+
+
+def serve_one(site: "DriverSite", socket: str, tokens: "Tokens", pace_by: Clock | None) -> None:
+    """Serve the only target of a world."""
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
     from phyagentos.runtime.targets.server import serve
     from phyagentos.runtime.targets.stop_listener import StopListener
 
-    profile, folder = read_profile(workspace.library().get_target(target))
-    site = DriverSite(profile=profile, folder=folder, workspace=workspace, clock=clock)
-    driver = build_driver_registry().get(profile, f"{target}/target.yaml").open(site)
-    stops = StopListener(workspace.signals.parent, clock)
-    mode = read_runtime_contract(workspace.runtime_contract).world_mode
-    log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
-    truth = reads_truth(workspace)
-    world = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
-    if mode is WorldMode.REALTIME:
-        ask_for_precedence()
-        serve_realtime(world, open_door(socket, spin_s=0.0), tokens, clock)
+    target, workspace = site.profile.target, site.workspace
+    driver = build_driver_registry().get(site.profile, f"{target}/target.yaml").open(site)
+    stops = StopListener(workspace.signals.parent, site.clock)
+    log, truth = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", site.clock), reads_truth(workspace)
+    served = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
+    if pace_by is not None:
+        serve_realtime(served, open_door(socket, spin_s=0.0), tokens, pace_by)
     else:
-        serve(world, open_door(socket), tokens)
+        serve(served, open_door(socket), tokens)
+
+
+def serve_shared(
+    sites: "list[DriverSite]", sockets: Path, tokens: "Mapping[str, Tokens]", pace_by: Clock | None
+) -> None:
+    """Serve the robots of a world that several targets share."""
+    from phyagentos.assembly.drivers import open_shared_world
+    from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, serve_together
+    from phyagentos.runtime.targets.agreement import AgreementReceiver
+    from phyagentos.runtime.targets.receive_log import ReceiveLog
+    from phyagentos.runtime.targets.server import serve
+    from phyagentos.runtime.targets.stop_listener import StopListener
+
+    workspace, world = sites[0].workspace, sites[0].profile.world
+    agreement = AgreementReceiver(sockets / f"{world}.time")
+    stops = StopListener(workspace.signals.parent, sites[0].clock)
+    robots = open_shared_world(sites, agreement.read if pace_by is None else None)
+    everybody: list[SharedTarget] = []
+    for robot in robots:
+        log = ReceiveLog(workspace.logs / f"receive-{robot.profile.target}.jsonl", sites[0].clock)
+        truth = reads_truth(workspace)
+        SharedTarget(robot, log, everybody, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
+    lock = robots[0].world.simulation.lock
+    threading.Thread(target=agreement.wake, args=(lock,), daemon=True, name="hear-what-runs").start()
+
+    def serve_at(target: SharedTarget) -> None:
+        name = target.robot.profile.target
+        serve(target, open_door(str(sockets / f"{name}.world"), spin_s=0.0), tokens[name])
+
+    serve_together(everybody, serve_at, pace_by)
 
 
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
@@ -140,7 +197,15 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     planner: Planner = PlannerProcess(profile_path) if profile.model else LocalPlanner(NoModel())
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
-    handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
+    heartbeat = HeartbeatWriter(workspace.heartbeats, target, clock)
+    handle = open_handle(
+        connection,
+        settings.limits,
+        workspace,
+        profile_path,
+        sees_truth=sees_truth,
+        on_wait=lambda: heartbeat.beat_again("paused"),
+    )
     world = open_world_model(workspace, target, profile, handle, settings)
     embodiment = Embodiment(handle=handle, world=world, profile=profile, limits=settings.limits)
     policies = Policies(
@@ -177,7 +242,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
             clock=clock,
         ),
         runner=runner,
-        heartbeat=HeartbeatWriter(workspace.heartbeats, target, clock),
+        heartbeat=heartbeat,
         workspace=workspace,
         clock=clock,
         gate=gate,
@@ -230,7 +295,13 @@ def open_detector(settings: "Settings") -> "Detector | None":
 
 
 def open_handle(
-    connection: Channel, limits: TargetLimits, workspace: Workspace, description: Path, *, sees_truth: bool = False
+    connection: Channel,
+    limits: TargetLimits,
+    workspace: Workspace,
+    description: Path,
+    *,
+    sees_truth: bool = False,
+    on_wait: Callable[[], None] = lambda: None,
 ) -> "TargetSessionHandle":
     """The worker's door to its target; its guard asks before every command whether the emergency stop is latched.
 
@@ -245,7 +316,12 @@ def open_handle(
     if limit is not None:
         collision = PostureCollision(*read_profile(description), min(as_numbers(limit)))
     return TargetSessionHandle(
-        connection, limits, is_stopped=lambda: is_latched(signals), collision=collision, sees_truth=sees_truth
+        connection,
+        limits,
+        is_stopped=lambda: is_latched(signals),
+        collision=collision,
+        sees_truth=sees_truth,
+        on_wait=on_wait,
     )
 
 
@@ -290,7 +366,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="phyagentos.assembly.processes")
     parser.add_argument("process", choices=("world", "worker"))
     parser.add_argument("--workspace", type=Path, required=True)
-    parser.add_argument("--target", required=True)
+    parser.add_argument("--target", required=True, help="of a worker; for a world its name")
     parser.add_argument("--socket", required=True)
     parser.add_argument("--control", type=int, default=-1)
     parser.add_argument("--no-pictures", action="store_true")

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.assembly.paths import STRIKES
-from phyagentos.assembly.runtime_plane import hire_worker
+from phyagentos.assembly.runtime_plane import hire_worker, start_world
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -43,25 +44,45 @@ def rerun_session(root: Path, session: str) -> Rerun:
         session: Which one; it must have left its evidence there.
 
     Raises:
-        DefinitionError: `UNKNOWN_SESSION`.
+        DefinitionError: `NOT_EXECUTED`; `WORLD_SHARED` for a session in a world of several targets.
         ExecutionError: When the repetition cannot be carried out.
     """
     recorded = Workspace.open(root)
     status = find_session(recorded, session)
     folder = recorded.evidence_of(SessionId(session))
+    _refuse_shared(recorded, status)
     repeated = Workspace.create(_choose_folder(recorded.root / "reruns", session), recorded.library())
     for name in SETTINGS:
         shutil.copyfile(recorded.root / name, repeated.root / name)
     (repeated.root / STRIKES).parent.mkdir(exist_ok=True)
     shutil.copyfile(folder / evidence.FAULTS, repeated.root / STRIKES)
     with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
-        worker = hire_worker(repeated, status.contract.target, Path(sockets), pictures=False)
+        target = status.contract.target
+        world = start_world(repeated, target, Path(sockets))
+        worker = hire_worker(repeated, target, Path(sockets), pictures=False, world=world)
         try:
             finished = _order(worker, status, folder)
         finally:
             worker.stop()
     differences = find_differences(folder, repeated.evidence_of(SessionId(session)))
     return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
+
+
+def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
+    """What the other targets of a shared world did meanwhile is not repeated, so the bits would differ."""
+    targets = read_target_registry(workspace.target_registry)
+    world = targets[status.contract.target].world
+    others = [name for name, profile in targets.items() if world and profile.world == world]
+    if len(others) > 1:
+        raise DefinitionError(
+            Problem(
+                code="WORLD_SHARED",
+                address=status.contract.id,
+                found=f"the world {world!r} of {', '.join(others)}",
+                expected="a session in a world of one target",
+                hint="Run the goal again in a new workspace: the same seed gives the same bits.",
+            )
+        )
 
 
 def _order(worker: Worker, status: SessionStatus, folder: Path) -> Execution:

@@ -3,6 +3,8 @@
 import contextlib
 import shutil
 import signal
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
 
@@ -14,6 +16,7 @@ from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.settings.perception import Sensing, declare_sensing
@@ -25,13 +28,15 @@ from phyagentos.protocol.settings.runtime_contract import (
 )
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.supervision.shared_time import SharedTime
 from phyagentos.runtime.supervision.watchdog import Watchdog
 from phyagentos.runtime.supervision.workers import Worker
-from phyagentos.runtime.supervision.world_process import end_worlds, get_lock
+from phyagentos.runtime.supervision.world_process import WorldProcess, end_worlds, get_lock
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.edits.signal_intake import SignalDesk
-from phyagentos.store.journal import Journal
+from phyagentos.store.journal import Journal, Record
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.turn_marks import TurnMarks
 from phyagentos.store.views.renderer import Views
 from phyagentos.store.views.runtime_signal import RuntimeSignal
 
@@ -108,11 +113,21 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     signal_desk = SignalDesk(workspace, clock)
     signals = RuntimeSignal(workspace, clock, desk=signal_desk)
     known = read_target_registry(workspace.target_registry)
+    shared = open_shared_time(known, workspace, sockets, clock)
+    worlds: dict[str, WorldProcess | None] = {}
 
     def hire(target: str) -> Worker | None:
         if target not in known:
             return None
-        return hire_worker(workspace, target, sockets, pictures=pictures, outlives=outlived)
+        world = known[target].world or target
+        if world not in worlds:
+            worlds[world] = start_world(workspace, target, sockets, outlives=outlived)
+        return hire_worker(workspace, target, sockets, pictures=pictures, world=worlds[world])
+
+    def on_record(record: Record) -> None:
+        views.take_in(record)
+        if shared is not None:
+            shared.take_in(record)
 
     def publish() -> None:
         views.refresh()
@@ -128,7 +143,8 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         hire=hire,
         clock=clock,
         publish=publish,
-        on_record=views.take_in,
+        on_record=on_record,
+        shared_time=shared,
         ageing_per_s=rules.ageing_per_min / 60.0,
         lease_s=rules.lease_s,
     )
@@ -150,6 +166,20 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     signals.close()
     signal_desk.close()
     journal.close()
+
+
+def open_shared_time(
+    targets: Mapping[str, TargetProfile], workspace: Workspace, sockets: Path, clock: Clock
+) -> SharedTime | None:
+    """What holds the time of worlds that several targets share; None without such a world, and in real time."""
+    names = Counter(profile.world for profile in targets.values() if profile.world)
+    shared = {
+        world: ([name for name, profile in targets.items() if profile.world == world], sockets / f"{world}.time")
+        for world, count in names.items()
+        if count > 1
+    }
+    is_lockstep = _read_rules(workspace).world_mode is WorldMode.LOCKSTEP
+    return SharedTime(shared, TurnMarks(workspace.cache), clock) if shared and is_lockstep else None
 
 
 def seal_rest(workspace: Workspace, ledger: Ledger) -> None:
@@ -175,27 +205,40 @@ def _read_rules(workspace: Workspace) -> RuntimeContract:
         )
 
 
-def hire_worker(workspace: Workspace, target: str, sockets: Path, *, pictures: bool, outlives: bool = False) -> Worker:
-    """Start the worker of one target, and its world where the driver needs one; without a driver the worker refuses.
+def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: bool = False) -> WorldProcess | None:
+    """Start the process of a target's world, or adopt the one that lives; None where the driver needs none.
 
     Args:
         workspace: With the documents that count.
         target: Its name.
-        sockets: Folder for the socket of the world.
-        pictures: Whether evidence has pictures.
+        sockets: Folder for the sockets of its targets.
         outlives: Whether the world waits for another watchdog when this process dies.
     """
     profile = read_target_registry(workspace.target_registry)[target]
-    has_world = False
-    with contextlib.suppress(DefinitionError):
-        has_world = build_driver_registry().get(profile).own_process
+    try:
+        if not build_driver_registry().get(profile).own_process:
+            return None
+    except DefinitionError:  # the worker refuses
+        return None
+    world = profile.world or target
+    place = ["--workspace", str(workspace.root), "--target", world, "--socket", str(sockets / f"{world}.world")]
+    command = [*_MODULE, "world", *place, *(["--outlives"] if outlives else [])]
+    return WorldProcess(command, get_lock(workspace.root, world), workspace.logs / f"world-{world}.log")
+
+
+def hire_worker(
+    workspace: Workspace, target: str, sockets: Path, *, pictures: bool, world: WorldProcess | None
+) -> Worker:
+    """Start the worker of one target; without a driver it refuses every session.
+
+    Args:
+        workspace: With the documents that count.
+        target: Its name.
+        sockets: Folder for the socket of the target.
+        pictures: Whether evidence has pictures.
+        world: See `start_world`.
+    """
     socket = sockets / f"{target}.world"
     place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(socket)]
-    return Worker(
-        target,
-        world=[*_MODULE, "world", *place, *(["--outlives"] if outlives else [])] if has_world else [],
-        lock=get_lock(workspace.root, target),
-        worker=[*_MODULE, "worker", *place, *([] if pictures else ["--no-pictures"])],
-        logs=workspace.logs,
-        socket=socket,
-    )
+    command = [*_MODULE, "worker", *place, *([] if pictures else ["--no-pictures"])]
+    return Worker(target, world=world, worker=command, logs=workspace.logs, socket=socket)

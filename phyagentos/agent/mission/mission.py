@@ -36,6 +36,7 @@ from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.segments import SystemIO, sync_folder
+from phyagentos.store.turn_marks import TurnMarks
 from phyagentos.store.views.tasks import render_tasks
 from phyagentos.store.watch import Watch
 
@@ -88,6 +89,7 @@ class Mission:
         self._advisor, self._policy = advisor or NoAdvice(), policy or GraphRepair()
         self._observers, self._is_runtime_alive = observers, is_runtime_alive
         self._cancelled = threading.Event()
+        self._turns = TurnMarks(workspace.cache)
         self._next_publish_s = 0.0
         self._published_seq = -1
         self._is_durable = True  # what was recorded last, as far as this process knows
@@ -213,6 +215,7 @@ class Mission:
                 if self._commit(goal, goal.cancel if self._cancelled.is_set() else goal.decide):
                     watch.drain()  # before the look: what comes after it wakes the wait
                     continue
+                self._turns.note(goal.goal, self.ledger.seq)
                 self._publish()
                 if not self._wait(watch) and not self._is_runtime_alive(goal.status):
                     self._give_up(goal)

@@ -24,6 +24,7 @@ from phyagentos.runtime.targets import wire
 
 EXPIRY_PERIODS = 3  # a command that waits longer than this belongs to a past that nobody sees any more
 REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds; a world that is silent for this long is lost
+SHARED_TIMEOUT_S = 600.0  # time may stand so long for other targets of a shared world: one plans, one is judged
 LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
 
 OPERATIONS: dict[type[wire.Request], str] = {  # of a session; what is not here belongs to the worker
@@ -64,6 +65,7 @@ class TargetSessionHandle:
         is_stopped: Whether the emergency stop is latched; asked before every command.
         collision: The guard's stage for what a posture touches; it is told of every session's world.
         sees_truth: Whether observations come with the ground truth (`sensing: truth`).
+        on_wait: Called several times a second while a motion waits for other targets of a shared world.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
@@ -77,7 +79,9 @@ class TargetSessionHandle:
         is_stopped: Callable[[], bool] | None = None,
         collision: PostureCollision | None = None,
         sees_truth: bool = False,
+        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
+        self._on_wait = on_wait
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
         self._connection = connection
@@ -117,8 +121,11 @@ class TargetSessionHandle:
             may_reset: Whether another episode may end for it; else the target refuses with `RESET_FORBIDDEN`.
         """
         if not snapshot and self._loaded is not None and self._loaded[0] == scene:
-            return self._loaded[1]
-        self._description, self._loaded = None, None  # cameras belong to the scene
+            if not self._shares_time:
+                return self._loaded[1]
+        else:
+            self._description = None  # cameras belong to the scene
+        self._loaded = None
         request = wire.LoadScene(
             scene=scene.name, seed=scene.seed, episode=scene.episode, snapshot=snapshot, may_reset=may_reset
         )
@@ -128,10 +135,10 @@ class TargetSessionHandle:
 
     def begin(self, session: str, epoch: int) -> wire.Observation:
         """Take authority for one session and observe once, with a snapshot."""
+        description = self.describe()
         self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
         observation = self.observe(snapshot=True)
-        description = self.describe()
         if self._made is None or self._made[0] is not description:
             touch = self._collision.find_contact if self._collision is not None else None
             guard = SafetyGuard(self._limits, description, is_stopped=self._is_stopped, find_contact=touch)
@@ -263,9 +270,12 @@ class TargetSessionHandle:
     def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
         if (operation := OPERATIONS.get(type(request))) is not None:
             self._check_permitted(operation)
-        reply = (
-            self._here.ask(request) if self._here is not None else wire.exchange(self._connection, request, timeout_s)
-        )
+        if self._here is not None:
+            reply = self._here.ask(request)
+        elif self._shares_time and isinstance(request, wire.MOTIONS):
+            reply = wire.exchange(self._connection, request, SHARED_TIMEOUT_S, self._on_wait)
+        else:
+            reply = wire.exchange(self._connection, request, timeout_s)
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
@@ -278,3 +288,8 @@ class TargetSessionHandle:
             raise CommandRefused(
                 "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
             )
+
+    @property
+    def _shares_time(self) -> bool:
+        """Whether other targets move in the same time; another worker may begin an episode there, too."""
+        return self._description is not None and self._description.shares_time

@@ -107,6 +107,10 @@ class Queues:
         """Targets for which a session may wait."""
         return (target for target, heap in self._heaps.items() if heap)
 
+    def has_waiting(self, target: str) -> bool:
+        """Whether a session waits for a target."""
+        return self._find_head(target) is not None
+
     def take(self, target: str) -> Session | None:
         """The next session of a target, whatever it needs; or None."""
         session = self._find_head(target)

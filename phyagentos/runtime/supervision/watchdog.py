@@ -16,6 +16,7 @@ from phyagentos.runtime.supervision.leases import LEASE_S
 from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
 from phyagentos.runtime.supervision.operator_signals import OperatorSignals
 from phyagentos.runtime.supervision.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
+from phyagentos.runtime.supervision.shared_time import SharedTime
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import REST_S, Supervision, TargetSupervisor
@@ -46,6 +47,7 @@ class Watchdog:
         clock: For limits and leases.
         publish: Renders the views of the workspace; called some twenty times a second.
         on_record: Called with every record of the journal, once it is applied to the ledger.
+        shared_time: Tells worlds of several targets what runs; None where there are none.
         ageing_per_s: Priority that a waiting session gains [1/s].
         lease_s: How long a worker goes on without a sign of this watchdog [s].
         rest_s: How long a target is left alone after the first worker that did not start [s].
@@ -60,6 +62,7 @@ class Watchdog:
         clock: Clock,
         publish: Callable[[], None],
         on_record: Callable[[Record], None] = lambda _: None,
+        shared_time: SharedTime | None = None,
         ageing_per_s: float = AGEING_PER_S,
         lease_s: float = LEASE_S,
         rest_s: float = REST_S,
@@ -71,6 +74,7 @@ class Watchdog:
         self.ledger, self.follow = ledger, self._journal.follow
         self._operator = OperatorSignals(workspace, self._journal, clock)
         self._hire, self._clock, self._publish = hire, clock, publish
+        self._shared_time = shared_time
         self._supervision = Supervision(
             journal=self._journal,
             queues=self._queues,
@@ -112,6 +116,8 @@ class Watchdog:
         """Until a record, a signal or an answer comes, or periodic work is due."""
         now_s = self._clock.now_s()
         pause_s = max(0.0, self._publish_at_s - now_s) if self._is_stale else POLL_S
+        if self._shared_time is not None:
+            pause_s = min(pause_s, self._shared_time.update(self._supervisors, self.ledger, self._queues.has_waiting))
         for news in poller.wait(self._supervisors.values(), min(POLL_S, pause_s)):
             if isinstance(news, TargetSupervisor):
                 news.hear(news.worker.receive())

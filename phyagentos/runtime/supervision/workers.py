@@ -125,26 +125,18 @@ class Worker:
 
     Args:
         target: Name of the target.
-        world: Command line of the world process (arguments after the interpreter); none when the worker holds it.
-        lock: Held by the world process; one that lives is adopted.
+        world: Process of its world, which other targets may share; None when the worker holds its target itself.
         worker: Command line of the worker process; it is given `--control FD`, where its token is the first message.
         logs: Folder for the output of both.
         socket: Where the world listens for the worker.
     """
 
     def __init__(
-        self, target: str, *, world: Sequence[str], lock: Path, worker: Sequence[str], logs: Path, socket: Path
+        self, target: str, *, world: WorldProcess | None, worker: Sequence[str], logs: Path, socket: Path
     ) -> None:
-        self.target = target
-        self._lock, self._socket = lock, socket
-        self._world_command, self._worker_command, self._logs = tuple(world), tuple(worker), logs
-        self._world = self._start_world()
+        self.target, self._world, self._socket = target, world, socket
+        self._worker_command, self._logs = tuple(worker), logs
         self._worker, self.connection = self._start_worker()
-
-    def _start_world(self) -> WorldProcess | None:
-        if not self._world_command:
-            return None
-        return WorldProcess(self._world_command, self._lock, self._logs / f"world-{self.target}.log")
 
     def _start_worker(self) -> "tuple[ChildProcess, Connection[Any, Any]]":
         ours, theirs = Pipe()
@@ -194,9 +186,8 @@ class Worker:
         """Replace a lost or silent worker; the world goes on, unless it is lost too."""
         self._worker.kill()
         self.connection.close()
-        if self._world is not None and not self._world.is_alive():
-            self._world.close()
-            self._world = self._start_world()
+        if self._world is not None:
+            self._world.start()
         self._worker, self.connection = self._start_worker()
 
     def stop(self, *, at_once: bool = False) -> None:

@@ -1,8 +1,8 @@
-"""The world process of one target, as the watchdog holds it: started, or adopted from a watchdog that died.
+"""The process of one world, as the watchdog holds it: started, or adopted from a watchdog that died.
 
 Upstream: `workers`. Downstream: the world. A simulated world is all that its sessions have achieved, so it must not end
-with its watchdog, as no robot does: without one it holds its target and waits to be adopted. It is the sole process
-that holds the lock of its target, so there are never two.
+with its watchdog, as no robot does: without one it holds its targets and waits to be adopted. It is the sole process
+that holds the lock of its world, so there are never two. The targets of a shared world have one such process.
 """
 
 import contextlib
@@ -64,7 +64,7 @@ def end_when_unwatched(root: Path, clock: Clock, on_line: Callable[[bytes], None
 
 
 class WorldProcess:
-    """One world process; adopts the one that lives, else starts one.
+    """The process of one world; adopts the one that lives, else starts one.
 
     Args:
         command: Arguments after the interpreter.
@@ -73,12 +73,21 @@ class WorldProcess:
     """
 
     def __init__(self, command: Sequence[str], lock: Path, log: Path) -> None:
+        self._command, self._lock, self._log = tuple(command), lock, log
         self._process: subprocess.Popen[bytes] | None = None
-        found = find_sole(lock)
+        self._pidfd = -1
+        self.start()
+
+    def start(self) -> None:
+        """Adopt or start it; nothing while it runs."""
+        if self.is_alive():
+            return
+        self.close()
+        found = find_sole(self._lock)
         if found is None:
-            with log.open("ab") as output:
+            with self._log.open("ab") as output:
                 self._process = subprocess.Popen(
-                    [sys.executable, *command],
+                    [sys.executable, *self._command],
                     stdin=subprocess.PIPE,
                     stdout=output,
                     stderr=output,
@@ -105,11 +114,12 @@ class WorldProcess:
 
     def is_alive(self) -> bool:
         """Whether it still runs."""
-        return not _wait(self._pidfd, 0.0)
+        return self._pidfd >= 0 and not _wait(self._pidfd, 0.0)
 
     def kill(self) -> None:
         """End it at once; its state is lost."""
-        _end(self._pidfd)
+        if self._pidfd >= 0:
+            _end(self._pidfd)
         if self._process is not None:
             self._process.wait()
             if self._process.stdin is not None:
@@ -119,7 +129,9 @@ class WorldProcess:
     def close(self) -> None:
         """End it, and let go of it."""
         self.kill()
-        os.close(self._pidfd)
+        if self._pidfd >= 0:
+            os.close(self._pidfd)
+        self._process, self._pidfd = None, -1
 
 
 def _end(pidfd: int) -> None:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Colours = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Crop = tuple[int, int, int, int]  # left, top, width, height [pixels]
+WAIT_SLICE_S = 0.2  # a client that waits long shows its life this often
 WIRE_VERSION = 3  # grows when a message changes its meaning; the handshake and preflight compare it
 NPZ = "application/x-npz"
 RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`
@@ -220,6 +221,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
         driver: What moves it, by its name in the registry; a relay puts its own before it (`remote/mujoco`).
         tools: What `InvokeTool` may ask for.
         ground_truth: Whether `Observe` may ask for the ground truth.
+        shares_time: Whether other targets move in the same simulated time, so that a motion may wait for theirs.
         end_effector: What the tool flange carries: `opening`, `suction` or `none`.
     """
 
@@ -241,6 +243,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     driver: str = ""
     tools: tuple[Tool, ...] = ()
     ground_truth: bool = False
+    shares_time: bool = False
     end_effector: str = "opening"
 
     def offers_tool(self, name: str) -> bool:
@@ -364,6 +367,7 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
     missing: dict[str, str] = {}
 
 
+MOTIONS = (Begin, Command, Halt, Settle, End)  # requests during which simulated time may move
 Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
 Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames
 
@@ -406,8 +410,16 @@ def receive_request(connection: Channel) -> Request:
         raise ExecutionError("MALFORMED", f"{len(message)} bytes that are no request: {error}") from error
 
 
-def exchange(connection: Channel, request: Request, timeout_s: float) -> Reply:
+def exchange(
+    connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], None] | None = None
+) -> Reply:
     """One request and its reply; the connection is closed when there is none, so that none is taken for another.
+
+    Args:
+        connection: To the target.
+        request: What is asked.
+        timeout_s: The longest wait for the reply [s].
+        on_wait: Called several times a second meanwhile.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
@@ -416,11 +428,17 @@ def exchange(connection: Channel, request: Request, timeout_s: float) -> Reply:
         send(connection, request)
     except OSError as error:
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
+    waited_s = 0.0
     try:
-        return receive_reply(connection, timeout_s)
-    except ExecutionError:
+        while on_wait is not None and waited_s < timeout_s and not connection.poll(WAIT_SLICE_S):
+            on_wait()
+            waited_s += WAIT_SLICE_S
+        return receive_reply(connection, timeout_s - waited_s)
+    except (ExecutionError, OSError) as error:
         connection.close()
-        raise
+        if isinstance(error, ExecutionError):
+            raise
+        raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
 
 
 def receive_reply(connection: Channel, timeout_s: float) -> Reply:

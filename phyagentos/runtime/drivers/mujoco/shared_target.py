@@ -6,7 +6,7 @@ lets time keep pace with the wall clock. An emergency stop brings every robot to
 """
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 
 from typing_extensions import override
 
@@ -82,32 +82,32 @@ class SharedTarget(ServedTarget):
 
 
 def serve_together(
-    targets: Mapping[str, SharedTarget],
-    serve: Callable[[SharedTarget, str], None],
+    targets: Sequence[SharedTarget],
+    serve: Callable[[SharedTarget], None],
     pace_by: Clock | None = None,
     should_end: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Serve the robots of one world, each at its own socket, until each was shut down.
+    """Serve the robots of one world, each on a thread of its own, until each was shut down.
 
     Args:
-        targets: By path of the UNIX socket.
-        serve: Answers one target's clients, one after the other, at a socket.
+        targets: All robots of the world.
+        serve: Answers one target's clients, one after the other.
         pace_by: The wall clock, for a world in real time; None in lockstep.
         should_end: Asked in every control period of a world in real time.
     """
     threads = [
-        threading.Thread(target=serve, args=(target, socket), daemon=True, name=f"serve-{target.robot.profile.target}")
-        for socket, target in targets.items()
+        threading.Thread(target=serve, args=(target,), daemon=True, name=f"serve-{target.robot.profile.target}")
+        for target in targets
     ]
     for thread in threads:
         thread.start()
     if pace_by is not None:
-        keep_pace(list(targets.values()), pace_by, lambda: should_end() or not any(each.is_alive() for each in threads))
+        keep_pace(targets, pace_by, lambda: should_end() or not any(each.is_alive() for each in threads))
     for thread in threads:
         thread.join()
 
 
-def keep_pace(targets: list[SharedTarget], clock: Clock, should_end: Callable[[], bool]) -> None:
+def keep_pace(targets: Sequence[SharedTarget], clock: Clock, should_end: Callable[[], bool]) -> None:
     """Let the time of a shared world keep pace with the wall clock.
 
     Time runs ahead of the clock by two control periods at most, and only while every robot in motion has its next

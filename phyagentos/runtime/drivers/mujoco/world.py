@@ -240,6 +240,7 @@ class MujocoDriver(TargetDriver):
             driver="mujoco",
             tools=TOOLS,
             ground_truth=True,
+            shares_time=len(self.world.robots) > 1,
             end_effector=profile.end_effector,
         )
 
