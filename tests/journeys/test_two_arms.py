@@ -1,7 +1,9 @@
-"""Two arms and one tray: each arm has its own queue, and what both reach they use in turn."""
+"""Two arms: in worlds of their own, in turn at what both reach; and at one table, in one simulated time."""
 
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -10,6 +12,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId, Scene, Session, SessionId
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
@@ -21,29 +24,23 @@ from phyagentos.store.journal import Journal
 pytestmark = pytest.mark.journey
 
 ARMS = ("left_arm", "right_arm")
-LIMIT_S = 60.0
+LIMIT_S = 40.0
 CLOCK = SystemClock()
 
 
 class TwoArms:
-    """A watched workspace with two simulated arms; what its journal tells, in order."""
+    """A watched workspace with two simulated arms; what its journal says, in order."""
 
-    def __init__(self, root):
-        project = root / "project"
-        for arm in ARMS:
-            shutil.copytree(find_shipped_root() / "robots" / "panda", project / "robots" / arm)
-            replace(project / "robots" / arm / "target.yaml", "target: panda", f"target: {arm}")
+    def __init__(self, root, project, scene, *options):
+        self.scene = scene
         self.workspace = Workspace.create(root / "w", Library.open(project))
-        replace(self.workspace.runtime_contract, "resources: []", "resources: [tray]")
-        limits = self.workspace.safety.read_text()
-        (own,) = re.findall(r"(?ms)^  panda:\n(.*)", limits)
-        self.workspace.safety.write_text(limits + "".join(f"\n  {arm}:\n{own}" for arm in ARMS))
         command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root / "w"), "--no-pictures"]
         with (root / "watch.log").open("wb") as log:
-            self.process = subprocess.Popen(command, stdout=log, stderr=log)
+            self.process = subprocess.Popen([*command, *options], stdout=log, stderr=log)
         self.journal = Journal(self.workspace.root, side=Side.AGENT, by="journey", clock=CLOCK)
         self.follower = Follower(self.journal.folder)
         self.told: list[tuple[str, str]] = []
+        self.executions: dict[str, dict] = {}
 
     def submit(self, id, arm, skill, *resources, **parameters):
         session = Session(
@@ -55,7 +52,7 @@ class TwoArms:
             target=arm,
             parameters=parameters,
             accept=(),
-            scene=Scene(name="tabletop/cubes_and_trays", seed=1, episode=arm),
+            scene=Scene(name=self.scene, seed=1, episode=arm if "/" in self.scene else "both"),
             seed=1,
             resources=resources,
         )
@@ -66,7 +63,16 @@ class TwoArms:
         while (id, event) not in self.told:
             assert CLOCK.now_s() < deadline_s, f"{id} never came to {event}: {self.told}"
             CLOCK.sleep(0.01)
-            self.told += [(record.id, record.ev) for record in self.follower.read_new()]
+            for record in self.follower.read_new():
+                self.told.append((record.id, record.ev))
+                if "execution" in (record.body or {}):
+                    self.executions[record.id] = record.body["execution"]
+
+    def wait_until_both_move(self):
+        deadline_s, logs = CLOCK.now_s() + LIMIT_S, [self.workspace.logs / f"receive-{arm}.jsonl" for arm in ARMS]
+        while not all('"Command"' in log.read_text() for log in logs):
+            assert CLOCK.now_s() < deadline_s
+            CLOCK.sleep(0.01)
 
     def signal(self, kind, session):
         drop_signal(self.workspace.signals, Signal(kind=kind, session=session, by="test"), CLOCK)
@@ -89,9 +95,38 @@ def replace(path, old, new):
 
 @pytest.fixture
 def two_arms(tmp_path):
-    arms = TwoArms(tmp_path)
+    project = tmp_path / "project"
+    for arm in ARMS:
+        shutil.copytree(find_shipped_root() / "robots" / "panda", project / "robots" / arm)
+        replace(project / "robots" / arm / "target.yaml", "target: panda", f"target: {arm}")
+    shutil.copytree(find_shipped_root() / "protocol", project / "protocol")
+    replace(project / "protocol" / "runtime_contract.yaml", "resources: []", "resources: [tray]")
+    limits = (project / "protocol" / "safety.yaml").read_text()
+    (own,) = re.findall(r"(?ms)^  panda:\n(.*)", limits)
+    (project / "protocol" / "safety.yaml").write_text(limits + "".join(f"\n  {arm}:\n{own}" for arm in ARMS))
+    arms = TwoArms(tmp_path, project, "tabletop/cubes_and_trays")
     yield arms
     arms.stop()
+
+
+@pytest.fixture
+def one_table(tmp_path):
+    """Both arms at work on the shipped scene, each with its cube."""
+
+    def start(*options):
+        arms = TwoArms(tmp_path, find_shipped_root() / "examples" / "04_two_arms", "two_arms", *options)
+        started.append(arms)
+        arms.submit("left", "left_arm", "pick_and_place", object="red_cube", destination="red_tray")
+        arms.submit("right", "right_arm", "pick_and_place", object="blue_cube", destination="blue_tray")
+        arms.wait_for("left", "start")
+        arms.wait_for("right", "start")
+        arms.wait_until_both_move()
+        return arms
+
+    started = []
+    yield start
+    for arms in started:
+        arms.stop()
 
 
 def test_two_arms_work_side_by_side_and_take_turns_at_what_both_reach(two_arms):
@@ -111,3 +146,47 @@ def test_two_arms_work_side_by_side_and_take_turns_at_what_both_reach(two_arms):
     assert long[0] < free[0] < free[1] < long[1]  # two arms at once
     assert long[1] < needy[0]  # one tray, in turn, though the other arm was idle
     assert long[1] < behind[0]  # one arm, in turn
+
+
+def test_at_one_table_one_arm_is_cancelled_and_the_other_goes_on(one_table):
+    arms = one_table()
+    arms.signal("cancel", "right")
+    arms.wait_for("right", "confirm_cancel")
+    arms.wait_for("left", "finish")
+
+    assert arms.executions["left"]["ended"] == "completed"
+    assert arms.executions["right"]["ended"] == "cancelled"
+
+
+def test_at_one_table_a_killed_worker_leaves_its_arm_holding_and_the_other_goes_on(one_table):
+    arms = one_table()
+    heartbeat = find_heartbeat(arms.workspace.heartbeats, "right_arm")
+    os.kill(heartbeat.pid, signal.SIGKILL)
+    arms.wait_for("left", "finish")
+    arms.wait_for("right", "reconcile")
+
+    assert arms.executions["left"]["ended"] == "completed"
+    assert arms.executions["right"]["ended"] == "runner_lost"
+    arms.submit("again", "right_arm", "home")
+    arms.wait_for("again", "finish")
+    assert arms.executions["again"]["ended"] == "completed"
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_at_one_table_an_emergency_stop_ends_both(one_table, mode):
+    arms = one_table("--world-mode", mode)
+    arms.signal("estop", "")
+    arms.wait_for("left", "finish")
+    arms.wait_for("right", "finish")
+
+    assert [arms.executions[name]["code"] for name in ("left", "right")] == ["ESTOPPED", "ESTOPPED"]
+
+
+def test_at_one_table_both_work_in_real_time(one_table):
+    arms = one_table("--world-mode", "realtime")
+    arms.wait_for("left", "finish")
+    arms.wait_for("right", "finish")
+
+    assert [arms.executions[name]["ended"] for name in ("left", "right")] == ["completed", "completed"]
+    spans = [arms.find_span(name) for name in ("left", "right")]
+    assert max(start for start, _ in spans) < min(end for _, end in spans)  # at once

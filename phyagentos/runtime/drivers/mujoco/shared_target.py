@@ -18,6 +18,7 @@ from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.wire import Reply, Request
 
 ESTOPPED = "ESTOPPED"
+LATE_SHARE = 0.25  # of a control period, by which a command may be late that was sent in time
 
 
 class SharedTarget(ServedTarget):
@@ -120,7 +121,7 @@ def keep_pace(targets: Sequence[SharedTarget], clock: Clock, should_end: Callabl
     """
     simulation = targets[0].robot.world.simulation
     simulation.is_paced = True
-    pace, period_s = Pace(simulation, clock), simulation.control_period_s
+    pace, period_s, has_waited = Pace(simulation, clock), simulation.control_period_s, False
     while not should_end():
         with simulation.lock:
             targets[0].look_for_stops()
@@ -130,9 +131,14 @@ def keep_pace(targets: Sequence[SharedTarget], clock: Clock, should_end: Callabl
                 simulation.lock.wait(min(period_s - lag_s, period_s))
                 continue
             moving, commanded = {each for each in targets if each.is_moving}, simulation.find_commanded()
-            for target in moving:
-                if target.robot.profile.target not in commanded:
-                    target.note_deadman()
+            late = [each for each in moving if each.robot.profile.target not in commanded]
+            if late and not has_waited:  # this thread may have been late itself: a command may lie in a socket
+                has_waited = True
+                simulation.lock.wait(LATE_SHARE * period_s)
+                continue
+            for target in late:
+                target.note_deadman()
+            has_waited = False
             simulation.pass_period()
             if not moving and any(each.is_moving for each in targets):
                 pace.begin_motion()

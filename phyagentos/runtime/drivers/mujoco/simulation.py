@@ -166,6 +166,7 @@ class Simulation:
         for _ in range(round(self.control_period_s / self._get_scene().model.opt.timestep)):
             self._prime_all()
             self._step()
+        self._prime(also_standing=False)  # a command is over with its last step
         self.lock.notify_all()
 
     def _carry_out_alone(self, motion: Motion) -> str:
@@ -199,14 +200,20 @@ class Simulation:
         while self._prime():
             pass
 
-    def _prime(self) -> bool:
-        """Let each robot prepare the coming physics step, once; whether a motion came to its end instead."""
+    def _prime(self, *, also_standing: bool = True) -> bool:
+        """Let each robot prepare the coming physics step, once; whether a motion came to its end instead.
+
+        Args:
+            also_standing: Those without a motion, too.
+        """
         has_ended = False
         for name, body in self.bodies.items():
             if name in self._primed:
                 continue
             move = self._moves.get(name)
             if move is None or move.ended is not None:
+                if not also_standing:
+                    continue
                 if name not in self._standing:
                     self._standing[name] = body.controller.stand()
                 next(self._standing[name])

@@ -1,0 +1,272 @@
+"""Two arms at one table: one model and one time, but each its own authority, limits, stops and log."""
+
+import threading
+
+import mujoco
+import numpy as np
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, keep_pace
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
+from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+
+pytestmark = pytest.mark.sim
+
+EXAMPLE = find_shipped_root() / "examples" / "04_two_arms"
+ARMS = ("left_arm", "right_arm")
+LOAD = wire.LoadScene(scene="two_arms", seed=1, episode="e")
+
+
+class Table:
+    """Both arms with their scene loaded; what the runtime plane says is what the test says."""
+
+    def __init__(self, library, *, agreed=None, is_estopped=lambda: False, logs=None):
+        self.agreed = agreed
+        world = SimulatedWorld(library, read_agreement=(lambda: self.agreed) if agreed is not None else None)
+        robots = [MujocoDriver(world, *read_profile(library.get_target(name))) for name in ARMS]
+        everybody = []
+        for robot in robots:
+            log = ReceiveLog(logs / f"{robot.profile.target}.jsonl" if logs else None)
+            SharedTarget(robot, log, everybody, is_estopped=is_estopped)
+        self.left, self.right = self.targets = everybody
+        self.simulation, self.sequences = world.simulation, dict.fromkeys(ARMS, 0)
+        for target in self.targets:
+            assert isinstance(target.handle(LOAD), wire.Loaded)
+
+    def begin(self, target, session="s", epoch=1):
+        self.sequences[target.robot.profile.target] = 0
+        assert target.handle(wire.Begin(session=session, epoch=epoch)) == wire.Ack()
+
+    def swing(self, target, joint=0, periods=10, session="s", by_rad=0.004):
+        """Commands that turn one joint by ever the same step, up and down again in speed; their replies."""
+        rows = 10 * periods
+        ramp = np.minimum(np.arange(1, rows + 1), np.arange(rows, 0, -1)).clip(max=100) / 100.0
+        steps = by_rad * ramp
+        q = np.tile(np.array(target.robot.controller.q_rad), (rows, 1))
+        q[:, joint] += np.cumsum(0.1 * steps)
+        qd = np.zeros_like(q)
+        qd[:, joint] = 0.1 * steps / 0.002
+        return [self.command(target, q[at : at + 10], qd[at : at + 10], session) for at in range(0, rows, 10)]
+
+    def command(self, target, q, qd, session="s"):
+        name = target.robot.profile.target
+        self.sequences[name] += 1
+        command = wire.Command(
+            session=session,
+            epoch=1,
+            sequence=self.sequences[name],
+            expires_at_s=target.time_s + 1.0,
+            q_rad=q,
+            qd_rad_s=qd,
+            gripper_width_m=np.full(len(q), 0.08),
+        )
+        return target.handle(command)
+
+    def together(self, *works):
+        """Each on a thread of its own; what they gave."""
+        given = [None] * len(works)
+
+        def run(index):
+            given[index] = works[index]()
+
+        threads = [threading.Thread(target=run, args=(index,), daemon=True) for index in range(len(works))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(60.0)
+            assert not thread.is_alive()
+        return given
+
+    @property
+    def state(self):
+        return self.left.robot.physics.read_state()
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """As in a workspace, where the arms' model lies beside them."""
+    return Workspace.create(tmp_path_factory.mktemp("w"), Library.open(EXAMPLE)).library()
+
+
+def test_the_arms_have_names_of_their_own_and_collide_with_each_other_only_through_solids(library):
+    table = Table(library)
+    model = table.left.robot.physics.model
+    names = {model.body(index).name for index in range(model.nbody)}
+
+    assert {"left_arm/link7", "right_arm/link7", "red_cube", "blue_tray"} <= names
+    excluded = {frozenset(divmod(int(signature), 1 << 16)) for signature in model.exclude_signature}
+    across = [pair for pair in excluded if len({model.body(body).name.split("/")[0] for body in pair}) > 1]
+    assert across == []  # no pair of the two arms is left out
+    hands = [model.body(f"{arm}/hand").geomadr[0] for arm in ARMS]
+    assert all(model.geom_contype[hand] & model.geom_conaffinity[hands[0]] for hand in hands)
+    data = mujoco.MjData(model)
+    data.qpos[:] = table.left.robot.physics.data.qpos
+    mujoco.mj_forward(model, data)
+    touching = {model.body(int(body)).name.split("/")[0] for body in model.geom_bodyid[data.contact.geom.ravel()]}
+    assert not {"left_arm", "right_arm"} & touching  # at home nothing touches
+
+
+def test_each_describes_itself_and_sees_one_world(library):
+    table = Table(library)
+    left, right = (target.handle(wire.Describe()) for target in table.targets)
+
+    assert (left.target, right.target, left.shares_time) == ("left_arm", "right_arm", True)
+    assert left.kinematics.tcp_m[1] == pytest.approx(right.kinematics.tcp_m[1] + 0.8)
+    seen = [target.handle(wire.Observe(truth=True)) for target in table.targets]
+    assert [each.name for each in seen[0].entities] == [each.name for each in seen[1].entities]
+    assert seen[0].target.tcp.position_m[1] == pytest.approx(0.4, abs=0.01)
+    assert seen[1].target.tcp.position_m[1] == pytest.approx(-0.4, abs=0.01)
+
+
+def test_time_moves_with_both_commands_and_bits_repeat_however_the_threads_run(library):
+    states = []
+    for delay in ((), ("left",), ("right",)):
+        table = Table(library)
+        for target in table.targets:
+            table.begin(target)
+
+        def late(target, joint, name, delay=delay, table=table):
+            if name in delay:
+                SystemClock().sleep(0.2)
+            return table.swing(target, joint)
+
+        left, right = table.together(
+            lambda late=late, table=table: late(table.left, 0, "left"),
+            lambda late=late, table=table: late(table.right, 1, "right"),
+        )
+        assert all(isinstance(reply, wire.Step) for reply in (*left, *right))
+        assert table.simulation.time_s == pytest.approx(0.4 + 10 * 0.02)
+        states.append(table.state)
+
+    assert np.array_equal(states[0], states[1])
+    assert np.array_equal(states[0], states[2])
+
+
+def test_an_idle_arm_holds_while_the_other_moves(library):
+    table = Table(library)
+    table.begin(table.left)
+    before = table.right.robot.physics.q_rad
+
+    table.swing(table.left)
+
+    assert table.simulation.time_s == pytest.approx(0.6)
+    assert np.abs(table.right.robot.physics.q_rad - before).max() < 1e-3
+    assert np.abs(table.left.robot.physics.q_rad - before).max() > 0.01
+
+
+def test_one_may_not_command_the_other_and_no_scene_is_loaded_under_a_session(library):
+    table = Table(library)
+    table.begin(table.left)
+
+    assert table.command(table.right, np.zeros((10, 7)), np.zeros((10, 7))).code == "NO_AUTHORITY"
+    other = wire.LoadScene(scene="two_arms", seed=2, episode="other")
+    assert table.right.handle(other).code == "NO_AUTHORITY"
+    assert table.right.handle(wire.LoadScene(scene="two_arms", seed=2, episode="e")).code == "EPISODE_CONFLICT"
+
+
+def test_time_stands_until_the_runtime_plane_knows_what_runs(library):
+    table = Table(library, agreed={})
+    table.begin(table.left)
+    waits = threading.Thread(target=table.swing, args=(table.left, 0, 2), daemon=True)
+    waits.start()
+    waits.join(0.3)
+
+    assert waits.is_alive()
+    assert table.simulation.time_s == pytest.approx(0.4)
+    table.agreed = {"left_arm": "s"}
+    waits.join(30.0)
+    assert table.simulation.time_s == pytest.approx(0.44)
+
+
+def test_a_session_that_the_runtime_plane_gave_up_does_not_hold_the_other_for_ever(library):
+    table = Table(library, agreed={"left_arm": "s", "right_arm": "s"})
+    for target in table.targets:
+        table.begin(target)
+    table.agreed = {"left_arm": "s"}
+
+    (right,) = table.together(lambda: table.swing(table.right, 1, 1))
+    assert right[-1].stopped == "SESSION_LOST"
+    table.right.withdraw()
+    left = table.swing(table.left)
+    assert all(reply.stopped == "" for reply in left)
+
+
+def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_that_comes_to_rest_while_the_other_goes_on(library):
+    table = Table(library)
+    for target in table.targets:
+        table.begin(target)
+    q = np.tile(np.array(table.right.robot.controller.q_rad), (10, 1))
+    qd = np.zeros_like(q)
+    q[:, 1] += np.cumsum(1e-5 * np.arange(1, 11))
+    qd[:, 1] = 1e-5 * np.arange(1, 11) / 0.002
+    hold = np.tile(np.array(table.left.robot.controller.q_rad), (10, 1))
+    table.together(lambda: table.command(table.right, q, qd), lambda: table.command(table.left, hold, 0.0 * hold))
+    assert table.right.is_moving
+
+    table.right.withdraw()
+    assert table.right.is_moving  # time stands: the other one runs
+    assert all(reply.stopped == "" for reply in table.swing(table.left))
+    assert not table.right.is_moving
+    assert np.abs(table.right.robot.physics.qd_rad_s).max() < 0.01
+
+
+def test_an_emergency_stop_brings_both_to_rest_and_both_logs_say_so(library, tmp_path):
+    latched = []
+    table = Table(library, is_estopped=lambda: bool(latched), logs=tmp_path)
+    for target in table.targets:
+        table.begin(target)
+    table.together(lambda: table.swing(table.left, 0, 3), lambda: table.swing(table.right, 1, 3))
+    latched.append(True)
+
+    replies = table.swing(table.left, 0, 1)
+    assert replies[0].code == "ESTOPPED"
+    assert table.swing(table.right, 1, 1)[0].code == "ESTOPPED"
+    assert not table.left.is_moving
+    assert not table.right.is_moving
+    for name in ARMS:
+        assert '"kind":"EStop"' in (tmp_path / f"{name}.jsonl").read_text()
+
+
+class SlowClock(SystemClock):
+    """A fifth as fast as the machine's, so that a machine with much to do is in time."""
+
+    def now_s(self):
+        return 0.2 * super().now_s()
+
+
+def test_in_real_time_each_arm_has_its_own_deadman(library):
+    table, ended = Table(library), []
+    pacer = threading.Thread(
+        target=keep_pace, args=(table.targets, SlowClock(), lambda: bool(ended)), daemon=True, name="pace"
+    )
+    for target in table.targets:
+        table.begin(target)
+    pacer.start()
+
+    def break_off():
+        """A stream that ends in the middle of a motion."""
+        whole = table.swing(table.right, 1, 20)
+        q = np.tile(np.array(table.right.robot.controller.q_rad), (10, 1))
+        qd = np.zeros_like(q)
+        q[:, 1] += np.cumsum(1e-5 * np.arange(1, 11))
+        qd[:, 1] = 1e-5 * np.arange(1, 11) / 0.002
+        whole.append(table.command(table.right, q, qd))
+        return whole
+
+    began_s = SlowClock().now_s()
+    left, right = table.together(lambda: table.swing(table.left, 0, 60), break_off)
+    took_s = SlowClock().now_s() - began_s
+
+    assert [getattr(reply, "message", reply) for reply in left if not isinstance(reply, wire.Step) or reply.stopped][
+        :1
+    ] == []
+    assert took_s > 1.0
+    assert all(isinstance(reply, wire.Step) for reply in right)
+    assert table.command(table.right, np.zeros((10, 7)), np.zeros((10, 7))).code == "DEADMAN"
+    ended.append(True)
+    pacer.join(5.0)
