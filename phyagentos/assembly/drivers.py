@@ -43,12 +43,6 @@ def _open_debug(site: DriverSite) -> TargetDriver:
     return DebugDriver(site.profile, site.workspace.library())
 
 
-def choose_graphics() -> None:
-    """Draw without a screen where there is none; before anything imports MuJoCo, which looks then."""
-    if not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")
-
-
 def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreement | None") -> "list[MujocoDriver]":
     """The robots of a world that several targets share.
 

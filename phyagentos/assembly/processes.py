@@ -62,20 +62,10 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
 
     workspace, clock = Workspace.open(root), SystemClock()
     become_sole(get_lock(workspace.root, world), clock, "TARGET_BUSY", f"another world process has {world}")
-<<<<<<< HEAD
     choose_graphics()
     sites = find_sites(workspace, world, clock)
     is_supervisor = partial(is_held_by, workspace.root / WATCHDOG_LOCK)
     tokens = {site.profile.target: Tokens(is_supervisor=is_supervisor) for site in sites}
-=======
-    if outlives:
-        end_when_unwatched(workspace.root, clock)
-    else:
-        end_with_parent()
-    choose_graphics()
-    from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
-    from phyagentos.runtime.targets.stop_listener import StopListener
->>>>>>> 0501c68 (Two arms at one table: loaded, in lockstep, in real time, stopped, cancelled, killed)
 
     def renew_token(line: bytes) -> None:
         name, token = line.decode().split()
