@@ -174,7 +174,7 @@ def attack(case: Case, planes: Planes, clock: Clock, *, has_disk: bool) -> None:
 
 
 def wait(planes: Planes, duration_s: float, clock: Clock) -> None:
-    """Let time pass; whoever ends meanwhile is started again."""
+    """Let time pass; processes that end meanwhile are started again."""
     end_s = clock.now_s() + duration_s
     while (left_s := end_s - clock.now_s()) > 0.0:
         clock.sleep(min(0.1, left_s))

@@ -189,7 +189,7 @@ def refuse_writes(pid: int) -> None:
 
 
 def allow_writes(root: Path) -> None:
-    """Undo `refuse_writes`, of whoever inherited it too."""
+    """Undo `refuse_writes`, also in children that inherited it."""
     for pid in find_processes(root):
         with contextlib.suppress(ProcessLookupError):
             resource.prlimit(pid, resource.RLIMIT_FSIZE, UNLIMITED)

@@ -6,7 +6,7 @@ It is the only process that does, since it sleeps nearly all the time: a worker 
 computes for seconds, and an agent is in no hurry. Its children begin with ordinary scheduling. It does not ask where
 there is one processor only, or where a world keeps real time, since it would then stand in front of that world.
 
-World and worker that keep real time ask for a larger share instead, which takes the processor from nobody for good: a
+World and worker that keep real time ask for a larger share instead, which starves no process: a
 command that comes late, because something else computes, makes the target stop by itself.
 """
 

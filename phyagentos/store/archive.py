@@ -1,6 +1,6 @@
 """The archive: sealed segments that nothing live or unfinished needs any more, out of the way but never deleted.
 
-Upstream: whoever has just written a checkpoint. Downstream: followers, which look there for what is no longer in the
+Upstream: the writer of a checkpoint. Downstream: followers, which look there for what is no longer in the
 lane. A segment moves from `sessions/<lane>/` to `sessions/archive/<yyyy-mm>/<lane>/`, month of its name, unchanged: one
 rename within the file system, oldest first, so that the archived ones always precede those in the lane. A death between
 two steps leaves each segment in one place or the other. Order of the steps: make the folders durable, rename, make the
@@ -52,7 +52,7 @@ def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: Fi
 def _move(source: Path, destination: Path, file_io: FileIO, *, durable: bool) -> None:
     place = destination.parent
     place.mkdir(parents=True, exist_ok=True)
-    if durable:  # whoever made these folders may have died before their names reached the disk
+    if durable:  # their creator may have died before their names reached the disk
         for parent in (place.parent, place.parent.parent, place.parent.parent.parent):
             sync_folder(parent, file_io)
     file_io.replace(source, destination)

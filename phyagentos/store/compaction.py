@@ -58,7 +58,7 @@ def compact_lane(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Com
 
 @contextlib.contextmanager
 def keep_still(folder: Path) -> Iterator[PartitionLock]:
-    """Hold both locks of a lane: nobody writes, and nobody else archives.
+    """Hold both locks of a lane: no other process writes or archives.
 
     Raises:
         ExecutionError: `JOURNAL_LOCKED`.

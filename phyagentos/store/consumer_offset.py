@@ -1,6 +1,6 @@
 """What a journal's owner has not read yet, in bounded memory.
 
-Upstream: the journal's own cursor. Downstream: whoever calls `read_new`. As long as the owner keeps up, records are
+Upstream: the journal's own cursor. Downstream: the caller of `read_new`. As long as the owner keeps up, records are
 handed over from memory, each parsed once. An owner that does not is remembered as a place in the journal and reads from
 there; so does one that has just started.
 """

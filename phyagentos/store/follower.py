@@ -130,7 +130,7 @@ class Follower:
         """
         self._looks += 1
         records = self.advance(trusts_lock=self._looks % _DISTRUST_EVERY != 0)
-        if self.tail is _DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again while nobody writes
+        if self.tail is _DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again with the lock held
             with hold_lock(self._folder, fcntl.LOCK_SH):
                 records += self.advance()
             if self.tail is Tail.DAMAGED:

@@ -44,7 +44,7 @@ class Finding:
 
     @property
     def is_damage(self) -> bool:
-        """False for what the next writer mends by itself, and for a shortcut that nobody takes."""
+        """False for what the next writer mends by itself, and for a shortcut that is not taken."""
         return self.code not in {"END_TORN", "SEGMENT_TWICE", "CHECKPOINT_UNUSED"}
 
     def __str__(self) -> str:
@@ -114,7 +114,7 @@ def iter_frame_findings(survey: Survey) -> Iterator[Finding]:
         if isinstance(piece, Kept):
             continue
         if piece.is_torn:
-            what = f"{len(piece.data)} bytes of a batch that nobody was told of; the next writer cuts them"
+            what = f"{len(piece.data)} bytes of a batch that was never acknowledged; the next writer cuts them"
             yield Finding("END_TORN", survey.name, piece.offset, what)
         elif piece.data:
             what = f"{len(piece.data)} bytes are not as they were written; {describe_lost(piece)}"

@@ -3,7 +3,7 @@
 Upstream: both planes and the operator. Downstream: followers, the fold (`ledger`) and the views. One `commit` is one
 lock, one check, one write and one wait for the disk. A database was measured and rejected: the truth must be text.
 
-Which records may lag. A wait for the disk covers everything that stands before it in the lane, whoever wrote it, so
+Which records may lag. A wait for the disk covers everything that stands before it in the lane, of any writer, so
 what is on the disk is always a prefix of the journal. A record may therefore be committed with `durable=False` when
 losing it in a power cut is harmless, or when a durable one follows before anybody acts on it. A session needs three
 waits at most:
@@ -92,7 +92,7 @@ class Journal:
             raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}: {error}") from error
         self._lock = PartitionLock(self.folder)
         self._writer = SegmentWriter(self.folder, self._lock, io, durable=durable)
-        if durable:  # whoever made these folders may have died before their names reached the disk
+        if durable:  # their creator may have died before their names reached the disk
             self._writer.be_durable(sync_folder, root, io)
             self._writer.be_durable(sync_folder, self.folder.parent, io)
         checkpoint = find_checkpoint(self.folder)
@@ -200,7 +200,7 @@ class Journal:
 
         Args:
             looks: Whether to look at the lane, and to keep it short. If not, what the last commit found there and what
-                it added is all there is: enough for whoever has just recorded something and has to act on it.
+                it added is all there is: enough for a caller that acts on what it has just recorded.
 
         Raises:
             ExecutionError: `JOURNAL_DAMAGED`.
@@ -280,7 +280,7 @@ class Journal:
                 (self.folder / name).write_bytes(rest)
 
     def _repair(self) -> None:
-        """Cut a torn tail: nobody was ever told that it stands."""
+        """Cut a torn tail, which was never acknowledged."""
         import hashlib
 
         rest = self._follower.read_rest()

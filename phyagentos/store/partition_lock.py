@@ -1,8 +1,8 @@
 """The lock file of a lane: who may write now, and into which segment.
 
-Upstream: the writer. Downstream: followers, which read the name in it instead of listing the folder. Whoever opens a
-segment writes its name here first, with the lock held; so whoever finds the name of its own segment here knows that no
-later one exists. Any other content means: list the folder. The file holds nothing that could be lost.
+Upstream: the writer. Downstream: followers, which read the name in it instead of listing the folder. A writer that
+opens a segment writes its name here first, with the lock held: while a follower's own segment stands here, no later one
+exists. Any other content means: list the folder. The file holds nothing that could be lost.
 """
 
 import contextlib
@@ -105,7 +105,7 @@ def read_announced(lock_fd: int) -> str:
 
 
 def describe_move(path: Path) -> ExecutionError:
-    """The error of a file that is no longer where it was opened: whoever opens it now finds another truth, or none."""
+    """The error of a file that is no longer where it was opened: opening it now finds another truth, or none."""
     return ExecutionError(
         "JOURNAL_MOVED",
         f"{path}: moved, replaced or deleted while it was open. Nothing was recorded. Put the folder back, or "

@@ -101,7 +101,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return msgspec.convert(self.body or {}, Session)
 
     def remember(self, body: dict[str, Any] | None, contract: Session | None) -> None:
-        """Keep what the writer knows already, so that nobody parses it again in this process."""
+        """Keep what the writer knows already, so that it is not parsed again in this process."""
         self.__dict__["body"] = body
         if contract is not None:
             self.__dict__["contract"] = contract

@@ -109,7 +109,7 @@ class Repair:
 
     @property
     def is_only_torn(self) -> bool:
-        """Whether it is only the end of a batch that nobody was told of, which any writer cuts."""
+        """Whether it is only the end of a batch that was never acknowledged, which any writer cuts."""
         return len(self.cuts) == 1 and self.cuts[0].gap.is_torn and all(each.is_linked for each in self.changed)
 
     @property
@@ -192,7 +192,7 @@ class _Plan:
 
     def carry_out(self, lock: PartitionLock) -> Repair:
         """Put the staged files in place, the newest first, and tell what was done in a new segment."""
-        lock.announce("")  # whoever follows must look at the folder from now on
+        lock.announce("")  # followers look at the folder from now on
         forget_shortcuts(self._folder)
         aside: dict[str, Path] = {}
         for each in reversed(self._changed):

@@ -42,7 +42,7 @@ class Gap:
         data: The bytes; empty when only numbers are missing.
         first_seq: Number of the first record that is missing.
         lost: How many are missing; 0 when bytes were only added.
-        is_torn: Whether it is the beginning of a batch that nobody was told of, at the very end.
+        is_torn: Whether it is the beginning of a batch that was never acknowledged, at the very end.
         is_exact: False when more may have been lost than can be told.
     """
 

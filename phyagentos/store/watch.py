@@ -45,7 +45,7 @@ class Watch:
         self._poll_s = poll_s
         self._clock = clock or SystemClock()
         self._inotify: inotify_simple.INotify | None = None
-        self._never = -1  # an event counter that nobody raises stands in where inotify is missing
+        self._never = -1  # an event counter that stays at zero stands in where inotify is missing
         self._use_inotify = use_inotify
         self._stamp: _Stamp = ()
         self._next_poll_s = 0.0
@@ -83,7 +83,7 @@ class Watch:
         """Forget the changes reported so far; whether there were any. Call it before looking, not after."""
         if self._inotify is None:
             return False
-        try:  # what the events say does not matter, an overflow neither: whoever wakes looks at everything
+        try:  # what the events say does not matter, an overflow neither: every wake-up looks at everything
             return bool(os.read(self._inotify.fileno(), _EVENTS_BYTES))
         except BlockingIOError:
             return False

@@ -54,9 +54,9 @@ class SegmentWriter:
             if self._fd >= 0:
                 os.close(self._fd)
             self._fd = os.open(cursor.path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
-            if self._durable:  # whoever created it may have died before its name reached the disk
+            if self._durable:  # its creator may have died before its name reached the disk
                 self.be_durable(sync_folder, self._folder, self._io)
-            # whoever opened this segment made the one before it durable first
+            # the opener of this segment made the one before it durable first
             self._synced_seq = max(self._synced_seq, cursor.first_seq - 1)
             self.segment = cursor.segment
 
@@ -102,7 +102,7 @@ class SegmentWriter:
         """Say in the lock file which segment is written from now on."""
         try:
             self._lock.announce(name)
-        except OSError as error:  # no segment may appear that nobody was told of
+        except OSError as error:  # no segment may appear unannounced
             raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, lock file: {error}") from error
 
     def sync(self, seq: int, cursor: Follower) -> None:

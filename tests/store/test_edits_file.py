@@ -1,4 +1,4 @@
-"""A file that is rendered and edited at the same time: every version that somebody else left is found once."""
+"""A file that is rendered and edited at the same time: every version of another writer is found once."""
 
 import os
 import shutil

@@ -1,1 +1,1 @@
-"""SESSIONS.md as an input: what somebody wrote into it, or dropped into the inbox, becomes records or is refused."""
+"""SESSIONS.md and the inbox as inputs: each edit or request becomes records, or is refused."""

@@ -1,6 +1,6 @@
 """What becomes of an edit: a record, nothing because it stands already, or a refusal with its reason.
 
-Upstream: `merge` and `inbox`, which know what somebody wants. Downstream: the journal, which has the last word.
+Upstream: `merge` and `inbox`, which know what is asked for. Downstream: the journal, which has the last word.
 """
 
 from collections.abc import Mapping
@@ -52,7 +52,7 @@ class Refused:
 
 
 class Impossible(Exception):
-    """What somebody wants cannot be done.
+    """A request that cannot be done.
 
     Attributes:
         reason: Why.
@@ -105,7 +105,7 @@ def plan_amend(id: SessionId, amendment: Amendment, sessions: Mapping[SessionId,
     """The record that changes limits or priority; None when they are so already.
 
     Raises:
-        Impossible: When there is no such session, or somebody has claimed it.
+        Impossible: When there is no such session, or it is claimed.
     """
     status = _get(id, sessions)
     if apply_amendment(status.contract, amendment) == status.contract:

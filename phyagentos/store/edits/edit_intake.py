@@ -55,7 +55,7 @@ class EditIntake:
         return self._rejections.notes
 
     def is_touched(self) -> bool:
-        """Whether somebody wrote SESSIONS.md since it was put there."""
+        """Whether SESSIONS.md was changed since it was put there."""
         return self.file.is_touched()
 
     def put(self, text: str) -> bool:
@@ -85,7 +85,7 @@ class EditIntake:
         return self._take_inbox(history) or is_new
 
     def take_file(self, history: History, *, at_once: bool = False) -> list[Merge]:
-        """As `take`, of SESSIONS.md alone: what became of each version that somebody left there."""
+        """As `take`, of SESSIONS.md alone: what became of each version that an editor left there."""
         results: list[Merge] = []
 
         def handle(data: bytes, is_whole: bool) -> None:
@@ -111,7 +111,7 @@ class EditIntake:
             return self._merge_text(text, history, source, is_whole=is_whole)
         except ExecutionError:
             raise
-        except Exception as error:  # whatever somebody wrote, it must not end the process that supervises
+        except Exception as error:  # no text may end the process that supervises
             return Merge((), tuple(self._reject([_refuse_unread(text, error)], source)))
 
     def _merge_text(self, text: str, history: History, source: str, *, is_whole: bool) -> Merge:

@@ -1,7 +1,7 @@
 """Two calls of Linux that the standard library lacks: swap two files, and ask whether anybody may still write to one.
 
 `renameat2(RENAME_EXCHANGE)` puts a rendering in place and gives back what stood there in one step, so that no edit can
-fall between a look and a rename. A read lease is granted only where nobody has a file open for writing.
+fall between a look and a rename. A read lease is granted only where no process has a file open for writing.
 """
 
 import ctypes
@@ -43,7 +43,7 @@ def rename_new(source: Path, destination: Path) -> None:
 
 
 def may_be_written(fd: int) -> bool | None:
-    """Whether somebody has the file open for writing; None where the system does not tell.
+    """Whether a process has the file open for writing; None where the system does not tell.
 
     Args:
         fd: Opened for reading only.

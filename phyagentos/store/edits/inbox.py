@@ -53,7 +53,7 @@ class Dropped:
     def refuse(self, reason: str) -> None:
         """It cannot be done; the reason is put beside it."""
         moved = move_aside(self.path, self.path.parent.parent / "refused")
-        if moved is None:  # gone, or a folder that somebody put here
+        if moved is None:  # gone, or a folder
             return
         kinds = format_names(REQUESTS)
         text = (
@@ -93,7 +93,7 @@ class Inbox:
                 is_growing = may_be_written(file.fileno())
                 size = os.fstat(file.fileno()).st_size
         except OSError:
-            return True  # nobody can read it, which is a reason to refuse it
+            return True  # unreadable, which is a reason to refuse it
         if is_growing is False and _is_yaml(path):
             return True
         now_s = self._clock.now_s()

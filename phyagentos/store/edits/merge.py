@@ -1,4 +1,4 @@
-"""The three-way merge of SESSIONS.md, field by field: what was rendered, what somebody made of it, what stands now.
+"""The three-way merge of SESSIONS.md, field by field: the rendering, its edited copy, and the present.
 
 Upstream: the document and the rendering it was made from. Downstream: the journal. It never guesses: a section or a
 line that is missing asks for nothing, and what is no legal edit is refused with line and reason.
@@ -49,7 +49,7 @@ def merge(
     """Merge one document.
 
     Args:
-        edited: As somebody left it.
+        edited: As its editor left it.
         base: As it was rendered, at the same sequence number.
         sessions: As they stand now.
         source: File name for messages.

@@ -1,4 +1,4 @@
-"""SESSIONS.md as somebody left it, taken apart: head, sections, the words and the YAML of each. Reads anything.
+"""SESSIONS.md as an editor left it, taken apart: head, sections, the words and the YAML of each. Reads anything.
 
 Upstream: bytes that another program wrote. Downstream: `merge`. Nothing here raises: what cannot be understood stays in
 the text of its section, where the merge refuses it word for word.

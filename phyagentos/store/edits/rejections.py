@@ -16,7 +16,7 @@ from phyagentos.store.segments import SystemIO, sync_folder
 NOTES_SHOWN = 3
 _HEAD = """# Refused edits
 
-What somebody wrote into SESSIONS.md and was not taken, newest last: where, why, what is possible, and every word of it.
+What was written into SESSIONS.md and was not taken, newest last: where, why, what is possible, and every word of it.
 Nothing reads this file; delete it when you like.
 
 """

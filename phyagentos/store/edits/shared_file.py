@@ -1,7 +1,7 @@
-"""A file that we render and others edit at the same time: every version that somebody else left is found once.
+"""A file that we render and others edit at the same time: every version of another writer is found once.
 
 A rendering is swapped in, and what comes out is compared with what was put in last. It is kept, because an editor may
-still be writing to it; once nobody can, it is read a last time and deleted. What a killed process had in its hands lies
+still be writing to it; once none can, it is read a last time and deleted. What a killed process had in its hands lies
 in the folder `aside` and is adopted by the next, which also finds there what was put in last. Compare-then-rename was
 measured beside it (`benchmarks/edits.py`): it loses edits.
 """
@@ -92,7 +92,7 @@ class TwoWayFile:
         """Keep every other process from swapping; gives whether that succeeded.
 
         Args:
-            wait: Until whoever holds it lets go.
+            wait: Until its holder lets go.
         """
         fd = self._open_lock()
         try:
@@ -107,7 +107,7 @@ class TwoWayFile:
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
         try:
             return os.open(self._lock_file, flags, 0o644)
-        except FileNotFoundError:  # somebody cleaned up
+        except FileNotFoundError:  # a clean-up removed the folder
             self._aside.mkdir(parents=True, exist_ok=True)
             return os.open(self._lock_file, flags, 0o644)
 
@@ -121,7 +121,7 @@ class TwoWayFile:
             return is_ours and self._put(text.encode())
 
     def is_touched(self) -> bool:
-        """Whether somebody else wrote the file, or moved it away, since the last `put`."""
+        """Whether another process wrote the file, or moved it away, since the last `put`."""
         try:
             stamp = _read_stamp(self._path)
         except FileNotFoundError:
@@ -134,7 +134,7 @@ class TwoWayFile:
         return _hash(self._path.read_bytes()) != self._digest
 
     def take(self, handle: Callable[[bytes, bool], None], *, at_once: bool = False) -> None:
-        """Hand over every version that somebody else has finished, each once.
+        """Hand over every finished version of another writer, each once.
 
         Args:
             handle: Called with the contents and whether they have their end mark; what it raises leaves the version
@@ -205,7 +205,7 @@ class TwoWayFile:
             may_grow, data = _read(kept.path)
         except FileNotFoundError:
             return False
-        except OSError:  # a folder, or a file of somebody else's: it stays aside
+        except OSError:  # a folder, or another user's file: it stays aside
             return False
         digest = _hash(data)
         if stamp != kept.stamp:

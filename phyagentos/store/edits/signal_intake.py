@@ -1,6 +1,6 @@
-"""Where RUNTIME_SIGNAL.md is put and edited: a section `## Request` that somebody adds becomes a file of `signals/`.
+"""Where RUNTIME_SIGNAL.md is put and edited: an added section `## Request` becomes a file of `signals/`.
 
-Upstream: people with an editor. Downstream: whoever takes signals; a request that nobody can read is rejected there,
+Upstream: people with an editor. Downstream: the reader of signals; an unreadable request is rejected there,
 with the reason, as every other. The rest of the document is a view, and what is changed in it is lost.
 """
 
@@ -15,7 +15,7 @@ from phyagentos.store.edits.reading import decode
 from phyagentos.store.edits.shared_file import TwoWayFile
 from phyagentos.store.views.sessions import END_MARK
 
-REQUEST = "Request"  # heading of what somebody asks for
+REQUEST = "Request"  # heading of a request
 _REQUEST = re.compile(rf"^## {REQUEST}[ \t]*$", re.MULTILINE)
 _NEXT = re.compile(r"^## ", re.MULTILINE)
 _AT = re.compile(r"^at: \S.*$", re.MULTILINE)
@@ -41,11 +41,11 @@ class SignalDesk:
         return self._file.put(text)
 
     def is_touched(self) -> bool:
-        """Whether somebody wrote the document since it was put there."""
+        """Whether the document was changed since it was put there."""
         return self._file.is_touched()
 
     def take(self, *, at_once: bool = False) -> None:
-        """Turn the requests of every version that somebody left into files; see `TwoWayFile.take`."""
+        """Turn the requests of every edited version into files; see `TwoWayFile.take`."""
         self._file.take(self._handle, at_once=at_once)
 
     def close(self) -> None:

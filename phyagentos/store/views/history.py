@@ -41,14 +41,14 @@ class History:
         self._lane = lane
         self.ledger, self._follower = _begin(lane)
         self._on_record = on_record
-        self._follow: Callable[[], None] | None = None  # of whoever shares the fold
+        self._follow: Callable[[], None] | None = None  # of the owner of a shared fold
         self._told_seq = 0
         self._texts: Cache = {}
         self._pages: dict[int, Page] = {}  # the oldest first
         self._statuses_kept, self._statuses = statuses_kept, 0
 
     def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
-        """From now on use the fold of somebody else in this thread, so that no record is read and applied twice.
+        """From now on use the fold of another owner in this thread, so that no record is read and applied twice.
 
         Args:
             ledger: The fold.

@@ -36,11 +36,11 @@ class Desk(Protocol):
         ...
 
     def is_touched(self) -> bool:
-        """Whether somebody wrote SESSIONS.md since it was put there."""
+        """Whether SESSIONS.md was changed since it was put there."""
         ...
 
     def put(self, text: str) -> bool:
-        """Put a rendering there, unless somebody keeps it from changing; whether it was done."""
+        """Put a rendering there, unless an editor keeps it from changing; whether it was done."""
         ...
 
 
@@ -68,7 +68,7 @@ class Views:
         self._due_at_s = -float("inf")
 
     def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
-        """Use the fold of whoever runs in this process; see `History.share`."""
+        """Use a fold of this process; see `History.share`."""
         self._history.share(ledger, follow)
 
     def take_in(self, record: Record) -> None:

@@ -87,11 +87,11 @@ class Desk(Protocol):
     """Puts RUNTIME_SIGNAL.md where people edit it, and takes out what they ask for; see `edits.signal_desk`."""
 
     def put(self, text: str) -> bool:
-        """Put a rendering there, unless somebody is just replacing it; whether it was done."""
+        """Put a rendering there, unless an editor is just replacing it; whether it was done."""
         ...
 
     def is_touched(self) -> bool:
-        """Whether somebody wrote the document since it was put there."""
+        """Whether the document was changed since it was put there."""
         ...
 
     def take(self, *, at_once: bool = False) -> None:
