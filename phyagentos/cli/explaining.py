@@ -35,7 +35,7 @@ def why(session: Id, workspace: Space) -> None:
 
 def show_graph(
     workspace: Space,
-    goal: Annotated[str, typer.Argument(metavar="[GOAL]", help="Its id; not needed where there is one goal.")] = "",
+    goal: Annotated[str, typer.Argument(metavar="GOAL", help="Its id; not needed where there is one goal.")] = "",
     mermaid: Annotated[bool, typer.Option("--mermaid", help="As a Mermaid flowchart.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Steps and edges as JSON.")] = False,
 ) -> None:

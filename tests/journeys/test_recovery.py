@@ -19,9 +19,12 @@ def run_benchmark(name: str, *arguments: str) -> tuple[int, dict[str, float], st
     return done.returncode, json.loads(done.stdout.splitlines()[-1])["figures"], done.stdout + done.stderr
 
 
-def test_a_hemmed_in_cube_and_a_carton_too_wide_are_had_by_clearing_and_by_pushing():
-    _, figures, told = run_benchmark("recovery.py", "--cases", "hemmed", "wide", "--policies", "repair")
+def test_a_hemmed_in_cube_and_a_carton_too_wide_are_had_by_clearing_and_by_pushing(tmp_path):
+    cases = ("--cases", "hemmed", "wide", "--policies", "repair", "--keep", str(tmp_path))
+    _, figures, told = run_benchmark("recovery.py", *cases)
     assert figures["repair_success"] == 1.0, told
+    assert "flowchart TD" in (document := (tmp_path / "repair" / "TASK.md").read_text())
+    assert "-- clears -->" in document
 
 
 def test_a_hand_and_a_slip_are_told_apart():
