@@ -92,43 +92,57 @@ class PerceivedWorld(WorldModel):
         self._belief = look.before
         self._states = deque(sorted(look.states, key=lambda each: each[0]), maxlen=STATES_KEPT)
         self.enter(look.scene)
-        return self._answer(Need(everything=not look.things, things=look.things))
+        return self.observe(Need(everything=not look.things, things=look.things))
 
     @override
-    def _answer(self, need: Need) -> Environment:
+    def observe(self, need: Need) -> Environment:
+        if (present := self._find_present(need)) is not None:
+            return present
         moment = self._handle.latest or self._handle.observe()
         now, before = (moment.time_s, moment.target), self._take()
         if before is not None and not need.is_look:
-            self._belief = self._get_pipeline().recall(before, now[1], now[0])
-            return self._belief
+            return self._believe(self._get_pipeline().recall(before, now[1], now[0]), need)
         if before is not None and abs(before.looked_at_s - now[0]) < SAME_S:  # looked at already
             self._note(now)
             self.latest_look = self.looks[-1] if self.looks else None
-            return before
-        things = frozenset() if before is None else need.things
-        known = list(self._states)[-1:]
-        self._look = Look(target=self._target, scene=self._scene, before=before, things=things, now=now, states=known)
+            return self._answer(before, need)
+        look = self._look = self._begin_look(now, before, need)
         try:
-            self._belief = self._perceive(now, things)
-            self._keep(self._look, self._belief)
+            self._note(now)
+            if look.things:
+                found = self._perceive_things(now, look.things)
+            else:
+                self._feel_pulses(now[0], 0.0)
+                frames = self._handle.capture()
+                look.captures.append((Capture(), frames))
+                now = self._catch_up(frames, now)
+                found = self._get_pipeline().sense(
+                    frames, now[1], self._scene, now[0], self._belief, find_state=self._find_state
+                )
         finally:
             self._look = None
-        return self._belief
+        self._keep(look, found)
+        return self._believe(found, need)
 
-    def _perceive(self, now: Moment, things: Collection[str]) -> Environment:
-        self._note(now)
-        before, pipeline = self._belief, self._get_pipeline()
-        if things and before is not None:
-            return self._perceive_things(pipeline, before, now, things)
-        before = self._feel_pulses(now[0], 0.0)
-        frames = self._capture()
-        now = self._catch_up(frames, now)
-        return pipeline.sense(frames, now[1], self._scene, now[0], before, find_state=self._find_state)
+    def _begin_look(self, now: Moment, before: Environment | None, need: Need) -> Look:
+        """A record of what comes; at first everything is looked at."""
+        return Look(
+            target=self._target,
+            scene=self._scene,
+            before=before,
+            things=frozenset() if before is None else need.things,
+            now=now,
+            states=list(self._states)[-1:],
+        )
 
-    def _perceive_things(
-        self, pipeline: Pipeline, before: Environment, now: Moment, things: Collection[str]
-    ) -> Environment:
+    def _believe(self, world: Environment, need: Need) -> Environment:
+        self._belief = world
+        return self._answer(world, need)
+
+    def _perceive_things(self, now: Moment, things: Collection[str]) -> Environment:
         """Look at some things only, where they should be, in the camera that saw them best."""
+        before, pipeline = self._belief, self._get_pipeline()
+        assert before is not None, "at first everything is looked at"
         carried = pipeline.recall(before, now[1], now[0])
         loose = [
             name

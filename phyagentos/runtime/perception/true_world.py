@@ -21,13 +21,14 @@ class TrueWorld(WorldModel):
         self._revision = 0
 
     @override
-    def _answer(self, need: Need) -> Environment:
-        """One snapshot of the scene's episode; entities and regions only where they are needed."""
-        if need.only_hand:
+    def observe(self, need: Need) -> Environment:
+        if (present := self._find_present(need)) is not None:
+            return present
+        if need.only_hand:  # entities and regions only where they are needed
             return self._describe(self._handle.step)
         observation = self._handle.observe()
         self._revision += 1
-        return self._describe(observation)
+        return self._answer(self._describe(observation), need)
 
     def _describe(self, now: Observation | Step) -> Environment:
         entities, regions = (now.entities, now.regions) if isinstance(now, Observation) else ((), ())

@@ -69,18 +69,13 @@ class WorldModel(ABC):
         self._current_scene, self._present, self._step = scene, None, self._handle.latest
         del self.looks[:-1]
 
+    @abstractmethod
     def observe(self, need: Need) -> Environment:
         """The present world, with at least what is needed.
 
         Raises:
             ExecutionError: `NO_SCENE` before `enter`; `TARGET_LOST`.
         """
-        if self._present is None or (need.is_look and not self._is_looked_at):
-            answer = self._answer(need)
-            if need.only_hand:
-                return answer
-            self._present, self._is_looked_at = answer, need.everything
-        return self._present
 
     @property
     def step(self) -> Step:
@@ -128,6 +123,11 @@ class WorldModel(ABC):
             raise ExecutionError("NO_SCENE", "no scene is observed; call enter() first")
         return self._current_scene
 
-    @abstractmethod
-    def _answer(self, need: Need) -> Environment:
-        """The world at this moment, with at least what is needed."""
+    def _find_present(self, need: Need) -> Environment | None:
+        """What was answered since the latest command, where it has what is needed."""
+        return self._present if self._is_looked_at or not need.is_look else None
+
+    def _answer(self, world: Environment, need: Need) -> Environment:
+        """The same world; until the next command it answers what needs no more."""
+        self._present, self._is_looked_at = world, need.everything
+        return world

@@ -9,7 +9,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.association import associate
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
-from phyagentos.runtime.perception.separate_overlaps import SUNK_M, part
+from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
 from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import Sight
 
@@ -96,7 +96,7 @@ def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(wai
     carrier = coaster.solids.at(np.eye(3), fits["coaster"].position_m)
     assert measure_sunk(coin, ON_SIDE, fits["coin"].position_m, carrier) > SUNK_M
 
-    parted = part(waiter.things, fits, points, (), waiter.map)
+    parted = separate_overlaps(waiter.things, fits, points, (), waiter.map)
 
     assert abs(parted["coin"].rotation[2, 2]) == pytest.approx(1.0, abs=0.01)
     assert parted["coin"].position_m == pytest.approx((0.45, 0.0, 0.0485), abs=0.002)
