@@ -165,18 +165,33 @@ class MovingLeaf(PlanningLeaf[Motion]):
 
     @final
     def on_answer(self, answer: Motion) -> Status:
-        """Play the motion from this tick on."""
+        """Take the motion; it is played from this tick on."""
         context = self.context
         self._motion, self._lost_periods = answer, 0
         self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.tracking_error_max_rad)
-        return self._continue(self._player)
+        return Status.RUNNING
 
     @final
     def on_running(self) -> Status:
         """Wait for the motion, then play it."""
         if self._player is None:
-            return super().on_running()
-        return self._continue(self._player)
+            waited = super().on_running()
+            if self._player is None:
+                return waited
+        player, step = self._player, self.context.step
+        if self._held is not None and self._has_lost(self._held):
+            self._player = None
+            return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
+        progress = player.tick(step)
+        if progress is Progress.MOVING:
+            return Status.RUNNING
+        if progress is Progress.STALLED:
+            self._player = None
+            error = step.tracking_error_rad
+            return self.fail(FailureCode.STALLED, f"the arm is {error:.3f} rad behind its set-points", error_rad=error)
+        status = self.on_arrived(self._motion)
+        self._player = None
+        return status
 
     def on_halted(self) -> None:
         """Drop the request or the motion; the set-points brake by themselves."""
@@ -201,22 +216,6 @@ class MovingLeaf(PlanningLeaf[Motion]):
             "duration_s": round(motion.trajectory.duration_s, 6),
             "worst_tracking_error_rad": self._player.worst_error_rad,
         }
-
-    def _continue(self, player: TrajectoryPlayer) -> Status:
-        if self._held is not None and self._has_lost(self._held):
-            self._player = None
-            return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
-        step = self.context.step
-        progress = player.tick(step)
-        if progress is Progress.MOVING:
-            return Status.RUNNING
-        if progress is Progress.STALLED:
-            self._player = None
-            error = step.tracking_error_rad
-            return self.fail(FailureCode.STALLED, f"the arm is {error:.3f} rad behind its set-points", error_rad=error)
-        status = self.on_arrived(self._motion)
-        self._player = None
-        return status
 
     def _has_lost(self, entity: str) -> bool:
         held = self.context.is_holding(entity)

@@ -89,10 +89,6 @@ class TrajectoryPlayer:
             return Progress.STALLED
         if self._row >= len(self._trajectory.q_rad):
             return self._come_to_rest(step)
-        self._command_rows()
-        return Progress.MOVING
-
-    def _command_rows(self) -> None:
         n = self._commands.n_steps
         rows = slice(self._row, self._row + n)
         q, qd = self._trajectory.q_rad[rows], self._trajectory.qd_rad_s[rows]
@@ -102,6 +98,7 @@ class TrajectoryPlayer:
             qd = np.vstack((qd, np.zeros((missing, q.shape[1]))))
         self._commands.set_arm(np.ascontiguousarray(q), np.ascontiguousarray(qd))
         self._row += n
+        return Progress.MOVING
 
     def _come_to_rest(self, step: Step) -> Progress:
         if self._row and step.tracking_error_rad > ARRIVED_RAD:

@@ -30,7 +30,7 @@ SABOTAGES = (
         name="nan_passes",
         lie="The guard asks whether a bound is exceeded, which a number that is none never does.",
         edits=(
-            Edit(GUARD, "if not (found[:JERK] <= self._bounds).all():", "if (found[:JERK] > self._bounds).any():"),
+            Edit(GUARD, "is_within = found[:JERK] <= self._bounds", "is_within = ~(found[:JERK] > self._bounds)"),
             Edit(
                 GUARD,
                 "if not (jerk <= self._limits.jerk_sum_max).all():",
@@ -49,11 +49,8 @@ SABOTAGES = (
         name="target_takes_any_motion",
         lie="The target believes that whoever commands it has checked the motion already.",
         edits=(
-            Edit(
-                LIMITS,
-                "return self._check_motion(q, qd, held) or self._check_place(q[-1], qd[-1])",
-                "return None",
-            ),
+            Edit(LIMITS, "broken = self._find_broken(q, qd, held)", 'broken = ""'),
+            Edit(LIMITS, "return self._check_place(q[-1], qd[-1])", "return None"),
         ),
         tests=(
             "tests/runtime/targets/test_hostile.py::"
