@@ -1,5 +1,7 @@
 """Whole sessions on contact physics, with real planning: the outcome is read from the simulator, not from the skill."""
 
+import json
+
 import msgspec
 import mujoco
 import numpy as np
@@ -82,6 +84,21 @@ def test_a_cube_is_picked_and_ends_in_its_tray(build_world, build, seed, color):
     data = load_terminal(bench.workspace / execution.evidence)
     assert is_in_tray(data, f"{color}_cube", f"{color}_tray")
     assert execution.outputs["place_site"] == pytest.approx(data.body(f"{color}_cube").xpos, abs=0.003)
+    check_that_solvers_are_named(bench.workspace / execution.evidence)
+
+
+def check_that_solvers_are_named(folder):
+    """Every answer of the planner says in the bundle which stage solved it."""
+    events = map(json.loads, (folder / evidence.EVENTS).read_text().splitlines())
+    answers = [(event["code"], event["details"]["stages"]) for event in events if event["kind"] == "planner"]
+    assert {code for code, _ in answers} == {"Approaches", "Motion"}
+    for code, stages in answers:
+        if code == "Approaches":
+            assert all(0 < goal["hover"]["iterations"] < 10 for goal in stages["goals"] if "hover" in goal)
+            assert all(goal["hover"]["position_error_m"] < 1e-7 for goal in stages["goals"] if "hover" in goal)
+        else:
+            assert (stages["scaling"]["solver"], stages["scaling"]["status"]) == ("toppra", "Ok")
+            assert stages.get("path", {}).get("planner", "") in ("", "straight", "RRTConnect")
 
 
 def test_the_same_seed_gives_the_same_bits(build_world, build):
