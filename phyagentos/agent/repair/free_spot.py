@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 from phyagentos.geometry import Vector, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, ShapeKind
+from phyagentos.protocol.world.predicates.geometry import compute_lowest
 
 STEP_M = 0.04  # between spots that are looked at
 ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand and half a cube
@@ -22,7 +23,7 @@ TOUCH_M = 0.02  # a top this far from the bottom of a thing carries it
 def find_support(world: Environment, name: str) -> Entity | None:
     """What a thing stands on: the fixed entity of the largest top right under its middle."""
     x, y, _ = world.entities[name].pose.position_m
-    bottom_m = _compute_bottom(world.entities[name])
+    bottom_m = compute_lowest(world.entities[name])
     under = [
         (area, entity)
         for entity in world.entities.values()
@@ -81,15 +82,6 @@ def _half(shape: Shape) -> Vector:
         return (size[0], size[0], size[0])
     along = size[1] + (size[0] if shape.kind is ShapeKind.CAPSULE else 0.0)
     return (size[0], size[0], along)
-
-
-def _compute_bottom(entity: Entity) -> float:
-    corners = (
-        to_parent(entity.pose, to_parent(shape.pose, tuple(s * h for s, h in zip(signs, _half(shape), strict=True))))
-        for shape in entity.shapes
-        for signs in itertools.product((-1.0, 1.0), repeat=3)
-    )
-    return min((corner[2] for corner in corners), default=entity.pose.position_m[2])
 
 
 def _iter_tops(entity: Entity, x: float, y: float) -> Iterator[tuple[float, float]]:

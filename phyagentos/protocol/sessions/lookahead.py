@@ -29,17 +29,15 @@ class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0
 
 
-class Alternative(msgspec.Struct, frozen=True, kw_only=True):
-    """A strategy that was rehearsed, in the same imagined worlds as the contract's own.
+class Rollouts(msgspec.Struct, frozen=True, kw_only=True):
+    """What some rollouts came to.
 
     Attributes:
-        strategy: As in a contract.
-        samples: Rollouts; one where it failed in the world as believed already.
+        samples: Rollouts that came to an end; one where the rehearsal itself failed.
         succeeded: Those of them in which the acceptance was true at the end.
         causes: Coded cause of a failed rollout -> how often.
     """
 
-    strategy: Strategy
     samples: int
     succeeded: int
     causes: dict[str, int] = {}
@@ -52,44 +50,34 @@ class Alternative(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def likely_cause(self) -> str:
         """The commonest cause of failure, the first by name among equals; empty when there is none."""
-        return _find_commonest(self.causes)
+        return min(self.causes, key=lambda cause: (-self.causes[cause], cause), default="")
 
 
-class LookaheadResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What the rollouts came to.
+class Alternative(Rollouts, frozen=True, kw_only=True):
+    """A strategy that was rehearsed, in the same imagined worlds as the contract's own."""
+
+    strategy: Strategy
+
+
+class LookaheadResult(Rollouts, frozen=True, kw_only=True):
+    """The forecast of a session.
 
     Attributes:
-        samples: Rollouts that came to an end; one that failed where the session cannot even be rehearsed.
-        succeeded: Those of them in which the acceptance was true at the end.
         threshold: Least share that was asked for, 0..1.
-        causes: Coded cause of a failed rollout -> how often.
         cost_ms: Wall time of the whole forecast, other strategies included [ms].
         notes: What a person should know: what was left out, how the noise was chosen.
         alternatives: Other strategies that were rehearsed since this one looked bad, the best first.
     """
 
-    samples: int
-    succeeded: int
     threshold: float
-    causes: dict[str, int] = {}
     cost_ms: float = 0.0
     notes: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
 
     @property
-    def share(self) -> float:
-        """Of the rollouts, that succeeded, 0..1; 0 without rollouts."""
-        return self.succeeded / self.samples if self.samples else 0.0
-
-    @property
     def is_low(self) -> bool:
         """Whether fewer rollouts succeeded than were asked for."""
         return self.share < self.threshold
-
-    @property
-    def likely_cause(self) -> str:
-        """The commonest cause of failure, the first by name among equals; empty when there is none."""
-        return _find_commonest(self.causes)
 
 
 def read_lookahead(folder: Path) -> LookaheadResult | None:
@@ -105,7 +93,3 @@ def read_lookahead(folder: Path) -> LookaheadResult | None:
         return None
     except (msgspec.MsgspecError, OSError) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
-
-
-def _find_commonest(causes: dict[str, int]) -> str:
-    return min(causes, key=lambda cause: (-causes[cause], cause), default="")
