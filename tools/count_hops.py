@@ -141,7 +141,7 @@ class Run:
     def find_orders(self) -> list[tuple[Event, Event]]:
         """Messages between watchdog and worker about a session, by time."""
         pairs = [*self.iter_sent("", "watchdog", "worker"), *self.iter_sent("", "worker", "watchdog")]
-        pairs = [pair for pair in pairs if _read_tag(pair[0].head) not in {"Ready", "Renew"}]
+        pairs = [pair for pair in pairs if _read_tag(pair[0].head) not in {"", "Ready", "Renew"}]
         return sorted(pairs, key=lambda pair: pair[0].at)
 
 
