@@ -105,12 +105,12 @@ def write_forever(root: Path, name: str, seed: int, pipe: int, *, durable: bool 
 def choose_runtime_entries(ledger: Ledger, rng: random.Random) -> list[Entry]:
     """Claims, or the end of the oldest sessions, whoever held them: so old segments can be archived."""
     pending = [status.contract.id for status in ledger.iter_pending()]
-    held = [status for status in ledger.live_sessions() if status.state == "claimed"]
+    held = [status for status in ledger.live_sessions() if status.state == "preflight"]
     if held and rng.random() < 0.6:
         body = {"reason": "z" * rng.choice((3, 900))}
         return [Entry(status.contract.id, "reject", body, status.epoch) for status in held[:3]]
     chosen = rng.sample(pending, min(len(pending), rng.choice((1, 3))))
-    return [Entry(id, "claim") for id in chosen]
+    return [Entry(id, event) for id in chosen for event in ("claim", "check")]
 
 
 class Writer:

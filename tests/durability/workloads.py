@@ -98,7 +98,8 @@ class Bench:
         if self._claimed == len(self._submitted):
             self._submit(1)
         self._claimed += 1
-        self.commit(Side.RUNTIME, [Entry(self._submitted[self._claimed - 1], "claim")])
+        id = self._submitted[self._claimed - 1]
+        self.commit(Side.RUNTIME, [Entry(id, "claim"), Entry(id, "check")])
 
     def rotate(self) -> None:
         """A new day: the next record begins a segment."""
@@ -112,7 +113,7 @@ class Bench:
         self.last_side = Side.AGENT
         waiting = agent.commit([make_submit(first)], durable=False)
         self.clock.advance(DAY_S)
-        self.commit(Side.RUNTIME, [Entry(first, "claim")])
+        self.commit(Side.RUNTIME, [Entry(first, "claim"), Entry(first, "check")])
         self._take(waiting)
         self.last_side = Side.AGENT
         waiting = agent.commit([make_submit(second)], durable=False)
