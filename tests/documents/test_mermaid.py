@@ -208,8 +208,8 @@ def test_a_live_workspace_carries_the_graph_of_the_goal_and_the_statechart_of_it
 
     assert [(name, each) for name, answers in found.items() for each in answers if "error" in each] == []
     (graph,) = found["TASK.md"]
-    assert (graph["type"], len(graph["labels"]), graph["edges"]) == ("flowchart-v2", 2, 1)
-    assert show(graph)[0].startswith('<b>the "end"</b><br>active')
+    assert (graph["type"], len(graph["labels"]), graph["edges"]) == ("flowchart-v2", 3, 2)
+    assert show(graph)[:2] == ['<b>the "end"</b><br>past', "<b>first.r1</b><br>active"]
     assert "stateDiagram" in {answer["type"] for answer in found["SESSIONS.md"]}
 
 

@@ -122,7 +122,8 @@ class GoalDag:
             self._latest[name] = step
         own = [before for before, facts in self.steps.pred[step].items() if self.steps.nodes[before]["node"] == name]
         self.steps.remove_edges_from([(before, step) for before in own])
-        self.steps.add_edge(get_step_name(self._goal, replan.session), step, relation=replan.relation)
+        parent = get_step_name(self._goal, replan.session)
+        self.steps.add_edge(parent if parent in self.steps else name, step, relation=replan.relation)
         for node in replan.after:
             before = self._latest[node]
             if not self.steps.has_edge(before, step):

@@ -194,8 +194,7 @@ def iter_edges(goal: GoalStatus) -> Iterator[Edge]:
         for each in node.replans:
             step, parent = get_step_name(goal.id, each.child), get_step_name(goal.id, each.session)
             found += [(before, step, Relation.RESTORES) for before in each.after]
-            if parent in steps:
-                yield Edge(before=parent, step=step, relation=each.relation)
+            yield Edge(before=parent if parent in steps else name, step=step, relation=each.relation)
         for before, step, relation in found:
             if before in latest:
                 yield Edge(before=latest[before], step=step, relation=relation)
