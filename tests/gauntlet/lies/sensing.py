@@ -71,6 +71,36 @@ SABOTAGES = (
         ),
     ),
     Sabotage(
+        name="frames_are_kept_roughly",
+        lie="Evidence keeps depths to the centimetre, which look the same and judge otherwise.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.look_file",
+                "np.save(depth, frame.depth_m)",
+                "np.save(depth, np.round(frame.depth_m, 2))",
+            ),
+        ),
+        tests=(
+            "tests/runtime/perception/test_looks.py::"
+            "test_pictures_and_depths_come_back_bit_for_bit_and_the_file_depends_on_the_look_alone",
+        ),
+    ),
+    Sabotage(
+        name="judged_again_on_the_record",
+        lie="A verdict that is formed again from frames is formed from the recorded snapshot.",
+        edits=(
+            Edit(
+                "phyagentos.agent.judging.from_frames",
+                "before=before, after=snapshots.get(LookRole.END)",
+                "before=before",
+            ),
+        ),
+        tests=(
+            "tests/agent/test_from_frames.py::"
+            "test_a_thing_that_is_perceived_elsewhere_changes_acceptance_verdict_and_snapshot",
+        ),
+    ),
+    Sabotage(
         name="lookahead_reads_true_friction",
         lie="The imagined world is drawn with the weight and the friction that the true one has.",
         edits=(
