@@ -11,39 +11,23 @@ from phyagentos.protocol.sessions.looks import (
     LOOKS,
     LookEntry,
     LookRole,
-    StoredCapture,
     StoredFrame,
+    StoredFrames,
     StoredLook,
+    StoredRequest,
     read_looks,
 )
-from phyagentos.protocol.sessions.session import Scene
-from phyagentos.protocol.world.environment import Pose, TargetState
-
-STATE = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.0, tcp=Pose())
 
 
 def keep_look(folder, role, pictures, time_s=0.0, text="", **facts):
     """Add one look to a bundle: a whole picture of 192 x 144 pixels for each camera."""
     frames = tuple(
         StoredFrame(
-            camera=camera,
-            time_s=time_s,
-            width=192,
-            height=144,
-            window=(0, 0, 192, 144),
-            fx=200.0,
-            fy=200.0,
-            cx=96.0,
-            cy=72.0,
-            world_T_camera=Pose(),
-            picture=f"0-{camera}.png",
-            depth=f"0-{camera}.npy",
+            camera=camera, time_s=time_s, width=192, height=144, rgb=f"0-{camera}.png", depth_m=f"0-{camera}.npy"
         )
         for camera in pictures
     )
-    scene = Scene(name="s", seed=1, episode="e")
-    captures = (StoredCapture(frames=frames),)
-    look = StoredLook(target="arm", scene=scene, before=None, things=(), now=(time_s, STATE), captures=captures)
+    look = StoredLook(phy="look/1", captures=((StoredRequest(), StoredFrames(frames=frames)),))
     path = folder / f"look-{role}.zip"
     with zipfile.ZipFile(path, "w") as file:
         file.writestr(LOOK, msgspec.json.encode(look))

@@ -14,17 +14,16 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
-from phyagentos.protocol.sessions.session import Scene
-from phyagentos.protocol.world.environment import Environment, Pose, TargetState
+from phyagentos.protocol.world.environment import Environment
 
 LOOKS = "looks.json"  # list of LookEntry
-LOOK = "look.json"  # within a look's file: StoredLook
+LOOK = "look.json"  # within a look's file
+FORMAT = "look/1"
 PREFIX = "look-"
 TIME_TOLERANCE_S = 0.00051  # pointers tell times to the millisecond
 
 Window = tuple[int, int, int, int]
 """Left, top, width, height [pixels] of a camera's whole picture."""
-Moment = tuple[float, TargetState]
 
 
 class LookRole(StrEnum):
@@ -69,72 +68,53 @@ class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         time_s: The moment that the sensor claims to show [s].
-        window: Pixels of the whole picture that it shows.
-        world_T_camera: OpenCV's convention: z forward, x right, y down.
-        picture: Name of the PNG, 8 bits RGB.
-        depth: Name of the `.npy`, float32 (height, width) along z; NaN where nothing was measured.
+        rgb: Name of the PNG.
+        depth_m: Name of the `.npy`, float32 (height, width) along z; NaN where nothing was measured.
     """
 
     camera: str
     time_s: float
     width: int
     height: int
-    window: Window
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    world_T_camera: Pose
-    picture: str
-    depth: str
+    rgb: str
+    depth_m: str
 
 
-class StoredCapture(msgspec.Struct, frozen=True, kw_only=True):
-    """What was asked of the cameras at once, and what they gave.
+class StoredRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """What was asked of the cameras: windows by camera, and of how many rows and columns one is read out."""
 
-    Attributes:
-        cameras: Names, empty for all.
-        crops: Windows that were asked for, by camera.
-        every: Of so many rows and columns one was read out.
-        missing: A code for each camera that gave nothing.
-    """
-
-    cameras: tuple[str, ...] = ()
     crops: dict[str, Window] = {}
     every: int = 1
+
+
+class StoredFrames(msgspec.Struct, frozen=True, kw_only=True):
+    """What the cameras gave."""
+
     frames: tuple[StoredFrame, ...] = ()
-    missing: dict[str, str] = {}
 
 
 class StoredLook(msgspec.Struct, frozen=True, kw_only=True):
-    """`look.json`: everything beside the pixels that perception went by. It draws nothing at random.
+    """What is read of `look.json` without perception: requests and pictures. It holds the rest as well.
 
     Attributes:
-        phy: Format of this file.
-        scene: Name, seed and episode.
-        before: The belief before the look; None at first.
-        things: What was looked at; empty for everything.
-        now: Time [s] and the target's state when the look was asked for.
-        moments: Later times and states that were read while it went on.
-        states: Earlier times and states that frames were matched with.
+        phy: Format of the file.
     """
 
-    phy: str = "look/1"
-    target: str
-    scene: Scene
-    before: Environment | None
-    things: tuple[str, ...]
-    now: Moment
-    captures: tuple[StoredCapture, ...]
-    moments: tuple[Moment, ...] = ()
-    states: tuple[Moment, ...] = ()
+    phy: str
+    captures: tuple[tuple[StoredRequest, StoredFrames], ...] = ()
 
     def shows(self, pointer: str) -> bool:
         """Whether a picture of this look holds the pixels that an entity points at."""
         return any(
-            covers(pointer, frame.camera, frame.time_s, frame.window, capture.every)
-            for capture in self.captures
-            for frame in capture.frames
+            covers(
+                pointer,
+                frame.camera,
+                frame.time_s,
+                asked.crops.get(frame.camera, (0, 0, frame.width, frame.height)),
+                asked.every,
+            )
+            for asked, given in self.captures
+            for frame in given.frames
         )
 
 
@@ -217,10 +197,10 @@ def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]
     if entry is None:
         raise ExecutionError("LOOK_MISSING", f"{folder}: no camera picture of the {role}")
     look = read_stored_look(folder / entry.file, entry.sha256)
-    whole = (frame for capture in look.captures if not capture.crops for frame in capture.frames)
+    whole = (frame for asked, given in look.captures if not asked.crops for frame in given.frames)
     try:
         with zipfile.ZipFile(folder / entry.file) as file:
-            return entry.file, tuple(file.read(frame.picture) for frame in whole)
+            return entry.file, tuple(file.read(frame.rgb) for frame in whole)
     except (KeyError, zipfile.BadZipFile) as error:
         raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder / entry.file}: {error}") from error
 

@@ -5,15 +5,15 @@ which answers from a record what it answered from the cameras.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Protocol
+
+import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.looks import covers, format_picture
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment, TargetState
-from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames, Observation, Step
+from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Observation, Step
 
 Moment = tuple[float, TargetState]
 """A time [s], and the target's state then."""
@@ -41,31 +41,34 @@ class Eyes(Protocol):
         ...
 
 
-@dataclass(slots=True, kw_only=True)
-class Look:
-    """One look: the state before it and what was read during it, in the order of reading.
+class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
+    """One look: the state before it and what was read during it, in the order of reading; `look.json` of its file.
 
     Attributes:
+        phy: Format of this record.
         target: Whose cameras looked.
         scene: Name, seed and episode.
         before: The belief before; None at first.
-        things: What was looked at; empty for everything.
+        things: What was looked at, sorted; empty for everything.
         now: Time [s] and the target's state when the look was asked for.
         captures: What was asked of the cameras, and what they gave.
         moments: Later times [s] and states that were read while the look went on (realtime).
         states: Earlier times [s] and states that frames were matched with.
-        file: Where it was written, and its SHA-256; None while it was not.
+        file: Where it was written; empty while it was not, and in the file itself.
+        sha256: Of that file.
     """
 
+    phy: str
     target: str
     scene: Scene
     before: Environment | None
-    things: frozenset[str]
+    things: tuple[str, ...]
     now: Moment
-    captures: list[tuple[Capture, Frames]] = field(default_factory=list)
-    moments: list[Moment] = field(default_factory=list)
-    states: list[Moment] = field(default_factory=list)
-    file: tuple[Path, str] | None = None
+    captures: list[tuple[Capture, Frames]] = []
+    moments: list[Moment] = []
+    states: list[Moment] = []
+    file: str = ""
+    sha256: str = ""
 
     def iter_pictures(self) -> Iterator[str]:
         """Each picture of this look as `camera@time`, as entities point at it."""
@@ -75,7 +78,13 @@ class Look:
     def shows(self, pointer: str) -> bool:
         """Whether a picture of this look holds the pixels that an entity points at."""
         return any(
-            covers(pointer, frame.camera, frame.time_s, get_window(asked, frame), asked.every)
+            covers(
+                pointer,
+                frame.camera,
+                frame.time_s,
+                asked.crops.get(frame.camera, (0, 0, frame.width, frame.height)),
+                asked.every,
+            )
             for asked, frames in self.captures
             for frame in frames.frames
         )
@@ -102,11 +111,6 @@ class RecordedEyes:
         if then != asked:
             raise ExecutionError("LOOK_DIFFERS", f"perception now asks for {asked}; then it asked for {then}")
         return frames
-
-
-def get_window(asked: Capture, frame: Frame) -> Crop:
-    """Which pixels of the camera's whole picture a frame shows."""
-    return asked.crops.get(frame.camera, (0, 0, frame.width, frame.height))
 
 
 def _make_step(now: Moment) -> Step:

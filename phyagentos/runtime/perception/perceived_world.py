@@ -12,6 +12,7 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.looks import FORMAT
 from phyagentos.protocol.world.environment import Environment, Status, TargetState
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.confirmation import is_settled
@@ -92,7 +93,7 @@ class PerceivedWorld(WorldModel):
         self._belief = look.before
         self._states = deque(sorted(look.states, key=lambda each: each[0]), maxlen=STATES_KEPT)
         self.enter(look.scene)
-        return self.observe(Need(everything=not look.things, things=look.things))
+        return self.observe(Need(everything=not look.things, things=frozenset(look.things)))
 
     @override
     def observe(self, need: Need) -> Environment:
@@ -127,10 +128,11 @@ class PerceivedWorld(WorldModel):
     def _begin_look(self, now: Moment, before: Environment | None, need: Need) -> Look:
         """A record of what comes; at first everything is looked at."""
         return Look(
+            phy=FORMAT,
             target=self._target,
             scene=self._scene,
             before=before,
-            things=frozenset() if before is None else need.things,
+            things=() if before is None else tuple(sorted(need.things)),
             now=now,
             states=list(self._states)[-1:],
         )
@@ -146,7 +148,7 @@ class PerceivedWorld(WorldModel):
         carried = pipeline.recall(before, now[1], now[0])
         loose = [
             name
-            for name in sorted(things)
+            for name in things
             if (entity := carried.entities.get(name)) is not None
             and entity.movable
             and entity.status is not Status.HELD

@@ -247,7 +247,7 @@ class SessionRunner:
             recorder.write_looks([(role, look), *pointed], {})
 
     def _write_course(self, run: _Run, faults: Sequence[FaultStruck]) -> None:
-        rest = ((LookRole.LOOK, look) for look in self._world.looks if look.file is None)
+        rest = ((LookRole.LOOK, look) for look in self._world.looks if not look.file)
         run.recorder.write_looks(rest, run.holds.samples)
         ms = run.loop.ms | {"looks": run.recorder.look_ms}
         spent = {name: round(each, 3) for name, each in ms.items()}

@@ -76,8 +76,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.look_file",
-                "np.save(depth, frame.depth_m)",
-                "np.save(depth, np.round(frame.depth_m, 2))",
+                "np.save(data, array)",
+                "np.save(data, np.round(array, 2))",
             ),
         ),
         tests=(

@@ -59,7 +59,7 @@ def test_pictures_and_depths_come_back_bit_for_bit_and_the_file_depends_on_the_l
             assert msgspec.structs.replace(one, rgb=None, depth_m=None) == msgspec.structs.replace(
                 other, rgb=None, depth_m=None
             )
-    again.file = None
+    again.file = ""
     assert write_look(again, tmp_path) == (name, sha256)
 
 
@@ -114,7 +114,7 @@ def test_perception_that_reads_something_else_now_refuses(eyes):
         observe()
     observe("can")
     look = world.latest_look
-    look.things = frozenset({"screen"})
+    look.things = ("screen",)
     with pytest.raises(ExecutionError, match="LOOK_DIFFERS: perception now asks for"):
         world.repeat(look)
 
