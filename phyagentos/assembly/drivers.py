@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from phyagentos.assembly.paths import FAULTS, STRIKES, TOKENS
+from phyagentos.assembly.paths import FAULTS, RECORDED_FAULTS, TOKENS
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.driver import TargetDriver
@@ -81,16 +81,16 @@ def _open_world(workspace: Workspace, read_agreement: "ReadAgreement | None" = N
     from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
     from phyagentos.protocol.settings.sensors import read_sensors
     from phyagentos.protocol.world.faults import read_faults
-    from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule, read_strikes
+    from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule, read_activations
     from phyagentos.runtime.drivers.mujoco.world import SimulatedWorld
     from phyagentos.runtime.targets.wire import FaultStruck
 
-    path, strikes = workspace.root / FAULTS, workspace.root / STRIKES
+    path, recorded = workspace.root / FAULTS, workspace.root / RECORDED_FAULTS
     file = read_faults(path) if path.exists() else None
 
     def make_faults(episode: str, seed: int) -> FaultInjector:
-        if strikes.exists():
-            return FaultInjector(read_strikes(msgspec.json.decode(strikes.read_bytes(), type=list[FaultStruck])))
+        if recorded.exists():
+            return FaultInjector(read_activations(msgspec.json.decode(recorded.read_bytes(), type=list[FaultStruck])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
     return SimulatedWorld(

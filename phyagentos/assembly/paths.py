@@ -11,7 +11,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 FAULTS = Path(".world") / "faults.yaml"  # read by the world process only
 TOKENS = Path(".world") / "tokens"  # one file a remote target, which only its owner may read
-STRIKES = Path(".world") / "strikes.json"  # of a repeated session: what struck, as its evidence tells
+RECORDED_FAULTS = Path(".world") / "strikes.json"  # of a repeated session: the faults of its evidence
 
 
 def open_project(root: Path, *projects: Path) -> Workspace:

@@ -5,7 +5,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.assembly.paths import STRIKES
+from phyagentos.assembly.paths import RECORDED_FAULTS
 from phyagentos.assembly.runtime_plane import hire_worker, start_world
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.registries import read_target_registry
@@ -54,8 +54,8 @@ def rerun_session(root: Path, session: str) -> Rerun:
     repeated = Workspace.create(_choose_folder(recorded.root / "reruns", session), recorded.library())
     for name in SETTINGS:
         shutil.copyfile(recorded.root / name, repeated.root / name)
-    (repeated.root / STRIKES).parent.mkdir(exist_ok=True)
-    shutil.copyfile(folder / evidence.FAULTS, repeated.root / STRIKES)
+    (repeated.root / RECORDED_FAULTS).parent.mkdir(exist_ok=True)
+    shutil.copyfile(folder / evidence.FAULTS, repeated.root / RECORDED_FAULTS)
     with tempfile.TemporaryDirectory(prefix="paos-") as sockets:
         target = status.contract.target
         world = start_world(repeated, target, Path(sockets))

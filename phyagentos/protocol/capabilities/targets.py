@@ -98,6 +98,7 @@ class TargetProfile(Authored):
         physics_step_s: One step of the simulation [s].
         workspace_m: Box that the target itself keeps its tool centre point in, least and greatest corner, world frame;
             none for no such limit. Wider than what safety.yaml allows.
+        grasp_band_m: Horizontal distances from its base between which it can take hold of things [m].
         contact_force_n: Beyond this force on any part of it the target stops by itself [N].
         arm: Its joints.
         gripper: Its hand.
@@ -122,6 +123,7 @@ class TargetProfile(Authored):
     control_period_s: float = 0.02
     physics_step_s: float = 0.002
     workspace_m: tuple[Triple, Triple] | None = None
+    grasp_band_m: tuple[float, float] = (0.34, 0.66)
     contact_force_n: float = 100.0
     arm: Arm
     gripper: Gripper

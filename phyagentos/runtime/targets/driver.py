@@ -125,7 +125,7 @@ class TargetDriver(ABC):
         raise ExecutionError("UNKNOWN_TOOL", f"the target has no tool {name!r}")
 
     def end(self) -> tuple[FaultStruck, ...]:
-        """The session's authority ends: come to rest; what struck meanwhile, for the evidence."""
+        """The session's authority ends: come to rest; faults meanwhile, for the evidence."""
         if self.is_moving:
             self.halt()
         return ()

@@ -310,7 +310,7 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
     """Authority is back with the target.
 
     Attributes:
-        faults: What struck during the session.
+        faults: Those that became active during the session.
     """
 
     time_s: float

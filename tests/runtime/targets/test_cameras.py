@@ -329,13 +329,13 @@ def test_a_miscalibrated_camera_tells_a_place_where_it_is_not(look):
 
 
 def test_a_camera_fault_strikes_again_from_its_own_record(look, make_rig):
-    from phyagentos.runtime.drivers.mujoco.faults import read_strikes
+    from phyagentos.runtime.drivers.mujoco.faults import read_activations
 
     rig = look(make_sensors(), kind="freeze", when={"time_s": 0.5})
     rig.hold(0.08, 0.3)
     frozen = see(rig)
     struck = rig.world.handle(wire.End(session="s", epoch=1)).faults
-    again = make_rig(sensors=make_sensors(), schedule=read_strikes(struck))
+    again = make_rig(sensors=make_sensors(), schedule=read_activations(struck))
     again.load()
     again.begin()
     turn_away(again)

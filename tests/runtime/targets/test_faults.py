@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.world.faults import Draw, FaultFile
-from phyagentos.runtime.drivers.mujoco.faults import draw_fault, read_strikes
+from phyagentos.runtime.drivers.mujoco.faults import draw_fault, read_activations
 from phyagentos.runtime.targets import wire
 
 pytestmark = pytest.mark.sim
@@ -99,7 +99,7 @@ def test_a_fault_waits_for_the_session_it_is_meant_for(begin):
     assert [fault.kind for fault in end(rig)] == ["move"]
 
 
-def test_a_recorded_strike_repeats_itself_bit_for_bit(make_rig):
+def test_a_recorded_fault_repeats_itself_bit_for_bit(make_rig):
     states, recorded = [], ()
     for attempt in range(2):
         schedule = make_file(kind="move", object="red_cube", when={"time_s": 0.6}) if not attempt else recorded
@@ -109,7 +109,7 @@ def test_a_recorded_strike_repeats_itself_bit_for_bit(make_rig):
         rig.hold(0.08, 2.0)
         states.append(rig.observe().snapshot.data)
         if not attempt:
-            recorded = read_strikes(end(rig))
+            recorded = read_activations(end(rig))
     assert states[0] == states[1]
 
 

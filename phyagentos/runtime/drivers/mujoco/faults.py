@@ -1,8 +1,8 @@
 """Makes the simulated world misbehave, by physical means only: forces, friction, a seized joint. Never a state write.
 
 Upstream: `protocol.world.faults`. Downstream: `world` asks before every physics step; `cameras` ask how to corrupt a
-frame. What strikes, and when, follows from the seed and the simulated state alone. A strike carries everything needed
-to strike again at the same moment, so the evidence of a session is enough to repeat it.
+frame. Which fault becomes active, and when, follows from the seed and the simulated state alone. An activation carries
+everything needed to be active again at the same moment, so the evidence of a session is enough to repeat it.
 """
 
 import fnmatch
@@ -72,16 +72,16 @@ class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """What may strike in one episode.
+    """The faults of one episode.
 
     Attributes:
         faults: Each at most once, by its conditions.
-        strikes: Recorded ones, each at its recorded time.
-        seed: For what is drawn when a fault strikes.
+        activations: Recorded ones, each at its recorded time.
+        seed: For what is drawn when a fault becomes active.
     """
 
     faults: tuple[Fault, ...] = ()
-    strikes: tuple[FaultActivation, ...] = ()
+    activations: tuple[FaultActivation, ...] = ()
     seed: int = 0
 
 
@@ -101,7 +101,7 @@ def draw_fault(draw: Draw, seed: int) -> Fault:
     return kinds[kind].model_validate({"kind": kind, "object": name})
 
 
-def read_strikes(records: Sequence[FaultStruck]) -> Schedule:
+def read_activations(records: Sequence[FaultStruck]) -> Schedule:
     """The schedule that repeats what a bundle's `faults.json` tells."""
     return Schedule((), tuple(msgspec.convert(record.details, FaultActivation) for record in records), 0)
 
@@ -111,7 +111,7 @@ class FaultInjector:
 
     def __init__(self, schedule: Schedule = Schedule()) -> None:
         self._waiting = list(schedule.faults)
-        self._recorded = list(schedule.strikes)
+        self._recorded = list(schedule.activations)
         self._rng = np.random.default_rng(schedule.seed)
         self._active: list[FaultActivation] = []
         self._session = ""
@@ -120,7 +120,7 @@ class FaultInjector:
         self._all = [self]
 
     def fork(self) -> "FaultInjector":
-        """For another robot of the same world; a fault that strikes one is over for the other."""
+        """For another robot of the same world; a fault that was active on one is over for the other."""
         other = FaultInjector()
         other._waiting, other._recorded, other._rng, other._all = self._waiting, self._recorded, self._rng, self._all
         self._all.append(other)
@@ -129,23 +129,23 @@ class FaultInjector:
     def on_session(self, session: str) -> tuple[FaultStruck, ...]:
         """A session began; what is still going on from before."""
         self._session, self._heights_m = session, {}
-        return tuple(_report(strike) for strike in self._active)
+        return tuple(_report(activation) for activation in self._active)
 
     def act(self, physics: Physics) -> list[FaultStruck]:
-        """Called before every physics step: look for what strikes, and keep up what has struck."""
+        """Called before every physics step: activate what is due, and keep up what is active."""
         if not (self._waiting or self._recorded or self._active):
             return []
         due = self._steps % LOOK_EVERY == 0
         self._steps += 1
-        struck = [self._strike(physics, fault) for fault in self._find_due(physics)] if due else []
-        struck += self._repeat(physics)
-        for strike in list(self._active):
-            if physics.time_s >= strike.time_s + strike.duration_s:
-                self._active.remove(strike)
-                _release(physics, strike)
-            elif strike.goal_m != strike.start_m:
-                _carry(physics, strike)
-        return [_report(strike) for strike in struck]
+        begun = [self._activate(physics, fault) for fault in self._find_due(physics)] if due else []
+        begun += self._repeat(physics)
+        for activation in list(self._active):
+            if physics.time_s >= activation.time_s + activation.duration_s:
+                self._active.remove(activation)
+                _release(physics, activation)
+            elif activation.goal_m != activation.start_m:
+                _carry(physics, activation)
+        return [_report(activation) for activation in begun]
 
     def find_sensor_corruption(self, camera: str) -> tuple[FaultActivation, ...]:
         """What is wrong with the pictures of a camera at the moment."""
@@ -174,24 +174,24 @@ class FaultInjector:
         near = when.gripper_near_m
         return near is None or bool(np.linalg.norm(physics.find_tcp()[0] - position) <= near)
 
-    def _strike(self, physics: Physics, fault: Fault) -> FaultActivation:
-        strike = self._resolve(physics, fault)
-        self._begin(physics, strike)
-        return strike
+    def _activate(self, physics: Physics, fault: Fault) -> FaultActivation:
+        activation = self._resolve(physics, fault)
+        self._begin(physics, activation)
+        return activation
 
     def _repeat(self, physics: Physics) -> list[FaultActivation]:
-        due = [strike for strike in self._recorded if physics.time_s >= strike.time_s - 1e-9]
-        for strike in due:
-            self._recorded.remove(strike)
-            self._begin(physics, strike)
+        due = [activation for activation in self._recorded if physics.time_s >= activation.time_s - 1e-9]
+        for activation in due:
+            self._recorded.remove(activation)
+            self._begin(physics, activation)
         return due
 
-    def _begin(self, physics: Physics, strike: FaultActivation) -> None:
-        self._active.append(strike)
-        if strike.kind == "slip":
+    def _begin(self, physics: Physics, activation: FaultActivation) -> None:
+        self._active.append(activation)
+        if activation.kind == "slip":
             physics.set_pad_friction(SLIPPERY)
-        elif strike.kind == "stall":
-            physics.set_joint_friction(strike.body, SEIZED_NM)
+        elif activation.kind == "stall":
+            physics.set_joint_friction(activation.body, SEIZED_NM)
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
         """Decide everything that is open about a fault, now."""
@@ -233,7 +233,7 @@ class FaultInjector:
         for _ in range(64):
             angle, radius = self._rng.uniform(0, 2 * np.pi), self._rng.uniform(*MOVE_RADIUS_M)
             place = start + radius * np.array([np.cos(angle), np.sin(angle), 0.0])
-            if physics.find_clearance(place, start) >= CLEARANCE_M and 0.34 <= np.linalg.norm(place[:2]) <= 0.66:
+            if physics.find_clearance(place, start) >= CLEARANCE_M and physics.can_grasp_at(place):
                 return place
             places.append(place)
         return max(places, key=lambda place: physics.find_clearance(place, start))
@@ -241,48 +241,48 @@ class FaultInjector:
 
 def _resolve_corruption(physics: Physics, fault: SensorFault) -> FaultActivation:
     """What is wrong with a camera, with the state that a frozen picture shows."""
-    strike = FaultActivation(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
+    activation = FaultActivation(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
     match fault:
         case Freeze():
-            return msgspec.structs.replace(strike, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
+            return msgspec.structs.replace(activation, mode=fault.stamp, qpos=tuple(physics.data.qpos.tolist()))
         case Blackout():
-            return msgspec.structs.replace(strike, mode=fault.mode)
+            return msgspec.structs.replace(activation, mode=fault.mode)
         case Misdate():
-            return msgspec.structs.replace(strike, by_s=fault.by_s)
+            return msgspec.structs.replace(activation, by_s=fault.by_s)
         case Miscalibrate():
-            return msgspec.structs.replace(strike, by_m=fault.by_m, by_rad=fault.by_rad)
+            return msgspec.structs.replace(activation, by_m=fault.by_m, by_rad=fault.by_rad)
 
 
-def _carry(physics: Physics, strike: FaultActivation) -> None:
+def _carry(physics: Physics, activation: FaultActivation) -> None:
     """Pull the body along its way with a hand's force: up, across, down."""
-    phase = (physics.time_s - strike.time_s) / strike.duration_s
-    start, goal = np.array(strike.start_m), np.array(strike.goal_m)
-    across = np.clip((phase - 0.25) / 0.5, 0.0, 1.0) if strike.lift_m else np.clip(phase / 0.8, 0.0, 1.0)
+    phase = (physics.time_s - activation.time_s) / activation.duration_s
+    start, goal = np.array(activation.start_m), np.array(activation.goal_m)
+    across = np.clip((phase - 0.25) / 0.5, 0.0, 1.0) if activation.lift_m else np.clip(phase / 0.8, 0.0, 1.0)
     smooth = across * across * (3 - 2 * across)
-    height = strike.lift_m * np.clip(min(phase, 1.0 - phase) / 0.25, 0.0, 1.0)
+    height = activation.lift_m * np.clip(min(phase, 1.0 - phase) / 0.25, 0.0, 1.0)
     wanted = start + smooth * (goal - start) + np.array([0.0, 0.0, height])
     physics.pull(
-        strike.body,
+        activation.body,
         wanted,
         HAND_STIFFNESS,
         HAND_DAMPING,
         spin_damping=HAND_SPIN_DAMPING,
-        carries_weight=strike.lift_m > 0.0,
+        carries_weight=activation.lift_m > 0.0,
     )
 
 
-def _release(physics: Physics, strike: FaultActivation) -> None:
-    if strike.kind == "slip":
+def _release(physics: Physics, activation: FaultActivation) -> None:
+    if activation.kind == "slip":
         physics.set_pad_friction(None)
-    elif strike.kind == "stall":
-        physics.set_joint_friction(strike.body, None)
-    elif strike.kind not in SENSOR_KINDS:
-        physics.let_go(strike.body)
+    elif activation.kind == "stall":
+        physics.set_joint_friction(activation.body, None)
+    elif activation.kind not in SENSOR_KINDS:
+        physics.let_go(activation.body)
 
 
-def _report(strike: FaultActivation) -> FaultStruck:
-    details: dict[str, Any] = msgspec.to_builtins(strike)
-    return FaultStruck(kind=strike.kind, time_s=strike.time_s, details=details)
+def _report(activation: FaultActivation) -> FaultStruck:
+    details: dict[str, Any] = msgspec.to_builtins(activation)
+    return FaultStruck(kind=activation.kind, time_s=activation.time_s, details=details)
 
 
 def _as_tuple(point: Array) -> tuple[float, float, float]:

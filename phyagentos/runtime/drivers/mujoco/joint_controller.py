@@ -37,7 +37,7 @@ class JointController:
         n_steps: Rows of one command.
 
     Attributes:
-        activations: Faults that struck since this was emptied.
+        activations: Faults that became active since this was emptied.
         history: What there was to see, control period by control period, since the session or the scene began.
     """
 

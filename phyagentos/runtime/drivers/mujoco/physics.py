@@ -252,6 +252,12 @@ class Physics:
         distances = [np.linalg.norm((point - other)[:2]) for other in others if np.linalg.norm(own - other) > 1e-6]
         return float(min(distances, default=1.0))
 
+    def can_grasp_at(self, point: Array) -> bool:
+        """Whether a thing at a point (3,) lies in the band around the base in which the arm grasps."""
+        nearest_m, farthest_m = self._profile.grasp_band_m
+        away_m = np.linalg.norm(point[:2] - np.array(self._profile.mount_position_m[:2]))
+        return bool(nearest_m <= away_m <= farthest_m)
+
     def pull(
         self, name: str, wanted: Array, stiffness: float, damping: float, *, spin_damping: float, carries_weight: bool
     ) -> None:

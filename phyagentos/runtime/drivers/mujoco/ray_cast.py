@@ -19,7 +19,7 @@ from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
 from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
 
 KEPT_PX = 4096  # a smaller window is cast as fast
-BACKDROPS_KEPT = 8  # of some megabytes each
+CACHES_KEPT = 8  # of some megabytes each
 SKY = np.array([0.7, 0.76, 0.82], dtype=np.float32)  # where nothing is hit
 
 
@@ -38,7 +38,7 @@ class RayCaster:
         self._ambient, self._head = np.array(head.ambient, np.float32), np.array(head.diffuse, np.float32)
         self._rays: dict[Lens, tuple[Array, Array]] = {}
         self._moving = MovingSolids(model)
-        self._backdrops: dict[tuple[Lens, bytes, bytes, float], StaticDepthCache] = {}
+        self._static_caches: dict[tuple[Lens, bytes, bytes, float], StaticDepthCache] = {}
 
     def cast(
         self,
@@ -63,7 +63,7 @@ class RayCaster:
         rays, lengths = self._get_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
         shape = (lens.height, lens.width) if pixels is None else (1, len(rays))
         if still and pixels is None and len(rays) >= KEPT_PX:
-            return self._cover(self._get_backdrop(data, lens, viewpoint, far_m), data).reshape(shape)
+            return self._cover(self._get_cache(data, lens, viewpoint, far_m), data).reshape(shape)
         beam = Rays(viewpoint, rays @ viewpoint.rotation.T, far_m * float(lengths.max()))
         return self._paint(data, beam, lengths, shoot(self._model, data, beam)).reshape(shape)
 
@@ -81,33 +81,35 @@ class RayCaster:
         depth = np.where(hit, along / lengths.astype(np.float32), np.float32(np.inf))
         return Picture(rgb, depth, cosines)
 
-    def _get_backdrop(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float) -> StaticDepthCache:
+    def _get_static_cache(
+        self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float
+    ) -> StaticDepthCache:
         """What a camera that stands still sees of what stands still; cast anew where that was moved after all."""
         key = (lens, viewpoint.position_m.tobytes(), viewpoint.rotation.tobytes(), far_m)
         signature = self._moving.sign_fixed(data)
-        kept = self._backdrops.get(key)
+        kept = self._static_caches.get(key)
         if kept is None or kept.signature != signature:
-            if len(self._backdrops) >= BACKDROPS_KEPT:
-                self._backdrops.clear()
+            if len(self._static_caches) >= CACHES_KEPT:
+                self._static_caches.clear()
             rays, lengths = self._get_rays(lens)
             beam = Rays(viewpoint, rays @ viewpoint.rotation.T, far_m * float(lengths.max()))
             emptied = self._moving.send_away(data)
             hits = shoot(self._model, emptied, beam)
             kept = StaticDepthCache(signature, lens, beam, lengths, hits, self._paint(emptied, beam, lengths, hits))
-            self._backdrops[key] = kept
+            self._static_caches[key] = kept
         return kept
 
-    def _cover(self, backdrop: StaticDepthCache, data: mujoco.MjData) -> Picture:
-        """A backdrop with what moves in front of it."""
-        rays, behind, picture = backdrop.rays, backdrop.hits, backdrop.picture
-        where = self._moving.find_pixels(data, backdrop.lens, rays.viewpoint)
+    def _cover(self, cache: StaticDepthCache, data: mujoco.MjData) -> Picture:
+        """What stands still, with what moves in front of it."""
+        rays, behind, picture = cache.rays, cache.hits, cache.picture
+        where = self._moving.find_pixels(data, cache.lens, rays.viewpoint)
         beam = Rays(rays.viewpoint, rays.directions[where], rays.cutoff_m)
         hits = shoot(self._model, data, beam, fixed=False)
         far_m, geoms = behind.distances_m[where], behind.geoms[where]
         nearer = (geoms < 0) | (hits.distances_m < far_m) | ((hits.distances_m == far_m) & (hits.geoms < geoms))
         nearer &= hits.geoms >= 0
         where, hits = where[nearer], hits.take(nearer)
-        front = self._paint(data, Rays(beam.viewpoint, beam.directions[nearer], 0.0), backdrop.lengths[where], hits)
+        front = self._paint(data, Rays(beam.viewpoint, beam.directions[nearer], 0.0), cache.lengths[where], hits)
         rgb, depth, incidence = picture.rgb.copy(), picture.depth_m.copy(), picture.incidence.copy()
         rgb[where], depth[where], incidence[where] = front.rgb, front.depth_m, front.incidence
         return Picture(rgb, depth, incidence)

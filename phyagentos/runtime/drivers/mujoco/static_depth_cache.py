@@ -110,7 +110,7 @@ class MovingSolids:
         self._radii_m = np.where(radii > 0.0, radii, np.inf)  # a plane has no end
 
     def sign_fixed(self, data: mujoco.MjData) -> bytes:
-        """Where the fixed solids and the lamps stand: the same for two states as long as no backdrop changes."""
+        """Where the fixed solids and the lamps stand: the same for two states as long as nothing fixed is moved."""
         parts = (data.geom_xpos[self._fixed], data.geom_xmat[self._fixed], data.light_xpos, data.light_xdir)
         return b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
 

@@ -33,7 +33,7 @@ def pose_many(physics):
         yield pose_state(physics.model, qpos)
 
 
-def test_a_backdrop_that_was_kept_gives_the_bits_of_a_picture_cast_whole(physics):
+def test_a_static_cache_that_was_kept_gives_the_bits_of_a_picture_cast_whole(physics):
     kept, cameras = RayCaster(physics.model), open_cameras(physics.model, SHIPPED, seed=7)
     moving, pixels = MovingSolids(physics.model), {}
     for data in pose_many(physics):
@@ -47,7 +47,7 @@ def test_a_backdrop_that_was_kept_gives_the_bits_of_a_picture_cast_whole(physics
     assert all(len(shares) > 1 and max(shares) < 0.6 for shares in pixels.values())
 
 
-def test_a_backdrop_is_cast_anew_when_something_fixed_was_moved(physics):
+def test_a_static_cache_is_cast_anew_when_something_fixed_was_moved(physics):
     data = pose_state(physics.model, physics.data.qpos)
     camera, kept = open_cameras(physics.model, SHIPPED, seed=7)["overhead"], RayCaster(physics.model)
     before = kept.cast(data, camera.mounting.lens, camera.mounting.find(data), 3.0, still=True)
