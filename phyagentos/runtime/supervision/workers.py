@@ -47,13 +47,15 @@ def explain_failure(logs: Path, target: str, failures: int) -> str:
         target: Its name.
         failures: Workers in a row that were lost.
     """
-    said = [f"logs/{name} ends with {words!r}" for name in _name_logs(target) if (words := _read_end(logs / name))]
+    said = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := _read_end(log))]
     heard = "; ".join(said) or f"logs/*-{target}.log say nothing"
     return f"{failures} workers in a row did not start; {heard}. Mend that, then start `paos watch` again"
 
 
-def _name_logs(target: str) -> tuple[str, str]:
-    return f"world-{target}.log", f"worker-{target}.log"
+def _find_logs(logs: Path, target: str) -> list[Path]:
+    """Those of a target's world and worker; a world that it shares has a name of its own."""
+    own = logs / f"world-{target}.log"
+    return [*([own] if own.exists() else sorted(logs.glob("world-*.log"))), logs / f"worker-{target}.log"]
 
 
 def _read_end(log: Path) -> str:

@@ -81,9 +81,7 @@ class RayCaster:
         depth = np.where(hit, along / lengths.astype(np.float32), np.float32(np.inf))
         return Picture(rgb, depth, cosines)
 
-    def _get_static_cache(
-        self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float
-    ) -> StaticDepthCache:
+    def _get_cache(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float) -> StaticDepthCache:
         """What a camera that stands still sees of what stands still; cast anew where that was moved after all."""
         key = (lens, viewpoint.position_m.tobytes(), viewpoint.rotation.tobytes(), far_m)
         signature = self._moving.sign_fixed(data)
