@@ -190,7 +190,7 @@ def test_a_session_that_the_runtime_plane_gave_up_does_not_hold_the_other_for_ev
     table.agreed = {"left_arm": "s"}
 
     (right,) = table.together(lambda: table.swing(table.right, 1, 1))
-    assert right[-1].stopped == "SESSION_LOST"
+    assert right[-1].code == "SESSION_LOST"
     table.right.withdraw()
     left = table.swing(table.left)
     assert all(reply.stopped == "" for reply in left)

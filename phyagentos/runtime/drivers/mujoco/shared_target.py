@@ -11,13 +11,13 @@ from collections.abc import Callable, Sequence
 from typing_extensions import override
 
 from phyagentos.clock import Clock
+from phyagentos.runtime.drivers.mujoco.simulation import ESTOPPED
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.targets.realtime import AHEAD_PERIODS, Pace
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.wire import Reply, Request
 
-ESTOPPED = "ESTOPPED"
 LATE_SHARE = 0.25  # of a control period, by which a command may be late that was sent in time
 
 

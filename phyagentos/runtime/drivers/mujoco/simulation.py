@@ -23,7 +23,8 @@ ReadAgreement = Callable[[], Mapping[str, str] | None]
 
 POLL_S = 0.1  # between two looks at what the runtime plane says, where nothing wakes
 PATIENCE = 10  # such looks, until a motion of a session that the runtime plane has given up is given up too
-SESSION_LOST = "SESSION_LOST"
+SESSION_LOST, ESTOPPED = "SESSION_LOST", "ESTOPPED"
+BROKEN_OFF = frozenset({SESSION_LOST, ESTOPPED})  # codes of motions that were given up from outside, while they waited
 
 
 class Body(Protocol):

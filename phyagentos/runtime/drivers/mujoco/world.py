@@ -31,7 +31,7 @@ from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.rendering import render_png
-from phyagentos.runtime.drivers.mujoco.simulation import ReadAgreement, Simulation
+from phyagentos.runtime.drivers.mujoco.simulation import BROKEN_OFF, ReadAgreement, Simulation
 from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, build_robot, count_steps
 from phyagentos.runtime.models.world import CompiledScene, compile_scene, name_prefix
 from phyagentos.runtime.targets import wire
@@ -266,7 +266,12 @@ class MujocoDriver(TargetDriver):
     def apply(self, command: wire.Command) -> str:
         if refused := self.controller.check(command):
             raise ExecutionError(refused.code, refused.message)
-        return self._carry_out(self.controller.follow(command))
+        stopped = self._carry_out(self.controller.follow(command))
+        if stopped in BROKEN_OFF:
+            raise ExecutionError(
+                stopped, "the command was not carried out, or broken off: the robot was brought to rest"
+            )
+        return stopped
 
     @override
     def halt(self, category: int = 2) -> None:
