@@ -268,9 +268,7 @@ class MujocoDriver(TargetDriver):
             raise ExecutionError(refused.code, refused.message)
         stopped = self._carry_out(self.controller.follow(command))
         if stopped in BROKEN_OFF:
-            raise ExecutionError(
-                stopped, "the command was not carried out, or broken off: the robot was brought to rest"
-            )
+            raise ExecutionError(stopped, "the command was broken off; the robot has come to rest")
         return stopped
 
     @override
