@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import Ended, Scene
+from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.actions.handle import TargetSessionHandle
@@ -170,7 +171,7 @@ def test_a_load_that_slips_is_foreseen_and_slowness_is_the_remedy(result):
     assert result.is_low
     assert result.likely_cause == "LOAD_LOST"
     best = result.alternatives[0]
-    assert best.strategy["speed"] < 1.0
+    assert best.strategy.speed < 1.0
     assert best.share >= result.threshold > result.share
 
 
@@ -190,7 +191,7 @@ def test_what_cannot_be_planned_is_foreseen_with_the_planner_s_code(rehearser, s
 
 
 def test_what_is_tried_whatever_is_foreseen_costs_one_batch(rehearser, session, environment):
-    slow = msgspec.structs.replace(session, strategy={"speed": 0.5})
+    slow = msgspec.structs.replace(session, strategy=Strategy(speed=0.5))
     request = LookaheadRequest(samples=16, threshold=0.0, seed=5)
 
     foreseen = Forecaster(rehearser=rehearser).forecast(slow, request, "pick_and_place", environment)
