@@ -71,7 +71,7 @@ class TappedConnection:
 
     def send_bytes(self, message: bytes) -> None:
         """Carry a request out at once."""
-        request = wire._REQUESTS.decode(message)
+        request = wire.REQUESTS.decode(message)
         reply = self._target.handle(request)
         if isinstance(request, wire.Command):
             self.commands.append(request)
@@ -80,7 +80,7 @@ class TappedConnection:
             self.commands, self.steps, self.observation = [], [], None
         elif isinstance(reply, wire.Observation) and self.observation is None:
             self.observation = reply
-        self._replies.append(wire._ENCODER.encode(reply))
+        self._replies.append(wire.REPLIES.encode(reply))
 
     def recv_bytes(self) -> bytes:
         """The reply."""

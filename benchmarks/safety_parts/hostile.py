@@ -118,5 +118,5 @@ def spoil_bytes(command: wire.Command, rng: Rng) -> tuple[str, bytes]:
     if rng.random() < 0.1:
         return "wire: noise", b"\xc1" + rng.bytes(int(rng.integers(400)))
     name, change = changes[int(rng.integers(len(changes)))]
-    plain = msgspec.msgpack.decode(wire._ENCODER.encode(command))
+    plain = msgspec.msgpack.decode(wire.REPLIES.encode(command))
     return name, msgspec.msgpack.encode({**plain, **change})

@@ -11,13 +11,13 @@ import msgspec
 from phyagentos.assembly.paths import FAULTS, RECORDED_FAULTS, TOKENS
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec, find_driver_name
 from phyagentos.runtime.targets.handshake import TOKEN_BYTES
 
 if TYPE_CHECKING:
     from phyagentos.runtime.drivers.mujoco.simulation import ReadAgreement
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
+    from phyagentos.runtime.targets.driver import TargetDriver
 
 
 def build_driver_registry() -> DriverRegistry:
@@ -37,7 +37,7 @@ def choose_graphics() -> None:
         os.environ.setdefault("MUJOCO_GL", "egl")
 
 
-def _open_debug(site: DriverSite) -> TargetDriver:
+def _open_debug(site: DriverSite) -> "TargetDriver":
     from phyagentos.runtime.drivers.debug import DebugDriver
 
     return DebugDriver(site.profile, site.workspace.library())
@@ -69,7 +69,7 @@ def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreemen
     return [MujocoDriver(world, site.profile, site.folder) for site in sites]
 
 
-def _open_mujoco(site: DriverSite) -> TargetDriver:
+def _open_mujoco(site: DriverSite) -> "TargetDriver":
     world = _open_world(site.workspace)
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 
@@ -102,7 +102,7 @@ def _open_world(workspace: Workspace, read_agreement: "ReadAgreement | None" = N
     )
 
 
-def _open_remote(site: DriverSite) -> TargetDriver:
+def _open_remote(site: DriverSite) -> "TargetDriver":
     from phyagentos.runtime.drivers.remote import RemoteDriver
     from phyagentos.runtime.targets.handshake import greet
     from phyagentos.runtime.targets.websocket import connect_websocket

@@ -45,8 +45,8 @@ class LocalConnection:
         self._replies = deque()
 
     def send_bytes(self, message):
-        request = wire._REQUESTS.decode(message)
-        self._replies.append(wire._ENCODER.encode(self._target.handle(request)))
+        request = wire.REQUESTS.decode(message)
+        self._replies.append(wire.REPLIES.encode(self._target.handle(request)))
 
     def recv_bytes(self):
         if not self._replies:

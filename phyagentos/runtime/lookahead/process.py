@@ -5,10 +5,7 @@ warm: imagined worlds never share a process with the real one, and what goes wro
 """
 
 import signal
-import socket
-import subprocess
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,7 +15,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.channel import Link
+from phyagentos.runtime.channel import Child, Codec
 
 if TYPE_CHECKING:
     from phyagentos.runtime.lookahead.forecast import Forecaster
@@ -56,16 +53,15 @@ class Unforeseen(msgspec.Struct, frozen=True, tag=True):
     message: str
 
 
-_ENCODER = msgspec.msgpack.Encoder()
-_QUESTIONS: msgspec.msgpack.Decoder[Rehearse] = msgspec.msgpack.Decoder(Rehearse)
-_ANSWERS: msgspec.msgpack.Decoder[Forecast | Unforeseen] = msgspec.msgpack.Decoder(Forecast | Unforeseen)
+_QUESTIONS = Codec[Rehearse](Rehearse, "question")
+_ANSWERS = Codec[Forecast | Unforeseen](Forecast | Unforeseen, "forecast")
 
 
 class ForecastService(Protocol):
-    """Somebody who answers."""
+    """Something that answers."""
 
     def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
-        """The forecast; None when nobody wants it any more.
+        """The forecast; None when `should_stop` said so first.
 
         Raises:
             ExecutionError: `LOOKAHEAD_FAILED`.
@@ -86,21 +82,21 @@ class RehearsalProcess:
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
-        self._process: subprocess.Popen[bytes] | None = None
-        self._connection: Link | None = None
+        self._child: Child | None = None
 
     def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
         """Have it rehearsed; `should_stop` is asked several times a second."""
-        connection = self._connection or self._start()
+        child = self._child = self._child or Child(self._command)
         try:
-            connection.send_bytes(_ENCODER.encode(question))
-            while not connection.poll(WAIT_S):
+            child.channel.send_bytes(_QUESTIONS.encode(question))
+            while not child.channel.poll(WAIT_S):
                 if should_stop():
-                    self._kill()
+                    child.kill()
+                    self._child = None  # another one is started when it is asked again
                     return None
-            answer = _ANSWERS.decode(connection.recv_bytes())
+            answer = _ANSWERS.decode(child.channel.recv_bytes())
         except (EOFError, OSError) as error:
-            code = self._kill()
+            code, self._child = child.kill(), None
             raise ExecutionError(LOOKAHEAD_FAILED, f"the rehearsal process ended with code {code}") from error
         if isinstance(answer, Unforeseen):
             raise ExecutionError(LOOKAHEAD_FAILED, answer.message)
@@ -108,30 +104,8 @@ class RehearsalProcess:
 
     def close(self) -> None:
         """End the process."""
-        if self._connection is not None:
-            self._connection.close()
-        if self._process is not None:
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(CLOSE_GRACE_S)
-            self._kill()
-
-    def _start(self) -> Link:
-        ours, theirs = socket.socketpair()
-        command = [*self._command, "--descriptor", str(theirs.fileno())]
-        self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
-        theirs.close()
-        self._connection = Link(Connection(ours.detach()), spin_s=0.0)
-        return self._connection
-
-    def _kill(self) -> int:
-        """Another one is started when it is asked again; the exit code of this one."""
-        if self._connection is not None:
-            self._connection.close()
-        process, self._process, self._connection = self._process, None, None
-        if process is None:
-            return 0
-        process.kill()
-        return process.wait()
+        if self._child is not None:
+            self._child.close(CLOSE_GRACE_S)
 
 
 def serve(forecaster: "Forecaster", connection: "Connection[Any, Any]") -> None:
@@ -140,7 +114,7 @@ def serve(forecaster: "Forecaster", connection: "Connection[Any, Any]") -> None:
     while True:
         try:
             asked = _QUESTIONS.decode(connection.recv_bytes())
-            connection.send_bytes(_ENCODER.encode(_answer(forecaster, asked)))
+            connection.send_bytes(_ANSWERS.encode(_answer(forecaster, asked)))
         except (EOFError, OSError):
             return
 

@@ -7,21 +7,17 @@ within the grace is killed and replaced, as is one that died. `LocalPlanner` is 
 
 import argparse
 import queue
-import socket
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-import msgspec
-
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.runtime.array_codec import decode_array, encode_array
-from phyagentos.runtime.channel import Link
+from phyagentos.runtime.channel import SPIN_S, Child, Codec
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
 
 if TYPE_CHECKING:
@@ -30,11 +26,8 @@ if TYPE_CHECKING:
 CANCEL_GRACE_S = 0.5
 CLOSE_GRACE_S = 2.0
 
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
-_REQUESTS: msgspec.msgpack.Decoder[MotionRequest | Cancel] = msgspec.msgpack.Decoder(
-    MotionRequest | Cancel, dec_hook=decode_array
-)
-_ANSWERS: msgspec.msgpack.Decoder[MotionAnswer] = msgspec.msgpack.Decoder(MotionAnswer, dec_hook=decode_array)
+_REQUESTS = Codec[MotionRequest | Cancel](MotionRequest | Cancel, "motion request")
+_ANSWERS = Codec[MotionAnswer](MotionAnswer, "answer")
 
 
 class Planner(Protocol):
@@ -118,16 +111,17 @@ class PlannerProcess:
             profile_file: `robots/<name>/target.yaml`.
             clock: Measures the grace after a cancellation.
         """
-        self._profile_file = profile_file
+        command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
+        self._start = partial(Child, command, spin_s=SPIN_S)
         self._clock = clock or SystemClock()
         self._pending = False
         self._deadline_s: float | None = None
-        self._start()
+        self._child = self._start()
 
     @property
     def pid(self) -> int:
         """Of the process that works at present."""
-        return self._process.pid
+        return self._child.pid
 
     @property
     def is_free(self) -> bool:
@@ -149,7 +143,7 @@ class PlannerProcess:
             self.poll()
         self._pending = True
         with suppress(OSError):  # the next poll finds the process dead and says so
-            self._connection.send_bytes(_ENCODER.encode(request))
+            self._child.channel.send_bytes(_REQUESTS.encode(request))
 
     def poll(self) -> MotionAnswer | None:
         """The answer, once; of a dead process `NoPlan` with code PLANNER_LOST, of a cancelled request CANCELLED."""
@@ -157,8 +151,8 @@ class PlannerProcess:
             return None
         answer: MotionAnswer | None = None
         try:
-            if self._connection.poll():
-                answer = _ANSWERS.decode(self._connection.recv_bytes())
+            if self._child.channel.poll():
+                answer = _ANSWERS.decode(self._child.channel.recv_bytes())
         except (EOFError, OSError):
             code = self._replace()
             answer = _refuse("PLANNER_LOST", f"The planner process ended with code {code}; another one was started.")
@@ -177,7 +171,7 @@ class PlannerProcess:
         if self._deadline_s is not None:
             timeout_s = max(0.0, min(timeout_s, self._deadline_s - self._clock.now_s()))
         try:
-            return self._connection.poll(timeout_s)
+            return self._child.channel.poll(timeout_s)
         except OSError:
             return True
 
@@ -186,31 +180,16 @@ class PlannerProcess:
         if self._pending and self._deadline_s is None:
             self._deadline_s = self._clock.now_s() + CANCEL_GRACE_S
             with suppress(OSError):
-                self._connection.send_bytes(_ENCODER.encode(Cancel()))
+                self._child.channel.send_bytes(_REQUESTS.encode(Cancel()))
 
     def close(self) -> None:
         """End the process."""
-        self._connection.close()
-        try:
-            self._process.wait(CLOSE_GRACE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-    def _start(self) -> None:
-        ours, theirs = socket.socketpair()
-        command = [sys.executable, "-m", "phyagentos.runtime.motion.process"]
-        command += ["--profile", str(self._profile_file), "--descriptor", str(theirs.fileno())]
-        self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
-        theirs.close()
-        self._connection = Link(Connection(ours.detach()))
+        self._child.close(CLOSE_GRACE_S)
 
     def _replace(self) -> int:
         """Kill what is left of the process and start another; the exit code of the old one."""
-        self._connection.close()
-        self._process.kill()
-        code = self._process.wait()
-        self._start()
+        code = self._child.kill()
+        self._child = self._start()
         return code
 
 
@@ -256,7 +235,7 @@ def serve(profile_file: Path, connection: "Connection[Any, Any]") -> None:
     while (request := inbox.get()) is not None:
         answer = planner.answer(request, inbox.cancelled.is_set)
         try:
-            connection.send_bytes(_ENCODER.encode(answer))
+            connection.send_bytes(_ANSWERS.encode(answer))
         except OSError:
             return
 

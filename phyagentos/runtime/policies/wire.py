@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL
-from phyagentos.runtime.array_codec import decode_array, encode_array
+from phyagentos.runtime.channel import Codec
 
 Array = NDArray[np.float64]
 
@@ -92,27 +92,9 @@ class Fault(msgspec.Struct, frozen=True, tag=True):
 Request = Introduce | Start | Infer
 Reply = Introduction | Started | Chunk | Fault
 
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
-_REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=decode_array)
-_REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
-_BROKEN = (msgspec.MsgspecError, ValueError, TypeError, NotImplementedError, RecursionError)
-
-
-def encode(message: Request | Reply) -> bytes:
-    """One message as bytes."""
-    return _ENCODER.encode(message)
-
-
-def decode_request(data: bytes) -> Request:
-    """One request.
-
-    Raises:
-        ExecutionError: `MALFORMED`.
-    """
-    try:
-        return _REQUESTS.decode(data)
-    except _BROKEN as error:
-        raise ExecutionError("MALFORMED", f"{len(data)} bytes that are no request: {error}") from error
+REQUESTS = Codec[Request](Request, "request")
+_REPLIES = Codec[Reply](Reply, "reply")
+encode, decode_request = _REPLIES.encode, REQUESTS.decode
 
 
 def decode_reply(data: bytes) -> Reply:
@@ -123,8 +105,8 @@ def decode_reply(data: bytes) -> Reply:
     """
     try:
         reply = _REPLIES.decode(data)
-    except _BROKEN as error:
-        raise ExecutionError("POLICY_FAULT", f"{len(data)} bytes that are no reply: {error}") from error
+    except ExecutionError as error:
+        raise ExecutionError("POLICY_FAULT", str(error)) from error
     if isinstance(reply, Fault):
         raise ExecutionError("POLICY_FAULT", reply.message)
     return reply

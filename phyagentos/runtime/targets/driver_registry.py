@@ -9,12 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.targets.driver import TargetDriver
+
+if TYPE_CHECKING:
+    from phyagentos.runtime.targets.driver import TargetDriver
 
 ENTRY_POINT_GROUP = "phyagentos.drivers"
 OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has none of itself
@@ -48,7 +51,7 @@ class DriverSpec:
             runs in the worker, and begins anew with it.
     """
 
-    open: Callable[[DriverSite], TargetDriver]
+    open: "Callable[[DriverSite], TargetDriver]"
     kinds: tuple[str, ...]
     own_process: bool = True
 

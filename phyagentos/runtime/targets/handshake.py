@@ -13,15 +13,15 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import MESSAGE_MAX_BYTES, Channel, PeerChannel
-from phyagentos.runtime.targets.wire import WIRE_VERSION, Refused
 
+WIRE_VERSION = 3  # grows when a message changes its meaning; preflight compares it too
 TOKEN_BYTES = 32
 GREETING_S = 2.0  # a client that connects says its first word at once
 _PATIENCE_S = 10.0  # until the answer to it; a target in the middle of a halt answers after that
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):
-    """The first message of a client. Reply: `Welcome` or `Refused`.
+    """The first message of a client. Reply: `Welcome` or `Denied`.
 
     Attributes:
         version: Of the wire that it speaks.
@@ -54,9 +54,20 @@ class Welcome(msgspec.Struct, frozen=True, tag=True):
     max_bytes: int = MESSAGE_MAX_BYTES
 
 
+class Denied(msgspec.Struct, frozen=True, tag=True):
+    """The connection stays shut.
+
+    Attributes:
+        code: `BAD_TOKEN`, `VERSION_MISMATCH`, `MALFORMED`.
+    """
+
+    code: str
+    message: str
+
+
 _ENCODER = msgspec.msgpack.Encoder()
 _GREETINGS: msgspec.msgpack.Decoder[Hello | Grant] = msgspec.msgpack.Decoder(Hello | Grant)
-_ANSWERS: msgspec.msgpack.Decoder[Welcome | Refused] = msgspec.msgpack.Decoder(Welcome | Refused)
+_ANSWERS: msgspec.msgpack.Decoder[Welcome | Denied] = msgspec.msgpack.Decoder(Welcome | Denied)
 
 
 def make_token() -> bytes:
@@ -92,27 +103,27 @@ class Tokens:
             ConnectionError: The client is not admitted, or was a supervisor, which has nothing else to say.
             EOFError: The client is gone; also OSError.
         """
-        reply: Welcome | Refused
+        reply: Welcome | Denied
         try:
             greeting = _GREETINGS.decode(channel.recv_bytes())
             reply = self._judge(greeting, channel.find_peer())
         except (msgspec.MsgspecError, ValueError) as error:
-            greeting, reply = None, Refused("MALFORMED", f"the first message is no greeting: {error}")
+            greeting, reply = None, Denied("MALFORMED", f"the first message is no greeting: {error}")
         channel.send_bytes(_ENCODER.encode(reply))
-        if not isinstance(greeting, Hello) or isinstance(reply, Refused):
+        if not isinstance(greeting, Hello) or isinstance(reply, Denied):
             raise ConnectionRefusedError
 
-    def _judge(self, greeting: Hello | Grant, peer: int) -> Welcome | Refused:
+    def _judge(self, greeting: Hello | Grant, peer: int) -> Welcome | Denied:
         if isinstance(greeting, Grant):
             if not self._is_supervisor(peer):
-                return Refused("BAD_TOKEN", f"process {peer} does not supervise this target, so it grants no token")
+                return Denied("BAD_TOKEN", f"process {peer} does not supervise this target, so it grants no token")
             self.renew(greeting.token)
             return Welcome()
         if not self._token or not hmac.compare_digest(greeting.token, self._token):
-            return Refused("BAD_TOKEN", "the token is not that of the present epoch")
+            return Denied("BAD_TOKEN", "the token is not that of the present epoch")
         if greeting.version != WIRE_VERSION:
             found = f"the client speaks version {greeting.version} of the wire, the target version {WIRE_VERSION}"
-            return Refused("VERSION_MISMATCH", f"{found}; start both from the same installation")
+            return Denied("VERSION_MISMATCH", f"{found}; start both from the same installation")
         return Welcome()
 
 
@@ -142,6 +153,6 @@ def _say(channel: Channel, greeting: Hello | Grant) -> Welcome:
         reply = _ANSWERS.decode(channel.recv_bytes())
     except (EOFError, OSError, msgspec.MsgspecError) as error:
         raise ExecutionError("TARGET_LOST", "the target closed the connection before it was open") from error
-    if isinstance(reply, Refused):
+    if isinstance(reply, Denied):
         raise ExecutionError(reply.code, reply.message)
     return reply

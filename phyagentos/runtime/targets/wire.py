@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
-from phyagentos.runtime.array_codec import decode_array, encode_array
-from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.channel import Channel, Codec
+from phyagentos.runtime.targets import handshake
 
 Array = NDArray[np.float64]
 Colours = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Crop = tuple[int, int, int, int]  # left, top, width, height [pixels]
 WAIT_SLICE_S = 0.2  # a client that waits long shows its life this often
-WIRE_VERSION = 3  # grows when a message changes its meaning; the handshake and preflight compare it
+WIRE_VERSION = handshake.WIRE_VERSION
 NPZ = "application/x-npz"
 RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`
 SCENE_MODEL = "scene_model"  # tool: the compiled scene, artefacts by file name
@@ -372,10 +372,8 @@ Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe
 Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames
 
 
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=encode_array)
-_REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request, dec_hook=decode_array)
-_REPLIES: msgspec.msgpack.Decoder[Reply] = msgspec.msgpack.Decoder(Reply, dec_hook=decode_array)
-_BROKEN = (msgspec.MsgspecError, ValueError, TypeError, NotImplementedError, RecursionError)
+REQUESTS = Codec[Request](Request, "request")
+REPLIES = Codec[Reply](Reply, "reply")
 
 
 class Here(ABC):
@@ -388,12 +386,12 @@ class Here(ABC):
 
 def send(connection: Channel, message: Request | Reply) -> None:
     """Send one message."""
-    connection.send_bytes(_ENCODER.encode(message))
+    connection.send_bytes(REQUESTS.encode(message))
 
 
 def answer_bytes(handle: Callable[[Request], Reply], message: bytes) -> bytes:
     """One encoded request in, its encoded reply out."""
-    return _ENCODER.encode(handle(_REQUESTS.decode(message)))
+    return REPLIES.encode(handle(REQUESTS.decode(message)))
 
 
 def receive_request(connection: Channel) -> Request:
@@ -403,11 +401,7 @@ def receive_request(connection: Channel) -> Request:
         EOFError: When the other side is gone.
         ExecutionError: `MALFORMED` when the bytes are no request; the connection can still be used.
     """
-    message = connection.recv_bytes()
-    try:
-        return _REQUESTS.decode(message)
-    except _BROKEN as error:
-        raise ExecutionError("MALFORMED", f"{len(message)} bytes that are no request: {error}") from error
+    return REQUESTS.decode(connection.recv_bytes())
 
 
 def exchange(
@@ -454,6 +448,6 @@ def receive_reply(connection: Channel, timeout_s: float) -> Reply:
     except (EOFError, OSError) as error:
         raise ExecutionError("TARGET_LOST", "the world process closed the connection") from error
     try:
-        return _REPLIES.decode(message)
-    except _BROKEN as error:
-        raise ExecutionError("TARGET_LOST", f"{len(message)} bytes that are no reply: {error}") from error
+        return REPLIES.decode(message)
+    except ExecutionError as error:
+        raise ExecutionError("TARGET_LOST", str(error)) from error

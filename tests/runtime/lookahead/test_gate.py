@@ -122,4 +122,4 @@ def test_a_question_that_nobody_wants_any_more_ends_the_process(careful):
     oracle = RehearsalProcess(["sh", "-c", "exec sleep 60"])
 
     assert oracle.ask(question, lambda: True) is None
-    assert oracle._process is None
+    assert oracle._child is None

@@ -16,7 +16,7 @@ from phyagentos.runtime.drivers.mujoco.simulated_camera import SimulatedCamera, 
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS
 from phyagentos.runtime.models.camera_model import Lens, look_at
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.wire import _ENCODER, _REPLIES
+from phyagentos.runtime.targets.wire import REPLIES
 
 pytestmark = pytest.mark.sim
 
@@ -179,7 +179,7 @@ def test_a_calibration_error_is_drawn_once_and_moves_the_picture_not_the_claim(p
 
 def test_a_frame_travels_over_the_wire_as_it_is(physics, data):
     frame = capture(physics, data, make_sensors(NoiseLevel(pixel_dropout=0.1)))
-    arrived = _REPLIES.decode(_ENCODER.encode(wire.Frames((frame,), {"b": "FRAME_DROPPED"})))
+    arrived = REPLIES.decode(REPLIES.encode(wire.Frames((frame,), {"b": "FRAME_DROPPED"})))
 
     assert isinstance(arrived, wire.Frames)
     assert arrived.missing == {"b": "FRAME_DROPPED"}

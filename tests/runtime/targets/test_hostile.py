@@ -45,7 +45,7 @@ def assert_within(panda):
 
 def encode(command, **changes):
     """A command as plain data, to be spoilt before it is packed."""
-    plain = msgspec.msgpack.decode(wire._ENCODER.encode(command))
+    plain = msgspec.msgpack.decode(wire.REPLIES.encode(command))
     return msgspec.msgpack.encode({**plain, **changes})
 
 
