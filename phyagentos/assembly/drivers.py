@@ -64,15 +64,26 @@ def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreemen
                 )
             )
     world = _open_world(sites[0].workspace, read_agreement)
-    from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
-
-    return [MujocoDriver(world, site.profile, site.folder) for site in sites]
+    return [_open_robot(world, site) for site in sites]
 
 
 def _open_mujoco(site: DriverSite) -> "TargetDriver":
-    world = _open_world(site.workspace)
+    return _open_robot(_open_world(site.workspace), site)
+
+
+def _open_robot(world: "SimulatedWorld", site: DriverSite) -> "MujocoDriver":
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 
+    if site.profile.end_effector != "opening":
+        raise DefinitionError(
+            Problem(
+                code="NO_DRIVER",
+                address=f"{site.profile.target}/target.yaml: end_effector",
+                found=repr(site.profile.end_effector),
+                expected="'opening', for driver 'mujoco'",
+                hint="Name a driver that moves such a hand, or give the model a gripper.",
+            )
+        )
     return MujocoDriver(world, site.profile, site.folder)
 
 

@@ -5,7 +5,7 @@ stands in safety.yaml. In TARGETS.md each profile carries the health of its work
 """
 
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, Self
 
 import pydantic
 
@@ -77,6 +77,9 @@ class Gripper(Authored):
     grasp_reach_m: float = 0.03
 
 
+NO_GRIPPER = Gripper(joints=(), pads=(), max_width_m=0.0, stiffness_n_m=0.0, damping_ns_m=0.0, force_n=0.0)
+
+
 class TargetProfile(Authored):
     """One target of TARGETS.md.
 
@@ -101,7 +104,7 @@ class TargetProfile(Authored):
         grasp_band_m: Horizontal distances from its base between which it can take hold of things [m].
         contact_force_n: Beyond this force on any part of it the target stops by itself [N].
         arm: Its joints.
-        gripper: Its hand.
+        gripper: Its hand; left out where the end effector does not open.
         observations: What it offers; a skill's `needs.observations` are matched against these names.
         actions: What it takes; a skill's `needs.actions` are matched against these names.
         capabilities: What else a skill may need (`manipulation`).
@@ -126,11 +129,18 @@ class TargetProfile(Authored):
     grasp_band_m: tuple[float, float] = (0.34, 0.66)
     contact_force_n: float = 100.0
     arm: Arm
-    gripper: Gripper
+    gripper: Gripper = NO_GRIPPER
     observations: tuple[str, ...] = ()
     actions: tuple[str, ...] = ()
     capabilities: tuple[str, ...] = ()
     operations: tuple[Operation, ...] = SESSION_OPERATIONS
+
+    @pydantic.model_validator(mode="after")
+    def _check_end_effector(self) -> Self:
+        if (self.gripper.max_width_m > 0.0) != (self.end_effector == "opening"):
+            expected = "a gripper that opens" if self.end_effector == "opening" else "no gripper"
+            raise ValueError(f"end_effector {self.end_effector!r} needs {expected}")
+        return self
 
 
 class Health(StrEnum):

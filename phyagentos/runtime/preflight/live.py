@@ -24,6 +24,7 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
         "n_joints": (live.n_joints, len(profile.arm.joints)),
         "steps_per_command": (live.steps_per_command, steps),
         "physics_step_s": (live.physics_step_s, profile.physics_step_s),
+        "end_effector": (live.end_effector, profile.end_effector),
     }
     if live.n_joints == len(profile.arm.joints):
         pairs["joints"] = (", ".join(live.joints) or "(none)", ", ".join(profile.arm.joints))
