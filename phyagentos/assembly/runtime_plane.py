@@ -160,6 +160,8 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     if rules.world_mode is WorldMode.LOCKSTEP:
         ask_for_prompt_wakeups()
     watchdog.run()
+    if shared is not None:
+        shared.close()
     views.close()
     seal_rest(workspace, views.ledger)
     desk.close()

@@ -27,7 +27,8 @@ class TurnMarks:
             return
         self._noted[goal] = seq
         with contextlib.suppress(OSError):  # a full disk: the runtime goes on after a while
-            self._folder.mkdir(parents=True, exist_ok=True)
+            if len(self._noted) == 1:
+                self._folder.mkdir(parents=True, exist_ok=True)
             (self._folder / goal).write_bytes(b"%d\n" % seq)
 
     def read(self, goal: GoalId) -> int:

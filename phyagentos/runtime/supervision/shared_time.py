@@ -70,12 +70,6 @@ class SharedTime:
                 self._said[name] = running
         return again_s
 
-    def forget(self, target: str) -> None:
-        """A world process may have begun anew."""
-        for name, targets in self._targets.items():
-            if target in targets:
-                self._said.pop(name, None)
-
     def close(self) -> None:
         """Let go of the sockets."""
         for sender in self._senders.values():

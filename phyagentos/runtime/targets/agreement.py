@@ -73,6 +73,10 @@ class AgreementReceiver:
                 self._take(news)
                 lock.notify_all()
 
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()
+
     def _take(self, news: bytes) -> None:
         with contextlib.suppress(msgspec.MsgspecError):
             self._latest = _DECODER.decode(news)

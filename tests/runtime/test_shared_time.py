@@ -1,0 +1,82 @@
+"""When the time of a shared world may move, as the runtime plane says it."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from phyagentos.clock import ManualClock
+from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.runtime.supervision.shared_time import AGENT_S, SharedTime, find_running
+from phyagentos.runtime.supervision.target_phase import Phase
+from phyagentos.runtime.targets.agreement import AgreementReceiver
+from phyagentos.store.turn_marks import TurnMarks
+
+ARMS = ("left", "right")
+
+
+def supervise(phase, session="", *, is_free=True, lost=None):
+    of = SimpleNamespace(id=session) if session else None
+    return SimpleNamespace(phase=phase, session=of, lost=lost, is_free=lambda: is_free)
+
+
+BUSY = supervise(Phase.RUNNING, "a")
+
+
+@pytest.mark.parametrize(
+    ("right", "waiting", "running"),
+    [
+        (supervise(Phase.RUNNING, "b"), "", {"left": "a", "right": "b"}),
+        (supervise(Phase.RECONCILING, "b"), "", {"left": "a", "right": "b"}),
+        (supervise(Phase.IDLE), "", {"left": "a"}),
+        (supervise(Phase.IDLE), "right", {"left": "a"}),  # for a resource that the other one has
+        (supervise(Phase.IDLE, is_free=False), "right", None),
+        (supervise(Phase.CHECKING, "b"), "", None),
+        (supervise(Phase.STARTING), "", {"left": "a"}),
+        (supervise(Phase.STARTING), "right", None),
+        (supervise(Phase.STARTING, lost=object()), "", None),
+        (supervise(Phase.RESTING), "right", {"left": "a"}),
+        (supervise(Phase.BROKEN), "", {"left": "a"}),
+    ],
+)
+def test_time_stands_while_a_session_is_about_to_start(right, waiting, running):
+    assert find_running(ARMS, {"left": BUSY, "right": right}, waiting.__eq__) == running
+
+
+@pytest.fixture
+def world(tmp_path):
+    """What a world hears, from whom, the agent's marks and the clock."""
+    heard, marks, clock = AgreementReceiver(tmp_path / "table.time"), TurnMarks(tmp_path), ManualClock()
+    shared = SharedTime({"table": (ARMS, tmp_path / "table.time")}, marks, clock)
+    yield heard, shared, marks, clock
+    shared.close()
+    heard.close()
+
+
+def test_time_stands_until_the_verdict_and_until_the_agent_has_acted_on_it(world):
+    heard, shared, marks, _ = world
+    status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="right"), state=SessionState.VERIFYING)
+    ledger = SimpleNamespace(sessions={"b": status})
+
+    def look():
+        again_s = shared.update({"left": BUSY}, ledger, lambda _: False)
+        return heard.read(), again_s
+
+    assert look() == ({"left": "a"}, float("inf"))
+    shared.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7))
+    said, again_s = look()
+    assert said is None
+    assert again_s < 0.01
+    status.state = SessionState.SUCCEEDED
+    assert look()[0] is None  # judged, but what follows is not submitted yet
+    marks.note("g", 9)
+    assert look()[0] == {"left": "a"}
+
+
+def test_an_agent_that_is_gone_holds_time_for_a_minute_at_most(world):
+    heard, shared, _, clock = world
+    status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="left"), state=SessionState.VERIFYING)
+    shared.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7))
+    for wait_s, said in ((0.0, None), (AGENT_S + 1.0, {"left": "a"})):
+        clock.sleep(wait_s)
+        shared.update({"left": BUSY}, SimpleNamespace(sessions={"b": status}), lambda _: False)
+        assert heard.read() == said
