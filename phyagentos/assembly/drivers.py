@@ -94,14 +94,14 @@ def _open_world(workspace: Workspace, read_agreement: "ReadAgreement | None" = N
     from phyagentos.protocol.world.faults import read_faults
     from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, Schedule, draw_schedule, read_activations
     from phyagentos.runtime.drivers.mujoco.world import SimulatedWorld
-    from phyagentos.runtime.targets.wire import FaultStruck
+    from phyagentos.runtime.targets.wire import RecordedFault
 
     path, recorded = workspace.root / FAULTS, workspace.root / RECORDED_FAULTS
     file = read_faults(path) if path.exists() else None
 
     def make_faults(episode: str, seed: int) -> FaultInjector:
         if recorded.exists():
-            return FaultInjector(read_activations(msgspec.json.decode(recorded.read_bytes(), type=list[FaultStruck])))
+            return FaultInjector(read_activations(msgspec.json.decode(recorded.read_bytes(), type=list[RecordedFault])))
         return FaultInjector(draw_schedule(file, episode, seed) if file is not None else Schedule())
 
     return SimulatedWorld(

@@ -74,7 +74,7 @@ class RemoteDriver(TargetDriver):
         self._session, self._epoch, self._step, self._is_moving = session, epoch, None, False
 
     @override
-    def end(self) -> tuple[wire.FaultStruck, ...]:
+    def end(self) -> tuple[wire.RecordedFault, ...]:
         session, self._session, self._is_moving = self._session, "", False
         ended = self._ask(wire.End(session=session, epoch=self._epoch), wire.Ended)
         self._time_s = ended.time_s

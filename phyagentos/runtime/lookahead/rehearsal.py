@@ -37,7 +37,7 @@ from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
-from phyagentos.runtime.targets.wire import FaultStruck
+from phyagentos.runtime.targets.wire import RecordedFault
 
 STATE_STEPS = 25  # between two states on tape
 REST_S = 0.3  # as a session is observed: released things come to rest within this; simulated time
@@ -58,7 +58,7 @@ class ControlRecording(FaultInjector):
         self.rows: list[Array] = []
         self.states: list[Array] = []
 
-    def act(self, physics: Physics) -> list[FaultStruck]:
+    def act(self, physics: Physics) -> list[RecordedFault]:
         """Called before every physics step."""
         if len(self.rows) % STATE_STEPS == 0:
             state = np.zeros(mujoco.mj_stateSize(physics.model, _FULL))

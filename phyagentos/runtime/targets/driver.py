@@ -16,11 +16,11 @@ from phyagentos.runtime.targets.wire import (
     Capture,
     Command,
     Description,
-    FaultStruck,
     Frames,
     Loaded,
     LoadScene,
     Observation,
+    RecordedFault,
     Step,
     ToolResult,
 )
@@ -124,7 +124,7 @@ class TargetDriver(ABC):
         """
         raise ExecutionError("UNKNOWN_TOOL", f"the target has no tool {name!r}")
 
-    def end(self) -> tuple[FaultStruck, ...]:
+    def end(self) -> tuple[RecordedFault, ...]:
         """The session's authority ends: come to rest; faults meanwhile, for the evidence."""
         if self.is_moving:
             self.halt()

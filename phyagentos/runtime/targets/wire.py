@@ -298,7 +298,7 @@ class Observation(msgspec.Struct, frozen=True, tag=True):
     snapshot: Artefact | None = None
 
 
-class FaultStruck(msgspec.Struct, frozen=True):
+class RecordedFault(msgspec.Struct, frozen=True):
     """One fault as it happened, for the evidence; the agent does not read it."""
 
     kind: str
@@ -314,7 +314,7 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
     """
 
     time_s: float
-    faults: tuple[FaultStruck, ...]
+    faults: tuple[RecordedFault, ...]
 
 
 class ToolResult(msgspec.Struct, frozen=True, tag=True):

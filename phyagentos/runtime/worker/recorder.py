@@ -31,7 +31,7 @@ from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.holds import HoldSample, SampleKey
 from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.look_file import write_look
-from phyagentos.runtime.targets.wire import NPZ, FaultStruck, Observation, Step
+from phyagentos.runtime.targets.wire import NPZ, Observation, RecordedFault, Step
 
 RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
@@ -157,7 +157,7 @@ class Recorder:
         trace: Sequence[TraceEvent],
         events: Sequence[Event],
         holds: Sequence[Criterion],
-        faults: Sequence[FaultStruck],
+        faults: Sequence[RecordedFault],
         n_joints: int,
     ) -> None:
         """What happened between the first and the last command."""

@@ -25,7 +25,7 @@ from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
 from phyagentos.runtime.execution.open_criteria import find_open_criteria
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
-from phyagentos.runtime.targets.wire import FaultStruck, Step
+from phyagentos.runtime.targets.wire import RecordedFault, Step
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
@@ -198,7 +198,7 @@ class SessionRunner:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         return None
 
-    def _observe_end(self, run: _Run, outcome: Outcome) -> tuple[Outcome, tuple[FaultStruck, ...]]:
+    def _observe_end(self, run: _Run, outcome: Outcome) -> tuple[Outcome, tuple[RecordedFault, ...]]:
         """Observe what is left and give authority back."""
         if outcome.ended is Ended.TARGET_LOST:
             return outcome, ()
@@ -228,7 +228,7 @@ class SessionRunner:
 
     def _write_end(
         self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None
-    ) -> tuple[FaultStruck, ...]:
+    ) -> tuple[RecordedFault, ...]:
         """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
         observation = self._handle.observe(snapshot=True)
         after = self._world.observe(WORLD)
@@ -246,7 +246,7 @@ class SessionRunner:
             pointed = ((LookRole.POINTED, each) for each in self._world.find_looks(seen) if each is not look)
             recorder.write_looks([(role, look), *pointed], {})
 
-    def _write_course(self, run: _Run, faults: Sequence[FaultStruck]) -> None:
+    def _write_course(self, run: _Run, faults: Sequence[RecordedFault]) -> None:
         rest = ((LookRole.LOOK, look) for look in self._world.looks if not look.file)
         run.recorder.write_looks(rest, run.holds.samples)
         ms = run.loop.ms | {"looks": run.recorder.look_ms}

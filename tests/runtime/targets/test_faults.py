@@ -32,7 +32,7 @@ def begin(make_rig, tmp_path):
     assert sum(line["kind"] == "state_write" for line in lines) == 1, "a fault wrote simulator state"
 
 
-def end(rig) -> tuple[wire.FaultStruck, ...]:
+def end(rig) -> tuple[wire.RecordedFault, ...]:
     return rig.world.handle(wire.End(session=rig.session, epoch=rig.epoch)).faults
 
 

@@ -27,7 +27,7 @@ from phyagentos.protocol.world.faults import (
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.protocol.world.sensor_corruption import Blackout, Freeze, Miscalibrate, Misdate, When
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
-from phyagentos.runtime.targets.wire import FaultStruck
+from phyagentos.runtime.targets.wire import RecordedFault
 
 LOOK_EVERY = 10  # physics steps between two looks at the conditions: one control period
 SLIPPERY = (0.01, 0.0005, 0.0001)  # friction of pads while a grasp slips
@@ -101,7 +101,7 @@ def draw_fault(draw: Draw, seed: int) -> Fault:
     return kinds[kind].model_validate({"kind": kind, "object": name})
 
 
-def read_activations(records: Sequence[FaultStruck]) -> Schedule:
+def read_activations(records: Sequence[RecordedFault]) -> Schedule:
     """The schedule that repeats what a bundle's `faults.json` tells."""
     return Schedule((), tuple(msgspec.convert(record.details, FaultActivation) for record in records), 0)
 
@@ -126,12 +126,12 @@ class FaultInjector:
         self._all.append(other)
         return other
 
-    def on_session(self, session: str) -> tuple[FaultStruck, ...]:
+    def on_session(self, session: str) -> tuple[RecordedFault, ...]:
         """A session began; what is still going on from before."""
         self._session, self._heights_m = session, {}
         return tuple(_report(activation) for activation in self._active)
 
-    def act(self, physics: Physics) -> list[FaultStruck]:
+    def act(self, physics: Physics) -> list[RecordedFault]:
         """Called before every physics step: activate what is due, and keep up what is active."""
         if not (self._waiting or self._recorded or self._active):
             return []
@@ -280,9 +280,9 @@ def _release(physics: Physics, activation: FaultActivation) -> None:
         physics.let_go(activation.body)
 
 
-def _report(activation: FaultActivation) -> FaultStruck:
+def _report(activation: FaultActivation) -> RecordedFault:
     details: dict[str, Any] = msgspec.to_builtins(activation)
-    return FaultStruck(kind=activation.kind, time_s=activation.time_s, details=details)
+    return RecordedFault(kind=activation.kind, time_s=activation.time_s, details=details)
 
 
 def _as_tuple(point: Array) -> tuple[float, float, float]:

@@ -14,7 +14,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits, SetPoint
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
 from phyagentos.runtime.drivers.mujoco.state_history import StateHistory
-from phyagentos.runtime.targets.wire import Command, FaultStruck, Refused
+from phyagentos.runtime.targets.wire import Command, RecordedFault, Refused
 
 if TYPE_CHECKING:
     from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
@@ -47,7 +47,7 @@ class JointController:
         self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
         self._width_m = profile.gripper.max_width_m
         self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since it was told
-        self.activations: list[FaultStruck] = []
+        self.activations: list[RecordedFault] = []
         self.history = StateHistory()
         self._n_steps, self._steps = n_steps, 0
         self._begin_history()

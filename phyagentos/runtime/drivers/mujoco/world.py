@@ -257,7 +257,7 @@ class MujocoDriver(TargetDriver):
         present.controller.activations = list(present.faults.on_session(session))
 
     @override
-    def end(self) -> tuple[wire.FaultStruck, ...]:
+    def end(self) -> tuple[wire.RecordedFault, ...]:
         self.session = ""
         self.world.simulation.let_stand(self.profile.target)
         return tuple(self.controller.activations)
