@@ -36,11 +36,10 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Lessons in force and what was counted, the most useful first."""
-    from phyagentos.agent.memory.views import list_facts, list_lessons
     from phyagentos.protocol.sessions.memory_entries import Standing
 
     with _opened(workspace) as memory:
-        entries: list[MemoryEntry] = [*list_lessons(memory.experience), *list_facts(memory.experience)]
+        entries: list[MemoryEntry] = [*memory.experience.list_lessons(), *memory.experience.list_facts()]
         if words:
             found = {lesson.id for lesson in memory.search(" ".join(words))}
             entries = [each for each in entries if each.id in found or _mentions(each, words)]

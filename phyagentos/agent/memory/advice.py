@@ -1,7 +1,6 @@
-"""The port on the way from a compiled contract to the journal: what memory advises.
+"""What memory advises for a compiled contract, recorded with it.
 
-Upstream: `drafting` asks before a session is submitted. Downstream: `memory`. The answer ends in the contract, so it is
-recorded and never asked for again. What look-ahead proposes (`repair.foresight`) has the same form.
+Look-ahead (`repair.foresight`) proposes in the same form.
 """
 
 from dataclasses import dataclass
@@ -19,7 +18,6 @@ class Advice:
     """Changes of a contract that experience or look-ahead proposes.
 
     Attributes:
-        strategy: What to do differently.
         reasons: One sentence for each change, naming what it rests on.
         sources: Ids of the entries of memory that it rests on.
         threshold: Of the child's look-ahead; None for that of its node.
@@ -32,7 +30,7 @@ class Advice:
 
 
 class Advisor(Protocol):
-    """Asked once for every contract, before it is submitted."""
+    """The port: asked once for every contract, before it is submitted."""
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
         """What experience says about this contract.
@@ -45,7 +43,7 @@ class Advisor(Protocol):
 
 
 class NoAdvice:
-    """Nothing is remembered."""
+    """The advisor without memory."""
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
         """Nothing."""

@@ -1,8 +1,6 @@
-"""The advisor: before a session is submitted, what verified experience says about it. Paper section 4.3 (retrieval).
+"""The advisor: what verified experience says about a session before it is submitted. Paper section 4.3 (retrieval).
 
-Upstream: a compiled contract, and memory. Downstream: `apply_advice`, which writes the advice into the contract with
-the lessons that it rests on. Only the first attempt of a node is advised: what a repair has chosen rests on fresher
-evidence.
+Only the first attempt of a node is advised: a repair rests on fresher evidence.
 """
 
 from phyagentos.agent.memory.advice import NOTHING, Advice
@@ -17,12 +15,7 @@ REMEMBERED = 4096  # answers that are kept until memory changes
 
 
 class MemoryAdvisor:
-    """Advises from memory; see `Advisor`.
-
-    Args:
-        memory: What is asked.
-        surroundings: In which words.
-    """
+    """Advises from memory; see `Advisor`."""
 
     def __init__(self, memory: Memory, surroundings: Surroundings) -> None:
         self._memory, self._surroundings = memory, surroundings
@@ -64,7 +57,7 @@ class MemoryAdvisor:
 
 
 def make_scope(session: Session, features: Features, surroundings: Surroundings) -> Scope:
-    """The case of a contract, in the words of memory."""
+    """The case of a contract."""
     return Scope(
         scene=session.scene.name,
         skill=session.skill,

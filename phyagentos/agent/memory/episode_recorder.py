@@ -1,10 +1,9 @@
-"""The episode recorder: when a goal is over, its judged sessions become episodes, and the two documents are rendered.
+"""The episode recorder: judged sessions of a goal become episodes, and the documents of memory are renewed.
 
-Upstream: the mission, which it looks on. Downstream: memory, LESSONS.md, KNOWLEDGE.md. It changes nothing of the goal,
-and what it remembers a second time counts once, so an agent that was killed before this is caught up with by the next.
+An episode that is recorded twice counts once, so the next agent catches up after a crash.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,33 +12,29 @@ import msgspec
 from phyagentos.agent.memory.episodes import Episode, find_episode, find_key
 from phyagentos.agent.memory.experience_log import Edit
 from phyagentos.agent.memory.features import Surroundings
-from phyagentos.agent.memory.hand_edits import find_edits
 from phyagentos.agent.memory.memory import Memory
-from phyagentos.agent.memory.promoted_entries import renew_promoted
 from phyagentos.agent.memory.promotion import Rank
-from phyagentos.agent.memory.views import list_facts, list_lessons
+from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, PhyAgentOSError
-from phyagentos.protocol.sessions.knowledge import read_knowledge, render_knowledge
-from phyagentos.protocol.sessions.lessons import read_lessons, render_lessons
-from phyagentos.protocol.sessions.memory_entries import MemoryEntry
+from phyagentos.protocol.capabilities.registries import read_skill_registry, render_skills
+from phyagentos.protocol.capabilities.skill_runtimes import PromotedWay
+from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.sessions.knowledge import Fact, read_knowledge, render_knowledge
+from phyagentos.protocol.sessions.lessons import Lesson, read_lessons, render_lessons
+from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.shared_file import TwoWayFile
 from phyagentos.store.ledger import Ledger
 
 PERSON = "a person"
+UNSAID = "retracted by hand, without a reason"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _View:
-    """One of the two documents.
-
-    Attributes:
-        list: Its entries as they are now.
-        render: Its text.
-        read: Entries of a text by id.
-    """
+    """One of the two documents: its entries now, its text, and the entries of a text by id."""
 
     list: Callable[[], Sequence[MemoryEntry]]
     render: Callable[[], str]
@@ -47,15 +42,15 @@ class _View:
 
 
 class EpisodeRecorder:
-    """Remembers what a mission's verdicts tell; see `MissionObserver`.
+    """Records what the verdicts of a mission show; see `MissionObserver`.
 
     Args:
-        memory: Where it is kept.
-        surroundings: In which words.
-        workspace: Where the documents lie.
+        memory: The records.
+        surroundings: Kinds of things and bodies of targets.
+        workspace: Holds the documents.
         clock: For the exchange with editors.
-        report: Called with what could not be kept; the mission goes on.
-        is_shared: Whether the memory lies outside the workspace.
+        report: Called with what could not be recorded; the mission goes on.
+        is_shared: Whether the memory stands outside the workspace.
     """
 
     def __init__(
@@ -84,7 +79,7 @@ class EpisodeRecorder:
             self._report(f"memory: {error}")
 
     def consolidate(self, ledger: Ledger) -> None:
-        """Remember every judged session that is not remembered yet, take in what people changed, and publish."""
+        """Record every judged session that is not known yet, and publish."""
         known = self._memory.experience.known
         found = [
             self._place(episode)
@@ -101,16 +96,16 @@ class EpisodeRecorder:
         return msgspec.structs.replace(episode, evidence=str(self._workspace.root / episode.evidence))
 
     def publish(self) -> None:
-        """Render both documents, what people changed in them taken in first, and renew what is promoted."""
+        """Take in what people changed in the two documents, render both, and renew what is promoted."""
         experience = self._memory.experience
         lessons = _View(
-            list=lambda: list_lessons(experience),
-            render=lambda: render_lessons(list_lessons(experience)),
+            list=experience.list_lessons,
+            render=lambda: render_lessons(experience.list_lessons()),
             read=lambda text: read_lessons(text).blocks,
         )
         facts = _View(
-            list=lambda: list_facts(experience),
-            render=lambda: render_knowledge(list_facts(experience)),
+            list=experience.list_facts,
+            render=lambda: render_knowledge(experience.list_facts()),
             read=lambda text: read_knowledge(text).blocks,
         )
         for path, view in ((self._workspace.lessons, lessons), (self._workspace.knowledge, facts)):
@@ -149,3 +144,72 @@ class EpisodeRecorder:
         with beside.open("a", encoding="utf-8") as file:
             file.write("".join(f"{each}\n\n" for each in refused))
         self._report(f"memory: {path.name}: not everything could be taken in; see {beside.name}")
+
+
+def find_edits(theirs: Mapping[str, MemoryEntry], ours: Sequence[MemoryEntry], by: str) -> tuple[list[Edit], list[str]]:
+    """What a person's version of a document changes, and what of it is refused, in words.
+
+    A person may retract an entry, add a note, or change its scope. A missing section changes nothing; computed values
+    cannot be edited, and a lesson cannot be written by hand.
+    """
+    known = {entry.id: entry for entry in ours}
+    edits: list[Edit] = []
+    refused: list[str] = []
+    for id, entry in theirs.items():
+        if id in known:
+            edits += _compare(entry, known[id], by)
+        elif isinstance(entry, Fact) and (entry.source or entry.evidence):
+            source = entry.source or ", ".join(entry.evidence)
+            edits.append(
+                Edit(entry=id, statement=entry.statement, scope=entry.scope, source=source, note=entry.note, by=by)
+            )
+        elif isinstance(entry, Lesson):
+            refused.append(f"{id}: a lesson follows from verdicts; write what you know to KNOWLEDGE.md, with a source")
+        else:
+            refused.append(f"{id}: a fact names its source, or the evidence that it rests on")
+    return edits, refused
+
+
+def _compare(theirs: MemoryEntry, ours: MemoryEntry, by: str) -> list[Edit]:
+    retracts = theirs.state is Standing.RETRACTED and ours.state is not Standing.RETRACTED
+    note = theirs.note if theirs.note != ours.note else ""
+    scope = theirs.scope if theirs.scope != ours.scope else None
+    if not (retracts or note or scope):
+        return []
+    reason = (theirs.reason or UNSAID) if retracts else ""
+    return [Edit(entry=theirs.id, retracts=retracts, reason=reason, note=note, scope=scope, by=by)]
+
+
+def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:
+    """Write what is promoted now into the entries of SKILLRUNTIME.md; whether anything changed.
+
+    Raises:
+        DefinitionError: With every problem of the document; it stays as it is.
+    """
+    ways: dict[str, list[PromotedWay]] = {}
+    for each in sorted(patterns, key=lambda pattern: pattern.id):
+        if each.trial.rank is Rank.PROMOTED and each.strategy and each.state is Standing.ACTIVE:
+            ways.setdefault(each.scope.skill, []).append(_describe(each))
+    skills = read_skill_registry(path)
+    renewed = []
+    for skill in skills.values():
+        known = {way.entry: way for way in skill.promoted}
+        now = tuple(known.get(way.entry, way) for way in ways.get(skill.skill, ()))  # the rate stays that of the day
+        renewed.append(skill.model_copy(update={"promoted": now}))
+    if renewed == list(skills.values()):
+        return False
+    publish(path, render_skills(renewed))
+    return True
+
+
+def _describe(pattern: Pattern) -> PromotedWay:
+    scope = pattern.scope
+    return PromotedWay(
+        entry=pattern.id,
+        scene=scope.scene,
+        target=scope.target,
+        object=scope.object,
+        destination=scope.destination,
+        strategy=msgspec.to_builtins(pattern.strategy),
+        rate=str(pattern.count),
+    )

@@ -1,7 +1,6 @@
-"""The episodic level: one compact record a session that has ended, as its verdict tells.
+"""The episodic level: one compact record for each judged session. Paper section 4.3.
 
-Upstream: the fold of the journal, after a verdict. Downstream: the experience log, from which everything else is
-computed. An episode repeats nothing that stands in the evidence; it points there. Paper section 4.3.
+An episode repeats nothing of the evidence; it points there.
 """
 
 import msgspec
@@ -22,21 +21,12 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One session, ended and judged.
 
     Attributes:
-        session: Its id.
-        goal: Its goal.
-        node: Its node of the goal graph.
         parent: The session that it revises, None for the first of a node.
-        objective: What a person would say.
-        skill: Name of the skill.
-        target: Name of the target.
-        body: Of the target.
-        scene: Name of the scene.
         seed: Of the scene: sessions of one seed begin from the same start.
         features: What it was about.
         strategy: What was done differently from the skill's own way.
         advised_by: Entries of memory that asked for that.
         verdict: As the evidence says, also where the mode of verification let something else decide.
-        cause: Coded cause of what went wrong.
         purpose: As the contract has it: `inspect` or `clear` when it prepared another attempt, empty for an attempt.
         sensing: What the judgement rests on, `truth` or `perceived`.
         evidence: Bundle, relative to the workspace; its whole path where the memory lies outside.
@@ -65,7 +55,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def key(self) -> str:
-        """What tells it from every other one."""
+        """Distinguishes it from every other episode."""
         return f"{self.session} {self.judged_at}"
 
     @property
@@ -75,7 +65,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def is_interrupted(self) -> bool:
-        """Whether something else ended it, so that it speaks neither for its way nor against it."""
+        """Whether an outside event ended it; then it speaks neither for its way nor against it."""
         return not self.is_success and self.cause in INTERRUPTIONS
 
     @property
@@ -90,12 +80,7 @@ def find_key(status: SessionStatus) -> str:
 
 
 def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode | None:
-    """The episode of a session; None while its verdict is open, or when it serves no goal.
-
-    Args:
-        status: As the journal tells it; nothing but the judgement that decided says whether it succeeded.
-        surroundings: Of the workspace.
-    """
+    """The episode of a session; None while its verdict is open, or when it serves no goal."""
     decision = status.decision
     if status.state not in JUDGED or decision is None or not status.contract.goal:
         return None

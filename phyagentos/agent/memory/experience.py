@@ -1,35 +1,34 @@
-"""Experience: what follows from the records of memory, computed record by record and never written by hand.
+"""Experience: what follows from the records of memory, computed record by record.
 
-Upstream: the experience log. Downstream: retrieval and the two documents. It is a function of the records alone, so it
-may be computed anew at any time; and it stays small however many episodes there are: what was not confirmed for longest
-is let go first.
+It is a function of the records alone and of bounded size: the entry whose last confirmation is oldest is dropped first.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
 from phyagentos.agent.memory import methodological, semantic
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.experience_log import Edit, Event
-from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.methodological import Correction, Failure
-from phyagentos.agent.memory.scopes import compute_scope, widen
+from phyagentos.agent.memory.scopes import compute_id, compute_scope, widen
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.protocol.sessions.knowledge import Fact
+from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import Strategy
 
 CORRECTIONS_KEPT = 2_000
 PATTERNS_KEPT = 4_000
+ENTRIES_MAX = 500  # of either document; a longer one is not read
 FAILURES_KEPT = 2_000  # that a child may still follow
 SESSIONS_KEPT = 10_000  # that are known to be in
 _OF_THINGS = Strategy(speed=0.5)  # these two stand for the two ways to widen a scope
 _OF_PLACES = Strategy(avoid_sites=("any",))
 
-_ValueT = TypeVar("_ValueT")
+_ORDER = {Standing.ACTIVE: 0, Standing.RETRACTED: 1, Standing.HYPOTHESIS: 2, Standing.EXPIRED: 3}
 
 
 class Experience(msgspec.Struct, kw_only=True):
@@ -37,10 +36,7 @@ class Experience(msgspec.Struct, kw_only=True):
 
     Attributes:
         seq: The latest record.
-        patterns: By id.
-        corrections: By id.
         facts: Added by people, by id.
-        failures: By session.
         known: Key of an episode -> its record, for those that were taken in last.
         baselines: Id of a scope -> first attempts in it, the skill's own way.
     """
@@ -59,14 +55,28 @@ class Experience(msgspec.Struct, kw_only=True):
         for seq, event in events:
             self.seq = seq
             changed.update(self._edit(event) if isinstance(event, Edit) else self._remember(event))
-            _let_go(self.failures, FAILURES_KEPT)
-            _let_go(self.known, SESSIONS_KEPT)
-            _let_go(self.baselines, 3 * PATTERNS_KEPT)
+            _drop_oldest(self.failures, FAILURES_KEPT)
+            _drop_oldest(self.known, SESSIONS_KEPT)
+            _drop_oldest(self.baselines, 3 * PATTERNS_KEPT)
         return changed
 
     def find_baseline(self, correction: Correction) -> Count:
         """First attempts in the scope of a correction, without any."""
         return self.baselines.get(_name(correction.scope), Count())
+
+    def list_lessons(self) -> list[Lesson]:
+        """The entries of LESSONS.md: those in force by confidence, then what people retracted, then hypotheses."""
+        lessons = [
+            methodological.describe(each, self.find_baseline(each), self.seq) for each in self.corrections.values()
+        ]
+        lessons.sort(key=lambda lesson: (_ORDER[lesson.state], -lesson.confidence, -lesson.supported, lesson.id))
+        return lessons[:ENTRIES_MAX]
+
+    def list_facts(self) -> list[Fact]:
+        """The entries of KNOWLEDGE.md: what people added, then what was counted most often."""
+        counted = sorted(self.patterns.values(), key=lambda each: (-each.count.trials, each.id))
+        facts = sorted(self.facts.values(), key=lambda fact: fact.id)
+        return [*facts, *map(semantic.describe, counted)][:ENTRIES_MAX]
 
     def _remember(self, episode: Episode) -> Iterator[str]:
         if episode.key in self.known:  # a session is experienced once
@@ -79,7 +89,7 @@ class Experience(msgspec.Struct, kw_only=True):
     def _count(self, episode: Episode) -> Iterator[str]:
         if (id := semantic.find_pattern_id(episode)) is not None:
             self.patterns[id] = semantic.extend(self.patterns.pop(id, None), episode, id, self.seq)
-            self._shrink_patterns()
+            _shrink(self.patterns, PATTERNS_KEPT)
             yield id
         if episode.is_first and not episode.strategy:
             self._count_baselines(episode)
@@ -114,7 +124,7 @@ class Experience(msgspec.Struct, kw_only=True):
             for proposed in methodological.propose(before, episode):
                 known = self.corrections.pop(proposed.id, proposed)  # to the end: the order is that of the last use
                 self.corrections[proposed.id] = methodological.test(known, before, episode, self.seq)
-                self._shrink_corrections()
+                _shrink(self.corrections, CORRECTIONS_KEPT)
                 yield proposed.id
         if not episode.is_success:
             is_same = before is not None and (before.goal, before.node) == (episode.goal, episode.node)
@@ -152,14 +162,6 @@ class Experience(msgspec.Struct, kw_only=True):
                 by=edit.by,
             )
 
-    def _shrink_patterns(self) -> None:
-        if len(self.patterns) > PATTERNS_KEPT:
-            _let_go_of_one(self.patterns, lambda pattern: pattern.state is Standing.RETRACTED)
-
-    def _shrink_corrections(self) -> None:
-        if len(self.corrections) > CORRECTIONS_KEPT:
-            _let_go_of_one(self.corrections, lambda lesson: lesson.state is Standing.RETRACTED)
-
 
 def _compute_changes(edit: Edit) -> dict[str, Any]:
     changes: dict[str, Any] = {"by": edit.by}
@@ -170,16 +172,16 @@ def _compute_changes(edit: Edit) -> dict[str, Any]:
     return changes
 
 
-def _let_go(entries: dict[str, _ValueT], kept: int) -> None:
+def _drop_oldest(entries: dict[str, Any], kept: int) -> None:
     while len(entries) > kept:
         del entries[next(iter(entries))]
 
 
-def _let_go_of_one(entries: dict[str, Any], is_kept: Any) -> None:
-    """The first that a person has not retracted: a retraction that is forgotten would let the entry rise again."""
-    victim = next((id for id, entry in entries.items() if not is_kept(entry)), None)
-    if victim is not None:
-        del entries[victim]
+def _shrink(entries: dict[str, Any], kept: int) -> None:
+    """Drop the oldest that is not retracted: a forgotten retraction would let the entry rise again."""
+    if len(entries) > kept:
+        oldest = next((id for id, entry in entries.items() if entry.state is not Standing.RETRACTED), None)
+        entries.pop(oldest, None)
 
 
 def _name(scope: Scope) -> str:

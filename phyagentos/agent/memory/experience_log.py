@@ -1,8 +1,7 @@
-"""The experience log: the truth of what was experienced and what people said about it, append-only and never rewritten.
+"""The experience log: episodes and people's edits, append-only; everything else in memory follows from it.
 
-Upstream: the episode recorder, and corrections by hand. Downstream: `experience`, which computes everything else from
-it. The same segments, frame, lock and chain of hashes as the journal's (docs/journal.md), in `memory/<lane>/`; what
-its records mean is not judged by the lifecycle, hence not the journal itself.
+Its segments, frame, lock and chain of hashes are those of the journal (docs/journal.md), in `memory/<lane>/`. The
+lifecycle does not judge its records, hence it is not the journal itself.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,17 +27,13 @@ _OPENING, _CLOSING = "\n```yaml\n", "\n```\n"
 
 
 class Edit(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """A statement about an entry; the latest on each matter holds.
+    """A person's statement about an entry; the latest on each matter holds.
 
     Attributes:
         entry: Id of the lesson or fact.
-        retracts: It shall not count any more.
-        reason: Why.
-        note: What is added.
         scope: Where it holds, instead of what was computed.
         statement: Of a fact that a person adds.
         source: Of a fact that a person adds.
-        by: Who.
     """
 
     entry: str
@@ -68,15 +63,7 @@ class LogPosition(msgspec.Struct, frozen=True):
 
 
 class ExperienceLog:
-    """Reads and extends the records of one workspace's memory.
-
-    Args:
-        root: `memory/` of the workspace.
-        by: Name of the writer.
-        side: On whose behalf it writes.
-        clock: For the time of records.
-        durable: Whether to wait for the disk.
-    """
+    """Reads and extends the records below `root`, the folder `memory/` of a workspace."""
 
     def __init__(self, root: Path, *, by: str, side: Side, clock: Clock, durable: bool = True) -> None:
         self.folder = root / choose_lane(root)
@@ -84,7 +71,7 @@ class ExperienceLog:
         self._known: Position | None = None  # as far as this object has looked; only a shortcut
 
     def read(self, place: LogPosition | None = None) -> tuple[list[tuple[int, Event]], LogPosition | None]:
-        """Everything behind a place, each with its number, and the place behind it; None while nothing was recorded.
+        """Every record behind a place with its number, and the place behind them; None while nothing was recorded.
 
         Raises:
             ExecutionError: `JOURNAL_DAMAGED`.
@@ -104,7 +91,7 @@ class ExperienceLog:
             follower.close()
 
     def _read_mark(self, position: Position) -> str:
-        """Raises FileNotFoundError where there is no such segment."""
+        """Raises FileNotFoundError without such a segment."""
         with locate(self.folder, position.segment).open("rb") as file:
             file.seek(max(0, position.offset - MARK_BYTES))
             return file.read(min(MARK_BYTES, position.offset)).hex()

@@ -1,8 +1,6 @@
-"""What a session is about, in words that come back in other sessions: kinds of things, not their names.
+"""What a session is about, as kinds of things: the same words in episodes and in queries.
 
-Upstream: contracts, the scene's inventory and the target's profile, all known before anything is observed. Downstream:
-episodes, and the question that is asked of memory before a session is submitted. Both use these functions, so that what
-was learned is looked for in the same words.
+Contracts, the scene's inventory and target profiles are known before anything is observed.
 """
 
 from collections.abc import Mapping
@@ -22,15 +20,11 @@ DESTINATIONS = ("destination", "onto", "support", "to")  # names of parameters t
 
 
 class Features(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a session is about.
+    """What a session is about; empty where the inventory does not know it.
 
     Attributes:
-        object: Name of the thing that is acted on.
-        object_kind: Its kind.
-        object_color: Its colour.
         object_size: `small`, `medium` or `large`.
-        destination: Name of the place where it goes.
-        destination_kind: Its kind; `region` for a named region.
+        destination_kind: `region` for a named region.
     """
 
     object: str = ""
@@ -43,12 +37,7 @@ class Features(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Inventories of scenes and bodies of targets, each read once.
-
-    Attributes:
-        scenes: Name -> file.
-        targets: Name -> profile.
-    """
+    """Inventories of scenes and bodies of targets, by name, each read once."""
 
     scenes: Mapping[str, Path]
     targets: Mapping[str, TargetProfile]

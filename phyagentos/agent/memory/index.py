@@ -1,7 +1,6 @@
-"""The cache of memory: what was computed from its records, and a full-text index of the lessons; may be deleted.
+"""The cache of memory: what was computed from its records, and a full-text index of the lessons.
 
-Upstream: `experience`. Downstream: `recall`. `.cache/memory-<lane>.sqlite` holds nothing that the log does not tell:
-one that is missing, damaged or of another version is made anew from the records.
+`.cache/memory-<lane>.sqlite` may be deleted; a missing, damaged or outdated one is made again from the records.
 """
 
 import contextlib
@@ -28,18 +27,14 @@ _ROTTEN = (sqlite3.Error, OSError, msgspec.MsgspecError, TypeError, ValueError)
 
 
 class LessonIndex:
-    """The cache of one experience log.
-
-    Args:
-        path: Its file.
-    """
+    """The cache of one experience log."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._connection: sqlite3.Connection | None = None
 
     def load(self) -> tuple[Experience, LogPosition] | None:
-        """What was saved last, None when there is nothing that can be trusted."""
+        """What was saved last, None when there is nothing valid."""
         try:
             row = self._connect().execute("SELECT version, place, experience, crc FROM state").fetchone()
             if row is None:
@@ -52,13 +47,7 @@ class LessonIndex:
             return None
 
     def save(self, experience: Experience, place: LogPosition, changed: Iterable[str] | None) -> None:
-        """Keep what was computed; a cache that cannot be written is done without.
-
-        Args:
-            experience: All of it.
-            place: How far the records were read.
-            changed: Entries that changed, None when all did.
-        """
+        """Save what was computed up to a place; `changed` None means all entries. A failure only costs the cache."""
         try:
             connection = self._connect()
             with contextlib.closing(connection.cursor()) as cursor:
@@ -72,12 +61,10 @@ class LessonIndex:
             self.discard()
 
     def find(self, skill: str, words: Iterable[str], limit: int) -> list[str] | None:
-        """Ids of lessons about a skill and any of the words, the best match first; None where the index cannot answer.
+        """Ids of lessons about a skill (empty for any) and any of the words, the best match first.
 
-        Args:
-            skill: Empty for any.
-            words: Kinds of things, causes, words of the objective.
-            limit: So many at most.
+        Returns:
+            None where the index cannot answer.
         """
         wanted = " OR ".join(_quote(word) for word in dict.fromkeys(words) if word.strip())
         parts = [f"skill: ({_quote(skill)} OR {_quote(_ANY)})"] if skill else []
@@ -92,7 +79,7 @@ class LessonIndex:
             return None
 
     def discard(self) -> None:
-        """Throw it away."""
+        """Delete the cache."""
         with contextlib.suppress(sqlite3.Error):
             self.close()
         self._connection = None
@@ -101,7 +88,7 @@ class LessonIndex:
                 self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None

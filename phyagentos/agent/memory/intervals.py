@@ -1,7 +1,4 @@
-"""Counts of successes and what they allow to say: the Wilson interval and the mean under a flat prior.
-
-Upstream: patterns and lessons. Downstream: their ranking, KNOWLEDGE.md, LESSONS.md.
-"""
+"""Counts of successes: the Wilson interval and the mean under a flat prior."""
 
 import math
 
@@ -11,12 +8,7 @@ Z_95 = 1.959964  # two-sided 95 % of the normal distribution
 
 
 class Count(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Successes among trials.
-
-    Attributes:
-        successes: Trials that the verifier judged a success.
-        trials: All of them.
-    """
+    """Successes among trials, as the verifier judged them."""
 
     successes: int = 0
     trials: int = 0

@@ -1,7 +1,6 @@
-"""Memory: the records of experience, what follows from them, and how what fits a case is found again.
+"""Memory: the records of experience, what follows from them, and retrieval. Paper section 4.3.
 
-Upstream: the experience log. Downstream: the advisor, the episode recorder, `paos memory`. Retrieval is by goal,
-environment, target and risk; what is found is checked against the case, ranked and bounded. Paper section 4.3.
+Retrieval is by goal, environment, target and risk; candidates are checked against the case, ranked and bounded.
 """
 
 import hashlib
@@ -28,7 +27,7 @@ FOUND_MAX = 5  # lessons that are returned
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """What is asked of memory.
+    """A query.
 
     Attributes:
         scope: Skill, target, scene and the kinds of things.
@@ -41,25 +40,20 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A verified lesson that holds in a case.
-
-    Attributes:
-        lesson: The lesson.
-        because: Its counts, in words.
-    """
+    """A verified lesson that holds in a case, and its counts in words."""
 
     lesson: Correction
     because: str
 
 
 class Memory:
-    """One memory; several workspaces may share it, one after the other or at the same time.
+    """One memory; several workspaces may share it, also at the same time.
 
     Args:
         folder: Of its records, `memory/` of a workspace as a rule.
         clock: For the time of records.
         by: Name of the writer.
-        side: On whose behalf it writes.
+        side: Of the writer.
         durable: Whether to wait for the disk.
 
     Raises:
@@ -81,7 +75,7 @@ class Memory:
         self.refresh()
 
     def refresh(self) -> set[str]:
-        """Take in what has been recorded since the last look; ids of the entries that changed."""
+        """Take in what has been recorded since the last call; ids of the entries that changed."""
         is_new = self._place is None
         events, place = self._experience_log.read(self._place)
         changed = self.experience.extend(events)
@@ -91,16 +85,16 @@ class Memory:
         return changed
 
     def record(self, events: Sequence[Event]) -> set[str]:
-        """Remember; ids of the entries that changed.
+        """Record; ids of the entries that changed.
 
         Raises:
-            ExecutionError: When the disk refuses; nothing is remembered then.
+            ExecutionError: The disk refuses; nothing is recorded.
         """
         self._experience_log.append(events)
         return self.refresh()
 
     def read_all(self) -> list[Event]:
-        """Every record, oldest first: for people who ask why."""
+        """Every record, oldest first."""
         return [event for _, event in self._experience_log.read()[0]]
 
     def recall(self, case: Case, *, limit: int = FOUND_MAX) -> tuple[Found, ...]:
@@ -138,7 +132,7 @@ class Memory:
 
     @property
     def version(self) -> str:
-        """Names what memory knows: the same lessons in force have the same version."""
+        """Version of what memory knows; the same lessons in force give the same version."""
         active = sorted(
             (lesson.id, sorted(msgspec.to_builtins(lesson.advice).items(), key=str))
             for lesson in self.experience.corrections.values()
@@ -147,7 +141,7 @@ class Memory:
         return f"memory/{self.experience.seq}-{hashlib.blake2b(repr(active).encode(), digest_size=4).hexdigest()}"
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._index.close()
 
     def _weigh(self, lesson: Correction, case: Scope) -> Found | None:

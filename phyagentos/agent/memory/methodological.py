@@ -1,8 +1,7 @@
 """The methodological level: corrections of failures, from hypothesis to verified lesson. Paper section 4.3.
 
-Upstream: episodes in the order execute, verify, diagnose, revise, re-verify. Downstream: LESSONS.md, retrieval. A
-lesson cannot be written: it follows from episodes alone. It is born as a hypothesis when a session with another
-strategy follows a failure of the same node, and is verified only by the verdict on such a session.
+A lesson follows from episodes alone. It is born as a hypothesis when a session with another strategy follows a failure
+of the same node, and only the verdict on such a session verifies it.
 """
 
 from collections.abc import Callable
@@ -11,9 +10,8 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.intervals import Count
-from phyagentos.agent.memory.scopes import compute_scope, measure_width, name_left_out, widen
+from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
@@ -29,12 +27,8 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A session that was not a success, and how it began: what a child may correct.
 
     Attributes:
-        session: Its id.
-        goal: Its goal.
-        node: Its node.
         root: The first session of the same node, and its cause.
         cause: Coded cause of the first failure.
-        strategy: What it did.
     """
 
     session: str
@@ -46,7 +40,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
-    """A failure and the session that corrected it, by whose verdict the lesson is verified."""
+    """A failure and the session that corrected it, whose verdict verifies the lesson."""
 
     failed: str
     corrected: str
@@ -57,22 +51,13 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         id: Of its entry in LESSONS.md.
-        scope: Where it holds.
-        objective: What was wanted.
-        cause: Of the failure.
         values: Parts of the strategy that were the same every time.
         labels: Lists of the strategy: key -> label -> in how many verified corrections it stood.
         tried: Children that followed a failure with it; a success verifies it.
         applied: First attempts that it advised.
         cases: What is left open by the scope, as far as it was verified.
-        chains: The latest corrections.
-        evidence: The latest bundles that verify it.
         last_seq: Record of memory that confirmed it last, or at which it was born.
-        state: As people left it.
-        reason: Why it was retracted.
-        note: What a person added.
         amended: Scope that a person gave it instead.
-        by: Who changed it last.
     """
 
     id: str
@@ -95,7 +80,7 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def where(self) -> Scope:
-        """Its scope, a person's word first."""
+        """Its scope, as amended."""
         return self.amended or self.scope
 
     @property
@@ -124,9 +109,9 @@ class Correction(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def propose(failure: Failure, child: Episode) -> tuple[Correction, ...]:
-    """The lessons that a child of a failure speaks about, new and without any count: its own case, and that widened.
+    """The lessons that a child of a failure tests, without any count: its own case, and that widened.
 
-    Nothing when the child is of another node, or did nothing that its parent had not done.
+    Empty when the child is of another node, or did nothing that its parent had not done.
     """
     if (child.goal, child.node) != (failure.goal, failure.node) or child.parent != failure.session:
         return ()
@@ -160,12 +145,7 @@ def test(correction: Correction, failure: Failure, child: Episode, seq: int) -> 
 
 
 def judge(correction: Correction, seq: int) -> tuple[Standing, str]:
-    """Whether the lesson counts now, and why not when not.
-
-    Args:
-        correction: The lesson.
-        seq: The latest record of memory.
-    """
+    """Whether the lesson counts at record `seq` of memory, and why not when not."""
     if correction.state is Standing.RETRACTED:
         return Standing.RETRACTED, correction.reason
     if not correction.tried.successes:
@@ -181,13 +161,7 @@ def judge(correction: Correction, seq: int) -> tuple[Standing, str]:
 
 
 def describe(correction: Correction, baseline: Count, seq: int) -> Lesson:
-    """The lesson as an entry of LESSONS.md.
-
-    Args:
-        correction: The lesson.
-        baseline: First attempts in its scope without any correction.
-        seq: The latest record of memory.
-    """
+    """The lesson as an entry of LESSONS.md at record `seq`; `baseline` counts first attempts without any correction."""
     state, reason = judge(correction, seq)
     where, advice = correction.where, correction.advice
     what_helped = advice or correction.tried_way

@@ -1,10 +1,9 @@
-"""Promotion: when a way of doing something has proved itself well enough to become the default of its scope.
+"""Promotion: the test by which a way of doing something becomes the default of its scope.
 
-Upstream: first attempts, one a start. Downstream: SKILLRUNTIME.md, the advisor. A sequential test of p <= 0.8 against
-p >= 0.95 on the likelihood ratio (Wald 1945, doi:10.1214/aoms/1177731118). The upper bound is 1/alpha instead of Wald's
-approximate (1 - beta)/alpha, so that by Ville's inequality a way with p <= 0.8 is ever promoted with probability alpha
-at most, however long one looks on. A promoted way is watched by Page's cumulative sum of the opposite ratio (Page 1954,
-doi:10.1093/biomet/41.1-2.100) and demoted when that crosses the same bound.
+A sequential test of p <= 0.8 against p >= 0.95 on the likelihood ratio (Wald 1945, doi:10.1214/aoms/1177731118). The
+upper bound is 1/alpha instead of Wald's approximate (1 - beta)/alpha: by Ville's inequality a way with p <= 0.8 is ever
+promoted with probability alpha at most. Page's cumulative sum of the opposite ratio (Page 1954,
+doi:10.1093/biomet/41.1-2.100) demotes a promoted way when it crosses the same bound.
 """
 
 import math
@@ -40,7 +39,6 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The test of one way in one scope.
 
     Attributes:
-        rank: Its outcome so far.
         ratio: Logarithm of the likelihood ratio, good over bad; after promotion the cumulative sum against it.
         starts: Seeds of the scenes that it has been tried on.
     """
@@ -50,12 +48,7 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     starts: tuple[int, ...] = ()
 
     def add(self, seed: int, *, success: bool) -> "Trial":
-        """The test after one more first attempt; the same start counts once, until the way is promoted.
-
-        Args:
-            seed: Of the scene.
-            success: As the verifier judged.
-        """
+        """The test after one more first attempt; the same start counts once, until the way is promoted."""
         step = GAIN if success else LOSS
         if self.rank is Rank.PROMOTED:
             against = max(0.0, self.ratio - step)

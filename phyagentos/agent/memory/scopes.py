@@ -1,8 +1,12 @@
-"""Scopes: where experience holds, from the case it was made in to what that was widened to, and where it may be used.
+"""Scopes: where experience holds, how it is widened, and where it may be used.
 
-Upstream: episodes. Downstream: lessons, patterns, retrieval. A scope is widened only along what its correction is
-about: a place to avoid is a matter of the destination, speed and grasp are matters of the thing.
+A scope is widened only along what its correction is about: a place to avoid concerns the destination, speed and grasp
+concern the thing.
 """
+
+import hashlib
+import re
+from collections.abc import Mapping
 
 import msgspec
 
@@ -12,6 +16,8 @@ from phyagentos.protocol.sessions.strategy import Strategy
 
 OF_PLACES = frozenset({"avoid_sites"})  # corrections about the destination; they do not depend on the hand
 FORCE_TOLERANCE = 0.1  # grippers whose forces differ by less hold alike
+_NO_WORD = re.compile(r"[^a-z0-9]+")
+_ENCODER = msgspec.json.Encoder(order="deterministic")
 
 
 def compute_scope(episode: Episode) -> Scope:
@@ -42,10 +48,7 @@ def name_left_out(narrow: Scope, wide: Scope) -> str:
 def find_mismatch(scope: Scope, case: Scope, strategy: Strategy) -> str:
     """Why experience of `scope` must not be used in `case`; empty when it may.
 
-    Args:
-        scope: Of the experience; what is empty does not narrow it.
-        case: Of a session.
-        strategy: What would be done differently: what concerns the hand needs a hand alike.
+    What is empty in `scope` does not narrow it; a strategy that concerns the hand needs a similar hand.
     """
     for field in ("skill", "scene", "object", "destination"):
         wanted, found = getattr(scope, field), getattr(case, field)
@@ -58,8 +61,18 @@ def find_mismatch(scope: Scope, case: Scope, strategy: Strategy) -> str:
     return _compare_bodies(scope.body, case.body, strategy)
 
 
+def compute_id(kind: str, scope: Scope, cause: str, strategy: Mapping[str, object]) -> str:
+    """Id of an entry: words for people, and a hash of all that makes it this one (`lesson-soap-grasp-lost-1f0c2a`).
+
+    The same experience has the same id in every workspace and after every rebuild.
+    """
+    digest = hashlib.blake2b(_ENCODER.encode([kind, scope, cause, dict(strategy)]), digest_size=4).hexdigest()
+    words = " ".join(filter(None, (kind, scope.object, scope.destination, cause))).lower()
+    return f"{_NO_WORD.sub('-', words).strip('-')}-{digest}"
+
+
 def measure_width(scope: Scope) -> int:
-    """How many of its dimensions a scope leaves open: the fewer, the more it is about this very case."""
+    """How many of its dimensions a scope leaves open."""
     return sum(not getattr(scope, field) for field in ("scene", "object", "destination"))
 
 

@@ -1,15 +1,14 @@
-"""The semantic level: how often which way of doing something succeeds at the first attempt, by scope.
+"""The semantic level: how often which way succeeds at the first attempt, by scope. Paper section 4.3.
 
-Upstream: episodes. Downstream: KNOWLEDGE.md, promotion, and the baseline that every lesson has to beat. Section 4.3.
+Promotion and the baseline of every lesson rest on it.
 """
 
 import msgspec
 
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.identity import compute_id
 from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.promotion import Rank, Trial
-from phyagentos.agent.memory.scopes import compute_scope
+from phyagentos.agent.memory.scopes import compute_id, compute_scope
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
@@ -22,17 +21,10 @@ class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         id: Of its entry in KNOWLEDGE.md.
-        scope: Where.
-        strategy: What was done differently; empty for the skill's own way.
+        strategy: Empty for the skill's own way.
         count: First attempts.
-        trial: Whether it has proved itself.
         causes: Coded cause of a failure -> how often.
-        evidence: The latest bundles.
         last_seq: Record of memory that touched it last.
-        state: Whether it counts.
-        reason: Why it was retracted.
-        note: What a person added.
-        by: Who changed it last.
     """
 
     id: str
@@ -50,7 +42,7 @@ class Pattern(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def find_pattern_id(episode: Episode) -> str | None:
-    """The pattern that an episode counts for; None for a child, which starts from a world that its parent disturbed."""
+    """The pattern that an episode counts for; None for a child, whose world its parent disturbed."""
     strategy = msgspec.to_builtins(episode.strategy)
     return compute_id("way", compute_scope(episode), "", strategy) if episode.is_first else None
 

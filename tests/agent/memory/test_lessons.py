@@ -6,7 +6,6 @@ import pytest
 from phyagentos.agent.memory import methodological
 from phyagentos.agent.memory.intervals import Count
 from phyagentos.agent.memory.memory import Case
-from phyagentos.agent.memory.views import list_lessons
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Standing
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
@@ -16,7 +15,7 @@ from .conftest import PANDA, SLOW, ask, make_correction, make_episode
 
 def find_lesson(memory, **wanted):
     """The lesson of the very case, not its widened form."""
-    lessons = [each for each in list_lessons(memory.experience) if each.scope.scene and each.scope.object]
+    lessons = [each for each in memory.experience.list_lessons() if each.scope.scene and each.scope.object]
     return next(each for each in lessons if all(getattr(each, key) == value for key, value in wanted.items()))
 
 

@@ -7,11 +7,10 @@ import sqlite3
 import msgspec
 import pytest
 
-from phyagentos.agent.memory import experience, views
+from phyagentos.agent.memory import experience
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import Edit
-from phyagentos.agent.memory.identity import compute_id
-from phyagentos.agent.memory.scopes import compute_scope, widen
+from phyagentos.agent.memory.scopes import compute_id, compute_scope, widen
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import Strategy
@@ -129,7 +128,7 @@ def test_what_is_forgotten_is_kept_with_the_reason_and_used_no_more(memory, open
     memory.record(make_correction())  # later verdicts do not raise it again
     again = open_memory()
     assert id not in {each.lesson.id for each in again.recall(ask(failed))}
-    lesson = next(each for each in views.list_lessons(again.experience) if each.id == id)
+    lesson = next(each for each in again.experience.list_lessons() if each.id == id)
     assert (lesson.state, lesson.reason) == (Standing.RETRACTED, "the soap was replaced")
     assert len(again.read_all()) == 5
 
@@ -165,14 +164,14 @@ def test_it_stays_small_however_much_is_remembered(monkeypatch):
     monkeypatch.setattr(experience, "PATTERNS_KEPT", 20)
     monkeypatch.setattr(experience, "FAILURES_KEPT", 20)
     monkeypatch.setattr(experience, "SESSIONS_KEPT", 20)
-    monkeypatch.setattr(views, "ENTRIES_MAX", 10)
+    monkeypatch.setattr(experience, "ENTRIES_MAX", 10)
     known = Experience()
     events = [event for number in range(100) for event in make_correction(thing=f"thing{number}")]
     known.extend(enumerate(events, 1))
     sizes = [len(each) for each in (known.corrections, known.patterns, known.failures, known.known)]
     assert max(sizes) <= 20
     assert any(lesson.scope.object == "thing99" for lesson in known.corrections.values())
-    assert len(views.list_lessons(known)) == len(views.list_facts(known)) == 10
+    assert len(known.list_lessons()) == len(known.list_facts()) == 10
 
 
 def test_what_was_counted_stands_in_the_order_of_its_records(memory):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from phyagentos.agent.memory.promotion import ALPHA, P_BAD, P_GOOD, STARTS_MIN, Rank, Trial
-from phyagentos.agent.memory.views import list_facts
 
 from .conftest import SLOW, ask, make_episode
 
@@ -74,7 +73,7 @@ def test_a_promoted_way_is_the_default_of_its_scope_until_it_is_demoted(memory):
     promoted = memory.find_promoted(ask(make_episode()).scope)
     assert promoted is not None
     assert promoted.strategy == SLOW
-    assert next(fact for fact in list_facts(memory.experience) if fact.strategy).promoted
+    assert next(fact for fact in memory.experience.list_facts() if fact.strategy).promoted
     assert memory.find_promoted(ask(make_episode(thing="cube")).scope) is None
     memory.record([make_episode(strategy=SLOW, ok=False) for _ in range(10)])
     assert memory.find_promoted(ask(make_episode()).scope) is None
