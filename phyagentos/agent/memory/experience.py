@@ -179,9 +179,9 @@ def _drop_oldest(entries: dict[str, Any], kept: int) -> None:
 
 def _shrink(entries: dict[str, Any], kept: int) -> None:
     """Drop the oldest that is not retracted: a forgotten retraction would let the entry rise again."""
-    if len(entries) > kept:
-        oldest = next((id for id, entry in entries.items() if entry.state is not Standing.RETRACTED), None)
-        entries.pop(oldest, None)
+    standing = (id for id, entry in entries.items() if entry.state is not Standing.RETRACTED)
+    if len(entries) > kept and (oldest := next(standing, None)) is not None:
+        del entries[oldest]
 
 
 def _name(scope: Scope) -> str:

@@ -1,8 +1,7 @@
-"""How commands are spoken: the action space of a skill or policy, and that of a target. Paper section 4.4.
+"""Action spaces: how a skill or policy expresses commands, and how a target does. Paper section 4.4.
 
-Upstream: a skill's front matter, or a target's profile. Downstream: `runtime.actions.bridges`, which compiles a chain
-of bridges from one to the other in preflight. A row of a chunk holds the arm's columns, then the gripper's, if there is
-one.
+Preflight compiles a chain of bridges from one to the other. A row of a chunk holds the arm's columns, then the
+gripper's, if there is one.
 """
 
 from typing import Literal
@@ -30,12 +29,7 @@ UNIT_ROTATIONS: tuple[RotationForm, ...] = ("axis_angle", "euler")  # forms that
 
 
 class GripperRange(Authored):
-    """What the gripper's column means: its values when closed and when open, in any unit and either order.
-
-    Attributes:
-        closed: Its value when closed.
-        open: Its value when open.
-    """
+    """The values of the gripper's column when closed and when open, in any unit and either order."""
 
     closed: float
     open: float
@@ -101,9 +95,7 @@ class ActionSpace(Authored):
 def describe_target_space(profile: TargetProfile, chunk_length: int = 100) -> ActionSpace:
     """What a target with joint servos takes, one row per control period.
 
-    Args:
-        profile: The target.
-        chunk_length: Most rows that are accepted at once; beyond two seconds a plan belongs to the past.
+    `chunk_length` bounds the rows that are accepted at once; beyond two seconds a plan is outdated.
     """
     return ActionSpace(
         representation="joint_position",

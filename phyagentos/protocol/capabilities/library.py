@@ -1,7 +1,7 @@
-"""Where trees, skills, scenes, robots, goal graphs and pristine documents are found.
+"""Where trees, skills, scenes, robots, goal graphs and pristine documents are found; the first hit wins.
 
-Search order: the folder of the user's own project, then libraries that installed packages announce by the entry point
-group `phyagentos.libraries` (a function that returns a folder), then what ships with this package. The first hit wins.
+Search order: the folder of the user's project, libraries of installed packages (entry point group
+`phyagentos.libraries`, functions that return a folder), then what ships with this package.
 """
 
 import os

@@ -1,7 +1,6 @@
-"""What a policy server says of itself: where it is, what it takes, how fast it answers. Paper section 4.3.
+"""What a policy server states of itself: where it is, what it takes, how fast it answers. Paper section 4.3.
 
-Upstream: the front matter of a policy skill. Downstream: preflight, which compares it with the sensors and the target,
-and, where the server can be asked, with the server's own words. How it speaks is the skill's `action_space`.
+Preflight compares it with sensors, target and the server's own answer. Its commands are the skill's `action_space`.
 """
 
 import pydantic

@@ -1,7 +1,6 @@
 """SKILLRUNTIME.md and TARGETS.md: what this workspace can run and on what, generated and read back.
 
-Upstream: SKILL.md files and target profiles of the workspace's library. Downstream: the agent's selector and compiler,
-preflight. One `## name` and one YAML block an entry.
+One `## name` and one YAML block an entry.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -118,8 +117,7 @@ def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
     """Renew the health of some targets in TARGETS.md; what a person changed in a block stays.
 
     Returns:
-        Whether it was written. It is left as it is when nothing but the time would change, and when it cannot be read
-        or lacks one of them, as while it is edited.
+        Whether it was written: not when only the time would change, nor while it cannot be read or lacks one of them.
     """
     try:
         targets = read_targets(path.read_text(encoding="utf-8"), str(path)).blocks

@@ -1,6 +1,6 @@
-"""Skills as the planes see them: SKILL.md front matter in, SKILLRUNTIME.md out. Paper sections 3.4 and 3.6.
+"""Skills: SKILL.md front matter in, SKILLRUNTIME.md out. Paper sections 3.4 and 3.6.
 
-A skill declares what it needs, what it promises and which tree carries it out; it holds no code and no limits.
+A skill declares its needs, its guarantees and the tree that carries it out; it holds no code and no limits.
 """
 
 from pathlib import Path
@@ -35,13 +35,9 @@ class Parameter(Authored):
 
     Attributes:
         type: What it takes.
-        description: One sentence for people.
-        unit: Of a number.
         default: Taken where nothing is said.
         optional: Whether it may be left out without a default.
         choices: The only values, where there are few.
-        minimum: Smallest number.
-        maximum: Largest number.
     """
 
     type: ParameterType
@@ -55,12 +51,7 @@ class Parameter(Authored):
 
 
 class Output(Authored):
-    """A value a skill leaves behind, for data edges of the goal graph.
-
-    Attributes:
-        type: What it is.
-        description: One sentence for people.
-    """
+    """A value a skill leaves behind, for data edges of the goal graph."""
 
     type: ParameterType
     description: str = ""
@@ -92,7 +83,6 @@ class PromotedWay(Authored):
     Attributes:
         entry: Of KNOWLEDGE.md, which tells what it rests on.
         scene: Name of the scene; empty for any, as below.
-        target: Name of the target.
         object: Kind of the thing that is acted on.
         destination: Kind of the place where it goes.
         strategy: What is done differently.
@@ -115,11 +105,8 @@ class SkillRuntime(Authored):
 
     Attributes:
         skill: Its name; also the folder's.
-        description: One sentence for people.
         kind: `builtin` is carried out by a behaviour tree, `policy` by a policy server.
         tree: Name of the tree; a policy has none.
-        parameters: By name.
-        outputs: By name.
         requires: Predicates that must hold before it starts.
         hold: Predicates that must hold all through.
         guarantees: Predicates that hold after success; they are judged, never believed.
@@ -146,7 +133,7 @@ class SkillRuntime(Authored):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _drop_tree_of_policy(cls, data: Any) -> Any:
-        """A policy is not carried out by a tree, so that it need not name one."""
+        """A policy need not name a tree."""
         is_policy = isinstance(data, dict) and data.get("kind") == "policy"
         return {"tree": "", **data} if is_policy else data
 

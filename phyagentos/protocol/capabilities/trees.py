@@ -1,8 +1,6 @@
 """Behaviour trees as people write them: `trees/<name>.yaml` in, frozen nodes out.
 
-Upstream: the library. Downstream: the runtime's tree loader (which knows the leaves), `tree_view` (which draws).
-Structure is checked here; ports against leaves are checked where leaves are known. `$name` refers to a key of the tree,
-anything else is a literal.
+Structure is checked here, ports where leaves are known. `$name` refers to a key of the tree, else a value is literal.
 """
 
 import re
@@ -129,10 +127,8 @@ class Node:
     """One node of an authored tree.
 
     Attributes:
-        kind: Which of the node kinds.
         name: Unique among its siblings; part of the path in traces.
         address: Where it stands in the file's data.
-        children: In order.
         type: Leaf type or name of the subtree, else the kind.
         wiring: Port -> `Reference` or literal, of leaves and subtrees.
         amount: Attempts of `retry`, seconds of `timeout`.

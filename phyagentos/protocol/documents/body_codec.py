@@ -1,8 +1,7 @@
-"""The body of a journal record: one fenced block of YAML that a person reads and any YAML reader parses.
+"""The body of a journal record: one fenced block of YAML that any YAML reader parses.
 
-Upstream: writers of the journal. Downstream: the fold, and readers in other languages. The writer keeps to a small
-subset of YAML (block mappings and lists, flow style only as JSON, words plain, other texts quoted as JSON), so that
-its own blocks are written and read many times faster than with libyaml; any other YAML is left to libyaml.
+The writer keeps to a small subset of YAML (block mappings and lists, flow style only as JSON, words plain, other texts
+quoted as JSON), which is written and read many times faster than with libyaml; any other YAML is left to libyaml.
 """
 
 import re
@@ -38,11 +37,7 @@ def render_flow(value: Any) -> str:
 
 
 def prepare_body(body: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str]:
-    """The body as any reader will get it (mappings with text as keys, lists, scalars), and as `render_body` writes it.
-
-    Args:
-        body: What the record says.
-    """
+    """The body as any reader gets it (mappings with text as keys, lists, scalars), and as `render_body` writes it."""
     if not body:
         return None, ""
     data = _ENCODE(body)
@@ -52,16 +47,12 @@ def prepare_body(body: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None,
 
 
 def render_body(body: Mapping[str, Any] | None) -> str:
-    """The Markdown that follows the first line of a record; empty without a body.
-
-    Args:
-        body: What the record says.
-    """
+    """The Markdown that follows the first line of a record; empty without a body."""
     return _fence(render_yaml(dict(body))) if body else ""
 
 
 def parse_body(markdown: str) -> dict[str, Any] | None:
-    """What stands in the fenced block of a record; None when there is none.
+    """The content of the fenced block of a record; None without one.
 
     Raises:
         yaml.YAMLError: When the block is not YAML.
@@ -171,16 +162,7 @@ class _OtherYaml(Exception):
 
 
 class _Line(NamedTuple):
-    """One line of the subset.
-
-    Attributes:
-        indent: Spaces before it.
-        is_item: Whether it begins with a dash.
-        key: In front of the colon; None for a bare item of a list.
-        text: JSON that is read anew each time, because a caller may change the result.
-        value: The parsed value, where it is immutable.
-        is_parent: The value stands in the lines below.
-    """
+    """One line of the subset: a value, JSON that is parsed anew each time (`text`), or the parent of lines below."""
 
     indent: int
     is_item: bool

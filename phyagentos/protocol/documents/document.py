@@ -1,9 +1,7 @@
 """Markdown with embedded YAML: the form of every protocol document.
 
-A document is prose for people; what programs read is its YAML front matter and its fenced `yaml` blocks, each named by
-the `##` heading above it. As data it is the front matter with one more key, `blocks`: heading -> block. That is what
-its JSON Schema describes. Upstream: the modules that say how a document is written. Downstream: its readers, `paos
-lint`, the schemas.
+Programs read the YAML front matter and the fenced `yaml` blocks, each named by the `##` heading above it. As data, a
+document is its front matter with one more key, `blocks`: heading -> block; its JSON Schema describes that.
 """
 
 import re
@@ -29,8 +27,6 @@ class Block:
     """One `## name` heading with its fenced YAML.
 
     Attributes:
-        name: The heading's text.
-        yaml: The text between the fences.
         line: Line of the file on which the YAML begins, counted from 1.
     """
 
@@ -40,7 +36,7 @@ class Block:
 
 
 class Front(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What stands between the two lines `---` at the top.
+    """The front matter, between two lines `---` at the top.
 
     Attributes:
         phy: Kind and version of the document (`lessons/1`).
@@ -50,7 +46,7 @@ class Front(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class FrontMatter(Front, frozen=True, kw_only=True, omit_defaults=True):
-    """The same of a view of the journal.
+    """The front matter of a view of the journal.
 
     Attributes:
         view: Sequence number of the last journal record that it shows.
@@ -66,11 +62,9 @@ class DocumentFormat(Generic[BlockT]):
     Attributes:
         name: Its kind; also the name of its schema and of its page (`sessions`).
         file: Its name in a workspace (`SESSIONS.md`).
-        says: One sentence about what it holds.
         block: What each block holds: a struct, or an authored model; None when it has no block.
         headings: The only headings that carry a block; any where empty.
         key: Field of the block that repeats the heading, empty when none does.
-        front: Its front matter.
         lines: What each line is, for a document that consists of lines; None for every other.
     """
 
@@ -91,7 +85,7 @@ class DocumentFormat(Generic[BlockT]):
 
 @dataclass(frozen=True, slots=True)
 class Document(Generic[BlockT]):
-    """What a document says: its front matter and its blocks by heading."""
+    """The front matter and the blocks by heading."""
 
     front: Front
     blocks: dict[str, BlockT] = field(default_factory=dict)
@@ -100,13 +94,7 @@ class Document(Generic[BlockT]):
 def read_document(
     text: str, format: DocumentFormat[BlockT], source: str = "", *, passed_over: Container[str] = ()
 ) -> Document[BlockT]:
-    """Read a document.
-
-    Args:
-        text: All of it.
-        format: Its kind.
-        source: File name for messages; the usual one by default.
-        passed_over: Headings whose blocks another reader takes.
+    """Read a document, without the blocks of the headings `passed_over`; `source` names the file in messages.
 
     Raises:
         DefinitionError: With every problem, each at file:line:column.
@@ -137,7 +125,7 @@ def read_document(
 
 
 def build_schema(format: DocumentFormat[Any]) -> dict[str, Any]:
-    """The JSON Schema of a document as `extract_data` gives it."""
+    """The JSON Schema of a document as data."""
     from phyagentos.protocol.documents.struct_schema import build_struct_schema
 
     _, definitions = build_struct_schema(format.front)
@@ -195,7 +183,7 @@ def iter_blocks(text: str) -> Iterator[Block]:
 
 
 def _scan(text: str) -> tuple[list[Block], int]:
-    """Every block, and the line of a fence that nothing closes, 0 without one."""
+    """Every block, and the line of an unclosed fence, 0 without one."""
     blocks: list[Block] = []
     name, fence, begin, opened = "", "", 0, 0
     lines = text.split("\n")

@@ -1,7 +1,4 @@
-"""The log: what happened, one line an event, in words. Its document is LOG.md.
-
-Upstream: the journal's records, rendered by `views.log`. Downstream: people; programs read the journal.
-"""
+"""LOG.md: what happened, one line an event, for people; programs read the journal."""
 
 import re
 from typing import Any
@@ -31,8 +28,6 @@ class LogLine(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         at: UTC wall time, to the second (`2026-11-21T14:31:07Z`).
         about: Session, goal or `<goal>/<node>`.
-        by: Who recorded it.
-        text: What happened.
     """
 
     at: str
@@ -42,12 +37,7 @@ class LogLine(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Log(msgspec.Struct, frozen=True, kw_only=True):
-    """What LOG.md says.
-
-    Attributes:
-        front: Its front matter.
-        lines: Oldest first.
-    """
+    """The content of LOG.md, oldest line first."""
 
     front: LogFront
     lines: tuple[LogLine, ...] = ()

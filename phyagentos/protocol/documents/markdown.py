@@ -16,10 +16,7 @@ _LABEL_CODES = str.maketrans(
 
 
 def publish(path: Path, text: str) -> None:
-    """Replace a document as a whole: a reader sees the old text or the new one, never half.
-
-    A view can be rendered again at any time, so nothing waits for the disk.
-    """
+    """Replace a document as a whole; as it can be rendered again, nothing waits for the disk."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     temporary.write_text(text, encoding="utf-8")
     temporary.replace(path)

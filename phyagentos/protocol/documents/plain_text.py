@@ -1,8 +1,4 @@
-"""Text that every document can hold, made of whatever a keyboard, a terminal or another program left.
-
-Upstream: reasons and names that anybody writes. Downstream: JSON, YAML and Markdown, which refuse some characters: a
-control character, half of a pair of surrogates.
-"""
+"""Text that JSON, YAML and Markdown can hold: no control characters, no half of a surrogate pair."""
 
 import re
 
@@ -11,7 +7,7 @@ _INSTEAD = "\N{REPLACEMENT CHARACTER}"
 
 
 def clean(text: str) -> str:
-    """The same text; both halves of a surrogate pair become its character, what no document holds a replacement."""
+    """The same text; surrogate pairs become their character, other unfit characters a replacement."""
     if text.isascii() and text.isprintable():
         return text
     whole = text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")

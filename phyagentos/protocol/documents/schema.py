@@ -1,7 +1,7 @@
 """YAML in, frozen models out: every problem at once, each with file, line and column.
 
-This is the only place where untyped data (`Any`) enters the project. Models are pydantic classes derived from
-`Authored`, so unknown keys are refused and the JSON Schema for editors comes from the same source.
+Untyped data (`Any`) enters the project only here. Models are pydantic classes derived from `Authored`, so unknown keys
+are refused and the JSON Schema for editors comes from the same source.
 """
 
 import copy
@@ -31,13 +31,7 @@ class Authored(pydantic.BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """A YAML value and where each part of it stands.
-
-    Attributes:
-        data: Plain dicts, lists and scalars.
-        source: File name for messages.
-        marks: Path inside the data -> (line, column), both counted from 1; of the key for mapping values.
-    """
+    """A YAML value; `marks` gives (line, column) of each path in it, counted from 1, of the key for mapping values."""
 
     data: Any
     source: str
@@ -78,12 +72,9 @@ def read_yaml(path: Path) -> Located:
 
 
 def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
-    """Parse YAML text and remember the position of each value.
+    """Parse one YAML document and record the position of each value.
 
-    Args:
-        text: One YAML document.
-        source: File name for messages.
-        first_line: Line of the file on which `text` begins (for YAML embedded in Markdown).
+    `first_line` is the line of the file on which `text` begins, for YAML embedded in Markdown.
 
     Raises:
         DefinitionError: On a syntax error, a value that is not what its form or tag says, or a key written twice.
@@ -134,7 +125,7 @@ for _tag, _kind in {"bool": "truth value", "float": "number", "int": "integer of
 
 
 def _check_depth(text: str) -> None:
-    """Refuse what composing, which recurs in C, would not survive."""
+    """Refuse nesting that would overflow the recursive composer, which is C code."""
     depth = 0
     for event in yaml.parse(text, Loader=Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -177,12 +168,7 @@ def _collect_marks(
 
 
 def validate(model: type[ModelT], located: Located, path: Address = ()) -> ModelT:
-    """Turn located YAML data into a frozen model.
-
-    Args:
-        model: The class to build.
-        located: The file's data.
-        path: Where inside the data the model begins.
+    """The frozen model of located YAML data, which begins at `path` of it.
 
     Raises:
         DefinitionError: With one problem per violation, each at file:line:column.
@@ -199,12 +185,12 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
 
 
 def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[ModelT | None, list[Problem]]:
-    """As `validate`, but goes on without what is wrong, so that everything else of the file can be checked too.
+    """As `validate`, but without the offending values, so that the rest of the file can be checked too.
 
     A misspelt key stands in for the needed one that it resembles.
 
     Returns:
-        The model without the offending values, None when it cannot be built without them; and every problem.
+        The model, None when it cannot be built without them; and every problem.
     """
     problems: list[Problem] = []
     data = located.data
@@ -226,7 +212,7 @@ def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[
 
 
 def _rename(data: Any, path: Address, missing: Any, errors: Sequence[Any]) -> tuple[Address, ...]:
-    """Give an unknown key the name of the missing one that it resembles; what this settles, empty when none does."""
+    """Give an unknown key the name of the missing one that it resembles; the paths that this settles."""
     *owner, key = missing["loc"]
     unknown = [
         item["loc"][-1] for item in errors if item["type"] == "extra_forbidden" and item["loc"][:-1] == (*owner,)

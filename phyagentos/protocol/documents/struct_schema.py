@@ -1,7 +1,6 @@
-"""Structs out of located data with every problem at its place, and their JSON Schemas with a line for each field.
+"""Structs out of located data with every problem at its place, and their JSON Schemas.
 
-`schema` does the same for authored models. Upstream: `document`. Downstream: msgspec, which stops at the first problem;
-so the data is walked along the type first.
+msgspec stops at the first problem, so the data is walked along the type first; `schema` does the same for models.
 """
 
 import inspect
@@ -22,12 +21,7 @@ _ATTRIBUTE = re.compile(r"^    (?P<name>\w+): (?P<text>.*(?:\n {8}.*)*)", re.MUL
 
 
 def convert_located(kind: type[StructT], located: Located, path: Address = ()) -> StructT:
-    """Located YAML data as a struct.
-
-    Args:
-        kind: The struct.
-        located: The data.
-        path: Where inside the data the struct begins.
+    """Located YAML data as a struct, which begins at `path` of it.
 
     Raises:
         DefinitionError: With one problem per violation, each at file:line:column; an unknown key is one.
@@ -71,7 +65,7 @@ def build_authored_schema(kind: type[Authored]) -> tuple[dict[str, Any], dict[st
 
 
 def describe(definition: dict[str, Any], kind: type) -> None:
-    """Put what the docstring of a class says, of itself and of its fields, into its definition."""
+    """Add the docstrings of a class and its fields to its definition."""
     summary, attributes = _read_docstring(kind)
     if summary:
         definition["description"] = summary

@@ -1,7 +1,6 @@
 """The latch of the emergency stop: one file of a workspace. While it exists, no target moves, restarts included.
 
-Upstream: the world process, which latches what it is asked for; the operator, who alone resets, with a reason.
-Downstream: every target. Software requests a stop and logs it; it claims no performance level (ISO 13849-1).
+Only the operator resets it, with a reason. It claims no performance level (ISO 13849-1).
 """
 
 import contextlib
@@ -20,15 +19,7 @@ _KEPT = "estop-reset-{stamp}.json"
 
 
 class Latch(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What stands in the file.
-
-    Attributes:
-        by: Who asked for the stop.
-        reason: Why.
-        at: UTC wall time.
-        reset_reason: Why it was reset; empty while it is latched.
-        reset_at: UTC wall time of that.
-    """
+    """The content of the file; `reset_reason` and `reset_at` are empty while the stop is latched."""
 
     by: str = ""
     reason: str = ""
@@ -38,7 +29,7 @@ class Latch(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 def is_latched(signals: Path) -> bool:
-    """Whether the stop is latched in a folder `signals/`."""
+    """Whether the stop is latched in the folder `signals/` of a workspace."""
     try:
         os.stat(f"{signals}/{LATCH}")  # noqa: PTH116 - before every command
     except (FileNotFoundError, NotADirectoryError):
@@ -47,7 +38,7 @@ def is_latched(signals: Path) -> bool:
 
 
 def read_latch(signals: Path) -> Latch | None:
-    """The latch, or None; one that cannot be read is a latch all the same."""
+    """The latch, or None; an unreadable one is a latch all the same."""
     try:
         return msgspec.json.decode((signals / LATCH).read_bytes(), type=Latch)
     except FileNotFoundError:
@@ -59,16 +50,11 @@ def read_latch(signals: Path) -> Latch | None:
 def latch(signals: Path, wanted: Latch) -> None:
     """Latch the stop; the first one stays. Targets see it at once, and it is durable when this returns.
 
-    A disk may take a second to write; nothing that moves waits for it. A latch that a lost supply leaves empty holds
-    all the same (see `read_latch`). On a full disk the reserve becomes the latch: a new name for an old file needs no
-    room.
-
-    Args:
-        signals: The folder `signals/` of a workspace.
-        wanted: By whom, why, when.
+    Motion does not wait for a slow disk. An empty latch, left by a power failure, holds too (see `read_latch`). On a
+    full disk the reserve becomes the latch: renaming needs no space.
 
     Raises:
-        OSError: The disk did not take it, or did not say that it has; whether it is latched tells `is_latched`.
+        OSError: The disk did not take it, or did not confirm; `is_latched` says whether it is latched.
     """
     try:
         signals.mkdir(parents=True, exist_ok=True)
@@ -81,7 +67,7 @@ def latch(signals: Path, wanted: Latch) -> None:
 
 
 def provide_reserve(signals: Path) -> None:
-    """Have a file ready that can become the latch when the disk is full; a full disk has none."""
+    """Prepare the file that becomes the latch when the disk is full."""
     signals.mkdir(parents=True, exist_ok=True)
     if not (signals / RESERVE).exists():
         temporary = signals / f".{RESERVE}.{os.getpid()}.tmp"
@@ -106,15 +92,7 @@ def _link(signals: Path, wanted: Latch) -> None:
 
 
 def reset(signals: Path, reason: str, clock: Clock) -> Path:
-    """Let targets move again; the latch is kept beside with the reason.
-
-    Args:
-        signals: The folder `signals/` of a workspace.
-        reason: Why it is safe again.
-        clock: For the time of the reset.
-
-    Returns:
-        Path of the former latch.
+    """Let targets move again; the former latch is kept beside, with the reason it is safe; its path is returned.
 
     Raises:
         DefinitionError: `REASON_MISSING`; `NOT_LATCHED`.

@@ -1,7 +1,6 @@
-"""The evidence bundle of one session: `evidence/<session id>/`. Written by the recorder, read by the verifier.
+"""The evidence bundle of one session: `evidence/<session id>/`. Paper section 4.2.
 
-The bundle is complete without this package: the scene loads in MuJoCo alone, arrays in numpy alone, everything else
-is JSON or YAML. Paper section 4.2.
+It is complete without this package: MuJoCo alone loads the scene, numpy the arrays; everything else is JSON or YAML.
 """
 
 import hashlib
@@ -50,9 +49,8 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         before: World before the session, None when it could not be observed.
-        after: World after it.
         holds: Worst sample of each hold condition and constraint.
-        references: The files that this was read from, with their hashes.
+        references: The files that this was read from.
     """
 
     folder: Path
@@ -67,13 +65,7 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_bundle(folder: Path, session: Session, execution: Execution, *, with_course: bool = True) -> Bundle:
-    """Read what a runner left.
-
-    Args:
-        folder: Of the bundle.
-        session: Whose it is.
-        execution: How it ended.
-        with_course: Whether trace and events are read too; they tell why something failed, not whether it did.
+    """Read what a runner left; trace and events, which explain a failure, only `with_course`.
 
     Raises:
         ExecutionError: `EVIDENCE_UNREADABLE` when a file is damaged; a missing or empty one reads as None or empty.
@@ -97,7 +89,7 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
 
 
 def refer_to(file: str, data: bytes) -> EvidenceReference:
-    """What a judgement records of a file that it read."""
+    """The reference of a judgement to a file that it read."""
     return EvidenceReference(file=file, sha256=hashlib.sha256(data).hexdigest())
 
 

@@ -1,9 +1,8 @@
 """`manifest.json`: what a bundle holds, by SHA-256, and what has been taken out of it; large files are kept once.
 
-Upstream: the worker, which seals a bundle when its session has left `running`. Downstream: `retention`, `paos evidence
-verify`, `paos rerun`. Large files are hard links to `evidence/objects/<2 hex>/<sha256>.<ext>`, so that equal ones of
-many sessions take the space of one, a bundle stays a folder of ordinary files, and the file system itself counts who
-still needs them. Where no hard link can be made, a bundle keeps its own copy.
+Large files are hard links to `evidence/objects/<2 hex>/<sha256>.<ext>`: equal files of many sessions take the space of
+one, a bundle stays a folder of ordinary files, and the file system counts the users of each. Where no hard link can be
+made, a bundle keeps its own copy.
 """
 
 import contextlib
@@ -31,20 +30,18 @@ _Inode = tuple[int, int, int, int]  # device, number, size, time of the last cha
 
 
 class FileRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """One file of a bundle: SHA-256 of its bytes, hexadecimal, and how many there are."""
+    """One file of a bundle: SHA-256 of its bytes, hexadecimal, and their number."""
 
     sha256: str
     bytes: int
 
 
 class Thinning(msgspec.Struct, frozen=True, kw_only=True):
-    """What was once taken out of a bundle.
+    """One removal of files from a bundle by `paos evidence prune`.
 
     Attributes:
-        at: UTC wall time.
-        rule: Which rule of the policy asked for it (`keep_last 200, keep_days 30`, `max_bytes 20000000000`).
-        policy: The policy as a whole.
-        files: What is gone; a repetition of the session can still be compared with it.
+        rule: Rule of the policy that asked for it (`keep_last 200, keep_days 30`, `max_bytes 20000000000`).
+        files: What is gone; a rerun of the session can still be compared with it.
     """
 
     at: str
@@ -54,7 +51,7 @@ class Thinning(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
-    """How the session ended and every judgement of it, with its numbers; as the journal tells it."""
+    """How the session ended and every judgement of it, as in the journal."""
 
     state: str
     at: str
@@ -65,11 +62,8 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """`manifest.json`.
 
     Attributes:
-        phy: Format of this file.
-        session: Whose bundle it is.
         files: What the bundle holds, this file excepted.
         sealed_late: Whether the hashes were taken by a later clean-up, because the worker had died before.
-        thinned: What was taken out, oldest first.
         outcome: Written when something is taken out, so that the verdict stays explained by the bundle alone.
     """
 
@@ -87,18 +81,14 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Sealer:
-    """Seals the bundles of one workspace.
-
-    Args:
-        evidence: The folder of all bundles.
-    """
+    """Seals the bundles below `evidence`."""
 
     def __init__(self, evidence: Path) -> None:
         self._objects = evidence / OBJECTS
         self._known: dict[_Inode, FileRecord] = {}  # what many bundles share is hashed once
 
     def seal(self, folder: Path, *, late: bool = False) -> Manifest:
-        """Hash every file of a bundle, share the large ones, and write the manifest; one that is there already stays.
+        """Hash every file of a bundle, share the large ones, and write the manifest; an existing one stays.
 
         Raises:
             OSError: When a file cannot be read or the manifest not be written.
@@ -157,7 +147,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def replace_manifest(folder: Path, manifest: Manifest) -> None:
-    """Replace the manifest as a whole, and wait for the disk: what it says is gone may be deleted then."""
+    """Replace the manifest as a whole and durably: what it lists as gone may be deleted afterwards."""
     _write_temporary(folder, manifest, durable=True).replace(folder / MANIFEST)
     _sync_folder(folder)
 
@@ -174,10 +164,9 @@ def unseal_bundle(folder: Path) -> None:
 
 
 def check_bundle(folder: Path) -> list[Problem]:
-    """Hash a sealed bundle again.
+    """Hash a sealed bundle again: one problem for each file that is missing, damaged or not listed.
 
-    Returns:
-        One problem for each file that is missing, damaged or not listed; `UNSEALED` for a bundle without a manifest.
+    A bundle without a manifest is `UNSEALED`.
     """
     try:
         manifest = read_manifest(folder)
@@ -231,7 +220,7 @@ def _write_temporary(folder: Path, manifest: Manifest, *, durable: bool) -> Path
 
 
 def _iter_files(folder: Path) -> Iterator["os.DirEntry[str]"]:
-    """The files of a bundle; temporary ones and the manifest are none of them."""
+    """The files of a bundle, without temporary ones and the manifest."""
     with os.scandir(folder) as entries:
         for entry in entries:
             if not entry.name.startswith(".") and entry.name != MANIFEST and entry.is_file(follow_symlinks=False):
@@ -239,13 +228,13 @@ def _iter_files(folder: Path) -> Iterator["os.DirEntry[str]"]:
 
 
 def _read_bytes(path: str) -> bytes:
-    """A whole file, without a buffer: every bundle has ten of them."""
+    """A whole file, unbuffered: every bundle has ten of them."""
     with open(path, "rb", buffering=0) as file:  # noqa: PTH123
         return file.read()
 
 
 def _share(path: Path, data: bytes, shared: Path) -> None:
-    """Let a file and its object be one; a bundle that cannot share keeps its own copy."""
+    """Make a file and its object one; a bundle that cannot share keeps its own copy."""
     with contextlib.suppress(OSError):  # another file system, too many links, a file system without links
         try:
             _link(path, shared)

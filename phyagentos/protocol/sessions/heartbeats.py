@@ -1,4 +1,4 @@
-"""Signs of life: one small file per target, replaced as a whole, never part of the journal.
+"""Heartbeats: one small file per target, replaced as a whole, never part of the journal.
 
 A heartbeat carries progress, which distinguishes a runner that advances from one that only beats.
 """
@@ -35,7 +35,7 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_heartbeat(folder: Path, beat: Heartbeat) -> None:
-    """Replace `<target>.json`; readers see the old beat or the new one, never half."""
+    """Replace `<target>.json` as a whole."""
     temporary = folder / f".{beat.target}.tmp"
     temporary.write_bytes(msgspec.json.encode(beat))
     temporary.replace(folder / f"{beat.target}.json")

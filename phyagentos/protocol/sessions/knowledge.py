@@ -1,7 +1,4 @@
-"""Knowledge: what repeated episodes show, and facts that people add. Its document is KNOWLEDGE.md.
-
-Upstream: the agent's memory, and people. Downstream: later plans. Paper section 4.3.
-"""
+"""KNOWLEDGE.md: what repeated episodes show, and facts that people add. Paper section 4.3."""
 
 from collections.abc import Iterable
 

@@ -1,7 +1,7 @@
-"""Lessons: under which conditions a strategy failed, and what helped. Their document is LESSONS.md.
+"""LESSONS.md: under which conditions a strategy failed, and what helped. Paper section 4.3.
 
-Upstream: verdicts and their evidence. Downstream: later plans. A lesson is advice: it cannot widen a limit. It
-is born as a hypothesis, and counts only once a verdict has shown that its correction helps. Paper section 4.3.
+A lesson is advice: it cannot widen a limit. It is born as a hypothesis, and counts only once a verdict shows that its
+correction helps.
 """
 
 from collections.abc import Iterable

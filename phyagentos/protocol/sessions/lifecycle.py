@@ -1,8 +1,7 @@
 """The session's statechart: one table is the code, the documentation and the test model. Paper section 3.5.
 
-Upstream: admission, which fires every event before it is recorded. Downstream: `statechart`. The conditions stand in
-the machine: each row names the sides that may fire it, a record of the runtime carries the epoch of its claim, and a
-final state is never left.
+The conditions are in the machine: each row names the sides that may fire it, a record of the runtime carries the epoch
+of its claim, and a final state is never left.
 """
 
 from dataclasses import dataclass
@@ -113,15 +112,7 @@ EARLIER_TRANSITIONS: tuple[Row, ...] = (
 
 
 class IllegalTransition(PhyAgentOSError):
-    """A trigger that the table does not allow.
-
-    Attributes:
-        session_id: The session.
-        state: Where it stood.
-        trigger: What was asked.
-        side: Who asked.
-        allowed: Triggers that would have been possible from there, for any side.
-    """
+    """A trigger that the table does not allow; `allowed` are those of any side from that state."""
 
     def __init__(self, session_id: str, state: str, trigger: str, side: str, allowed: tuple[str, ...]) -> None:
         self.session_id, self.state, self.trigger, self.side, self.allowed = session_id, state, trigger, side, allowed
@@ -134,14 +125,7 @@ class IllegalTransition(PhyAgentOSError):
 
 
 class Fenced(PhyAgentOSError):
-    """A trigger with a stale epoch: another claim holds the session.
-
-    Attributes:
-        session_id: The session.
-        trigger: What was asked.
-        epoch: The token it came with.
-        current: The token in force.
-    """
+    """A trigger with a stale `epoch`: another claim, of epoch `current`, holds the session."""
 
     def __init__(self, session_id: str, trigger: str, epoch: int, current: int) -> None:
         self.session_id, self.trigger, self.epoch, self.current = session_id, trigger, epoch, current
@@ -153,14 +137,11 @@ class Fenced(PhyAgentOSError):
 
 @dataclass(slots=True)
 class SessionEvent:
-    """One event of one session: what the machine fires on.
+    """One event of one session, on which the machine fires.
 
     Attributes:
-        session_id: The session.
         state: Where it stands; after `fire`, where the event led.
         epoch: Fencing token in force; after `fire`, the one from now on.
-        trigger: What is asked.
-        side: Who asks.
         token: Epoch under which the caller acts; None where there is none.
         is_past: Whether it was recorded already, and is only checked.
     """
@@ -174,7 +155,7 @@ class SessionEvent:
     is_past: bool = False
 
     def has_epoch(self) -> bool:
-        """Whether it comes under the claim in force; only the runtime holds claims."""
+        """Whether it carries the claim in force; only the runtime holds claims."""
         return self.side != Side.RUNTIME or self.token is None or self.token == self.epoch
 
 
@@ -232,7 +213,7 @@ def find_cancel(state: str) -> str | None:
 
 
 def render_mermaid() -> str:
-    """The statechart as a Mermaid diagram; each arrow carries its trigger and who may fire it."""
+    """The statechart as a Mermaid diagram; each arrow carries its trigger and its sides."""
     lines = ["stateDiagram-v2", f"    [*] --> {SessionState.PENDING}: submit (agent, operator)"]
     lines += render_rows(SESSION_TRANSITIONS)
     lines += [f"    {state} --> [*]" for state in SessionState if state in FINAL_STATES]

@@ -1,8 +1,6 @@
-"""Look-ahead: the agent asks what a session is likely to lead to, the runtime simulates and answers. Paper section 4.2.
+"""Look-ahead: the agent asks what a session is likely to lead to, the runtime simulates it. Paper section 4.2.
 
-Upstream: the agent, which states how many samples it wants and what chance it asks for. Downstream: the runtime's
-simulation writes the result into the evidence bundle as `lookahead.json`; the agent and the look-ahead judge read it
-there. The request carries everything that is drawn, so that an answer can be computed again.
+The answer is `lookahead.json` of the evidence bundle. The request carries every seed, so it can be computed again.
 """
 
 from pathlib import Path

@@ -1,7 +1,6 @@
-"""Signals of the runtime (RUNTIME_SIGNAL.md): who is alive, what each worker said last, what was asked for.
+"""RUNTIME_SIGNAL.md: the state of the runtime, the last heartbeat of each worker, and the requests, for people.
 
-Upstream: heartbeat files and stop requests. Downstream: people. Not the truth of anything: the state of a session is in
-the journal.
+The journal, not this document, holds the states of sessions.
 """
 
 from enum import StrEnum
@@ -36,11 +35,7 @@ class RequestState(StrEnum):
 
 
 class WorkerSign(Heartbeat, frozen=True, kw_only=True):
-    """What the worker of one target said last.
-
-    Attributes:
-        health: How the worker is.
-    """
+    """The last heartbeat of the worker of one target, and its health."""
 
     health: Health
 
@@ -49,12 +44,8 @@ class Request(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One file in `signals/`.
 
     Attributes:
-        file: Its name.
-        state: What became of it.
         kind: `cancel`, `pause`, `resume` or `estop`; empty when it cannot be read.
         session: Which session, `*` for all.
-        by: Who asks.
-        reason: Why.
         at: UTC wall time, where it says one.
     """
 

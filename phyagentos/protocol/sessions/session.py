@@ -1,8 +1,7 @@
 """A session: the unit of scheduling, preflight, execution, evidence and acceptance. Its document is SESSIONS.md.
 
-Upstream: the agent's compiler, or a person (see `edits`). Downstream: the watchdog. The contract is written once, with
-the `submit` record; a person may amend limits and priority while it is pending, then it never changes. What happens to
-later records carry it (see `lifecycle`). Paper sections 3.1 and 3.5.
+The contract is written once, with the `submit` record; a person may amend limits and priority while it is pending, then
+it never changes. Later records carry what happens to it (see `lifecycle`). Paper sections 3.1 and 3.5.
 """
 
 import re
@@ -25,11 +24,7 @@ _GOAL_ID = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{GOAL_ID_MAX - 1}}}")
 
 
 def check_goal_id(id: str, address: str) -> GoalId:
-    """The id of a goal, which names a file and begins the names of folders.
-
-    Args:
-        id: As a person wrote it.
-        address: Where, for messages.
+    """The id of a goal, which names a file and begins the names of folders; `address` is for messages.
 
     Raises:
         DefinitionError: `INVALID_NAME`.

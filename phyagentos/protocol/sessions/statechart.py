@@ -1,8 +1,7 @@
 """Statecharts as tables: the rows are the code, the documentation and the test model.
 
-Upstream: the session's lifecycle and the phases of a target. Downstream: `transitions`, which fires every event. The
-machine holds no model: each event is fired on a model of its own, so one machine serves every session and thread.
-Rejected: a dictionary compiled from the table, which leaves conditions to its callers.
+`transitions` fires every event on a model of its own, so one machine serves every session and thread. Rejected: a
+dictionary compiled from the table, which leaves conditions to its callers.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,12 +21,7 @@ Condition = Callable[[Any], bool]  # of the `EventData` of transitions
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row of a table: `trigger` leads from each of `sources` to `dest`.
-
-    Attributes:
-        by: Sides that may fire it; empty where only one process does.
-        when: Condition that must hold, by name; empty for none.
-    """
+    """One row of a table: `trigger` leads from each of `sources` to `dest`, by these sides, under a named condition."""
 
     trigger: str
     sources: tuple[StrEnum, ...]
@@ -76,7 +70,7 @@ class Statechart:
         )
 
     def fire(self, model: Model, trigger: str) -> bool:
-        """Fire one event; False when no row of the table allows it, and then the model stays as it was."""
+        """Fire one event; False, and the model unchanged, when no row of the table allows it."""
         event = self.machine.events.get(trigger)
         try:
             return event is not None and bool(event.trigger(model))

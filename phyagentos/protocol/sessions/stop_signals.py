@@ -1,8 +1,7 @@
-"""Stop requests as files: any tool can drop one into `signals/new/`, everybody who may act on it reads it.
+"""Stop requests as files: any tool can drop one into `signals/new/`.
 
-Upstream: the operator, the command line, another tool. Downstream: the watchdog, which takes each away
-(`take_signals`), and any number of others, a world process among them, which read along (`SignalReader`). It takes no
-lock, so a request never waits for the journal; nothing that arrives is lost, unreadable files included.
+The watchdog takes them away (`take_signals`); a world process and others read along (`SignalReader`). No lock is taken,
+so a request never waits for the journal; every file that arrives is kept, unreadable ones included.
 """
 
 import codecs
@@ -33,15 +32,7 @@ _KINDS = ("cancel", "pause", "resume", "estop")
 
 
 class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One request.
-
-    Attributes:
-        kind: What is asked for.
-        session: Which session, `*` for all.
-        by: Who asks.
-        reason: Why.
-        at: UTC wall time; filled in when it is dropped.
-    """
+    """One request, for one session or all (`*`); `at` is UTC wall time, filled in when it is dropped."""
 
     kind: Literal["cancel", "pause", "resume", "estop"]
     session: str = EVERY_SESSION
@@ -51,16 +42,7 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 def drop_signal(folder: Path, signal: Signal, clock: Clock) -> Path:
-    """Put a request into the folder; it appears whole or not at all.
-
-    Args:
-        folder: `signals/` or `signals/new/` of a workspace.
-        signal: The request; an empty `at` becomes now.
-        clock: For `at` and the name.
-
-    Returns:
-        The file.
-    """
+    """Put a request into the folder `signals/` or `signals/new/` as a whole; the file."""
     new = _get_root(folder) / "new"
     new.mkdir(parents=True, exist_ok=True)
     at = clock.wall_iso()
@@ -86,14 +68,11 @@ def drop_signal(folder: Path, signal: Signal, clock: Clock) -> Path:
 
 
 def take_signals(folder: Path) -> list[Signal]:
-    """Every request that waits, oldest name first; for the watchdog alone, others read along with a `SignalReader`.
+    """Every request that waits, oldest name first; for the watchdog alone.
 
-    Each is moved to `signals/done/`; one that cannot be read to `signals/rejected/`, with a file that says why, once it
-    is half a second old. Two takers never get the same one, an emergency stop excepted that a full disk keeps where it
-    is. Old files in `done` move to `signals/archive/`, which readers skip.
-
-    Args:
-        folder: `signals/` or `signals/new/` of a workspace.
+    Each is moved to `signals/done/`; an unreadable one, once it is half a second old, to `signals/rejected/` with a
+    file that says why. Two takers never get the same one, except an emergency stop that a full disk keeps in place.
+    Old files in `done` move to `signals/archive/`, which readers skip.
     """
     root = _get_root(folder)
     try:
@@ -107,13 +86,9 @@ def take_signals(folder: Path) -> list[Signal]:
 
 
 class SignalReader:
-    """Reads the same requests as everybody else and moves none; each is given once to each reader.
+    """Reads the same requests without moving them; each reader gets each one once.
 
-    It looks at what waits and at what was taken, so it does not matter who is faster. What was taken before the reader
-    began is old.
-
-    Args:
-        folder: `signals/` or `signals/new/` of a workspace.
+    It reads what waits and what was taken, so the order of readers does not matter. What was taken before is old.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -121,14 +96,14 @@ class SignalReader:
         self._seen = {key for key, _ in _iter_files(self._root / "done")}
 
     def read_new(self) -> list[Signal]:
-        """Every request since the last call, oldest name first; one that cannot be read yet is tried again."""
+        """Every request since the last call, oldest name first; an unreadable one is tried again."""
         signals: list[Signal] = []
         while not self._read_into(signals):
             pass
         return signals
 
     def _read_into(self, signals: list[Signal]) -> bool:
-        """Read what is new; False when something was moved meanwhile, so that it must be looked for again."""
+        """Read what is new; False when a file was moved meanwhile, so that the folders must be read again."""
         found = {key: path for folder in ("new", "done") for key, path in _iter_files(self._root / folder)}
         self._seen &= found.keys()
         for key, path in sorted(found.items(), key=lambda each: each[1].name):
@@ -163,12 +138,12 @@ def _iter_files(folder: Path) -> Iterator[tuple[tuple[int, int], Path]]:
 
 
 def _get_key(found: os.stat_result) -> tuple[int, int]:
-    """What a rename leaves as it is: inode and time of the last change."""
+    """Inode and time of the last change, which a rename leaves."""
     return found.st_ino, found.st_mtime_ns
 
 
 def parse_signal(data: bytes) -> Signal:
-    """The request that a file holds, as JSON or short YAML; characters that no document can hold are replaced.
+    """The request of a file, as JSON or short YAML; unfit characters are replaced.
 
     Raises:
         ValueError: It holds none, and why.
@@ -209,7 +184,7 @@ def _take(path: Path, root: Path) -> Signal | None:
 
 
 def _archive(done: Path, archive: Path) -> None:
-    """Keep a folder small that others look through: of what is older than a minute only the latest stay."""
+    """Keep a folder small for its readers: of what is older than a minute only the latest stay."""
     lying = sorted((key[1], path) for key, path in _iter_files(done))
     for mtime_ns, path in lying[:-DONE_KEPT]:
         if lying[-1][0] - mtime_ns > 1e9 * DONE_KEPT_S:
@@ -217,7 +192,7 @@ def _archive(done: Path, archive: Path) -> None:
 
 
 def _reject(path: Path, folder: Path, error: Exception) -> None:
-    """Put what cannot be read aside with the reason, unless it may still be in the middle of being written."""
+    """Move an unreadable file aside with the reason, unless it may still be being written."""
     reason = folder / extend_name(path.name, ".reason.txt")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -253,12 +228,7 @@ def move_aside(path: Path, folder: Path) -> Path | None:
 
 
 def extend_name(name: str, suffix: str) -> str:
-    """The name of a file that goes with another one; where no file system would take it, a digest stands for the end.
-
-    Args:
-        name: Of the other one.
-        suffix: What is put behind it.
-    """
+    """The name with a suffix; a digest replaces its end where it would be too long for a file system."""
     if len(os.fsencode(name + suffix)) <= _NAME_BYTES:
         return name + suffix
     digest = hashlib.blake2b(os.fsencode(name), digest_size=8).hexdigest()

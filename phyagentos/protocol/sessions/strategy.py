@@ -1,7 +1,6 @@
 """The strategy of a session: what a skill does differently from its own way.
 
-Upstream: repairs, memory, look-ahead, or a person. Downstream: the leaves that plan and move. Its keys on disk are the
-fields' names; what is not done differently is left out.
+On disk its keys are the fields' names; what is not done differently is left out.
 """
 
 import msgspec

@@ -1,7 +1,6 @@
 """A task: a goal, the nodes of its graph and how each stands. Its document is TASK.md.
 
-Upstream: goal and node records of the journal, folded by the ledger. Downstream: the mission, which continues from
-them, and people. Nodes belong to the agent; the runtime sees sessions only.
+Nodes belong to the agent; the runtime sees sessions only.
 """
 
 from collections.abc import Iterator
@@ -70,12 +69,9 @@ class NodeStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A node as it stands.
 
     Attributes:
-        state: See `NodeState`.
         after: Nodes that come first.
         sessions: Its sessions, oldest first.
         objective: What a person would say.
-        skill: As compiled.
-        target: As compiled.
         reasons: Why this skill and this target, where the graph left the choice open.
         replans: Its sessions after the first, oldest first; the last one may still be to be submitted.
         reason: Why it stands where it does.
@@ -135,7 +131,6 @@ class Step(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         name: The node for its first session, else the id of the session without the goal.
-        node: The node.
         state: That of the node for its latest attempt, else `past`.
         session: Its id; empty before the node's first one is submitted.
     """
@@ -159,7 +154,7 @@ _OF_PURPOSE = {"clear": Relation.CLEARS, "inspect": Relation.LOOKS}
 
 
 def compute_session_id(goal: GoalId, node: str, attempt: int) -> SessionId:
-    """Id of a node's session: 0 is the first one."""
+    """Id of a node's session; attempt 0 is the first one."""
     return SessionId(f"{goal}.{node}" + (f".r{attempt}" if attempt else ""))
 
 

@@ -1,7 +1,6 @@
 """The trace of a skill: which leaf did what, in which role. `trace.jsonl` of an evidence bundle.
 
-Upstream: skill runtimes. Downstream: the recorder, the verifier's diagnosis, repairs. What follows from a trace follows
-from the roles that leaves declare; names of leaves are for people.
+Diagnosis and repair rest on the roles that leaves declare; names of leaves are for people.
 """
 
 from collections.abc import Iterable
@@ -104,9 +103,7 @@ class TraceEvent(msgspec.Struct, frozen=True, kw_only=True):
 def find_label(trace: Iterable[TraceEvent], role: Role) -> str:
     """Label of the way that was last carried out, of those that a planning leaf had found; empty without one.
 
-    Args:
-        trace: Of one session.
-        role: Of the planning leaf: `PLAN_GRASP` or `PLAN_SITE`.
+    `role` is that of the planning leaf: `PLAN_GRASP` or `PLAN_SITE`.
     """
     found: set[str] = set()
     chosen = ""

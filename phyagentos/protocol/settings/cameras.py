@@ -1,7 +1,6 @@
-"""RGB-D cameras as settings: where they stand, how they see, how late they are, and what spoils their pictures.
+"""RGB-D cameras of sensors.yaml: place, lens, latency and noise.
 
-Upstream: sensors.yaml. Downstream: the simulated cameras of a world process; perception reads what they tell. A
-camera's frame follows OpenCV: z forward, x right, y down.
+A camera's frame follows OpenCV: z forward, x right, y down.
 """
 
 from typing import Literal

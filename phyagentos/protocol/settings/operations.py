@@ -1,7 +1,6 @@
-"""The operations of a target: what a session may ask of it once it has authority.
+"""The operations of a target. Paper section 4.2.
 
-Upstream: a target's profile says which it offers, a skill which it needs, runtime_contract.yaml which are permitted.
-Downstream: preflight grants what all three agree on, as the TargetToolManifest. Paper section 4.2.
+A session may use those that the target offers, its skill needs and runtime_contract.yaml permits.
 """
 
 from typing import Literal

@@ -1,7 +1,4 @@
-"""perception.yaml: how observations become the facts of ENVIRONMENT.md. People own it.
-
-Upstream: a person. Downstream: the runtime's perception; hashed into every evidence bundle.
-"""
+"""perception.yaml: how observations become the facts of ENVIRONMENT.md."""
 
 import re
 from enum import StrEnum
@@ -31,7 +28,6 @@ class Pipeline(Authored):
     Attributes:
         sensors: Names in sensors.yaml.
         produces: The facts that it makes.
-        description: One sentence for people.
     """
 
     sensors: tuple[str, ...]
@@ -43,14 +39,14 @@ class Embedded(Authored):
     """Settings of the embedded pipeline.
 
     Attributes:
-        max_age_s: Older frames tell nothing of now [s].
+        max_age_s: Older frames are not used [s].
     """
 
     max_age_s: float = pydantic.Field(default=0.3, gt=0.0, le=5.0)
 
 
 class DetectorChoice(Authored):
-    """A detector that tells things apart by words, where their colours do not.
+    """A detector that distinguishes things by words, where their colours do not.
 
     Attributes:
         name: `http`, or what an installed package announces (entry points `phyagentos.detectors`).

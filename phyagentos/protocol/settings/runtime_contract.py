@@ -1,8 +1,4 @@
-"""runtime_contract.yaml: what both sides of the wire between runtime and world count on. People own it.
-
-Upstream: a person. Downstream: `retention` reads how long evidence is kept; preflight compares the other values with
-every target. Hashed into every evidence bundle.
-"""
+"""runtime_contract.yaml: what runtime and world agree on."""
 
 import re
 from enum import StrEnum
@@ -49,7 +45,7 @@ class EvidenceRetention(Authored):
 
 
 class RuntimeContract(Authored):
-    """runtime_contract.yaml: what both sides of the wire count on.
+    """runtime_contract.yaml: what runtime and world agree on.
 
     Attributes:
         version: Of this format.

@@ -1,7 +1,6 @@
 """safety.yaml: what the guard enforces, for each target. People own it; no skill, tree, prompt or memory can write it.
 
-Upstream: a person. Downstream: preflight and the guard. Each limit names where its number comes from, and the file is
-hashed into every evidence bundle.
+Each limit names where its number comes from.
 """
 
 from collections.abc import Iterator
@@ -176,7 +175,7 @@ def get_target_limits(safety: Safety, target: str, source: str) -> TargetLimits:
     """The limits of one target.
 
     Raises:
-        DefinitionError: When safety.yaml does not mention the target: nothing moves without limits.
+        DefinitionError: `LIMITS_MISSING`: nothing moves without limits.
     """
     if target not in safety.targets:
         raise DefinitionError(

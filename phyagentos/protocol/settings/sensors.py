@@ -1,8 +1,4 @@
-"""sensors.yaml: what can be observed in this workspace, and how often. People own it.
-
-Upstream: a person. Downstream: perception.yaml, which names these sensors; preflight, which compares them with what a
-skill or policy takes; hashed into every evidence bundle.
-"""
+"""sensors.yaml: what can be observed in this workspace, and how often."""
 
 from pathlib import Path
 from typing import Literal
@@ -86,11 +82,7 @@ class Sensors(Authored):
         return {name: sensor for name, sensor in self.sensors.items() if sensor.camera is not None}
 
     def get_noise(self, level: str = "") -> NoiseLevel:
-        """A noise level by its name; the chosen one when none is given.
-
-        Raises:
-            KeyError: When there is none of this name.
-        """
+        """A noise level by its name; the chosen one when none is given. Raises KeyError for an unknown one."""
         name = level or self.noise_level
         return self.noise_levels.get(name, NoiseLevel()) if name == PERFECT else self.noise_levels[name]
 

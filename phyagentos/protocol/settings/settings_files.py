@@ -1,7 +1,6 @@
-"""The settings files that people own: which there are, and how each is checked.
+"""The settings files that people own, and how each is checked.
 
-Each has a module of its own (`safety`, `sensors`, `perception`, `runtime_contract`) and is hashed into every evidence
-bundle. No skill, tree, prompt or memory can write them.
+Each is hashed into every evidence bundle. No skill, tree, prompt or memory can write them.
 """
 
 import hashlib

@@ -1,7 +1,6 @@
-"""The block `verification` of runtime_contract.yaml: who judges sessions, and what a judgement is for.
+"""The block `verification` of runtime_contract.yaml: the judges of sessions, and what a judgement is for.
 
-Upstream: a person. Downstream: the agent's verifier; every judgement records the mode and the judges that made it.
-Nothing leaves the machine unless `vision` is written down here and named among the judges.
+No data leaves the machine unless `vision` is configured here and named among the judges.
 """
 
 from enum import StrEnum

@@ -1,8 +1,7 @@
 """Arrays of the evidence: NPZ files that `numpy.load` reads, encoded in one go.
 
-`numpy.savez` builds the archive through `zipfile`, member by member; for a bundle of many small arrays that costs more
-than everything else that is written. All but numbers and checksums is made once for each kind of file. The bytes here
-depend on the arrays alone: no time of the day is in them.
+`numpy.savez` writes member by member, which for many small arrays costs more than all else. Here everything but numbers
+and checksums is made once for each kind of file. The bytes depend on the arrays alone: they hold no time.
 """
 
 import math
@@ -28,11 +27,7 @@ _MIDNIGHT_1980 = (0, 33)  # time and date of a member, in the format of MS-DOS
 
 
 def encode_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
-    """The bytes of an uncompressed `.npz`, at most 4 GiB in all.
-
-    Args:
-        arrays: By name; of numbers.
-    """
+    """The bytes of an uncompressed `.npz` of numeric arrays, at most 4 GiB in all."""
     form = _make_form(tuple([(name, array.dtype, array.shape) for name, array in arrays.items()]))
     parts: list[bytes] = []
     directory: list[bytes] = []
@@ -45,10 +40,10 @@ def encode_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
 
 
 def decode_arrays(data: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays of an `.npz`, by name.
+    """The arrays of an `.npz`, by name; nothing in the bytes is executed.
 
     Raises:
-        ValueError: When these bytes are none; nothing in them is executed.
+        ValueError: They are no NPZ.
     """
     if not zipfile.is_zipfile(BytesIO(data)):
         raise ValueError(f"{len(data)} bytes that are no NPZ")
@@ -60,15 +55,7 @@ def decode_arrays(data: bytes) -> dict[str, NDArray[Any]]:
 
 
 class _Member(NamedTuple):
-    """What surrounds the bytes of one array, its checksum left out.
-
-    Attributes:
-        crc: Of the head of the `.npy` file, where the checksum goes on.
-        local_before: Before the checksum in front of the array.
-        local_behind: Behind it, the head of the `.npy` file included.
-        central_before: Before the checksum in the directory.
-        central_behind: Behind it.
-    """
+    """The bytes around one array and its checksum; `crc` is that of the `.npy` head, where the checksum goes on."""
 
     crc: int
     local_before: bytes

@@ -1,7 +1,6 @@
-"""One process of a kind: a lock file, held for as long as the process lives, that tells who it is.
+"""A lock file that one process of a kind holds for as long as it lives.
 
-Upstream: `paos watch` (one watchdog a workspace) and world processes (one a target). Downstream: callers that must know
-whether such a process lives. The lock is the only truth: the kernel lets go of it when its holder dies, however.
+It serves the watchdog of a workspace and the world process of a target. The kernel releases it when its holder dies.
 """
 
 import contextlib
@@ -17,19 +16,10 @@ PATIENCE_S = 2.0  # a query holds the lock for an instant
 
 
 def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
-    """Be the only process that holds this lock, until this process ends.
-
-    Args:
-        path: The lock file; made when missing.
-        clock: For waiting.
-        code: Of the error.
-        message: What it means that there is another one.
-
-    Returns:
-        The descriptor that holds it.
+    """Hold this lock until the process ends; the descriptor that holds it.
 
     Raises:
-        ExecutionError: With `code`, when another process holds it.
+        ExecutionError: With `code` and `message`, when another process holds it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)

@@ -1,7 +1,7 @@
-"""A workspace: the folder in which the two planes meet, with everything a run needs and everything it leaves.
+"""A workspace: the folder in which the two planes meet, with everything a run needs and leaves.
 
-Upstream: the assembly and the command line. It holds copies of the trees, skills, scenes and robots it was created
-with, so that a run can be repeated from its own workspace; nothing is looked up outside it afterwards.
+It holds copies of the trees, skills, scenes and robots it was created with, so that a run can be repeated from its own
+workspace.
 """
 
 import shutil
@@ -24,19 +24,51 @@ _COPIED_WHOLE = frozenset({"skills", "robots"})  # one folder is one thing: neve
 _LITTER = ("__pycache__", ".*")
 
 
+class _Place:
+    """A path of a workspace, relative to its root."""
+
+    def __init__(self, relative: str) -> None:
+        self._relative = relative
+
+    def __get__(self, workspace: "Workspace", owner: type) -> Path:
+        return workspace.root / self._relative
+
+
 @dataclass(frozen=True, slots=True)
 class Workspace:
     """Paths of one workspace; make one with `create` or `open`."""
 
     root: Path
 
+    library_root = _Place("library")  # copies of trees/, skills/, scenes/, robots/
+    sessions = _Place("sessions")  # the journal, one folder a lane
+    goals = _Place("goals")  # goal graphs as submitted, `<goal id>.yaml`
+    evidence = _Place("evidence")  # bundles, one folder a session
+    memory = _Place("memory")  # records of memory, one folder a lane
+    signals = _Place("signals/new")  # stop requests; those taken stand beside it (see `stop_signals`)
+    inbox = _Place("inbox")  # requests of writers without this library, `new/` and `tmp/` (see `edits.inbox`)
+    heartbeats = _Place("heartbeats")  # `<target>.json`
+    logs = _Place("logs")  # output of the processes, and what each target received
+    cache = _Place(".cache")  # may be deleted at any time
+    edits = _Place(".edits")  # versions of shared documents that a rendering replaced, until they are taken in
+    sessions_document = _Place("SESSIONS.md")
+    rejected_document = _Place("SESSIONS.rejected.md")  # edits of SESSIONS.md that were not taken
+    task = _Place("TASK.md")
+    log = _Place("LOG.md")
+    skill_registry = _Place("SKILLRUNTIME.md")
+    target_registry = _Place("TARGETS.md")
+    environment = _Place("ENVIRONMENT.md")
+    lessons = _Place("LESSONS.md")
+    knowledge = _Place("KNOWLEDGE.md")
+    runtime_signal = _Place("RUNTIME_SIGNAL.md")
+    safety = _Place("safety.yaml")
+    sensors = _Place("sensors.yaml")
+    perception = _Place("perception.yaml")
+    runtime_contract = _Place("runtime_contract.yaml")
+
     @classmethod
     def create(cls, root: Path, library: Library) -> "Workspace":
-        """Make a workspace, or complete the one that stands there; what it already holds stays as it is.
-
-        Args:
-            root: The folder; it may be missing or empty.
-            library: Where trees, skills, scenes, robots and pristine documents are copied from.
+        """Make a workspace from a library, or complete the one that stands there; what it already holds stays.
 
         Raises:
             DefinitionError: `NOT_A_WORKSPACE` when the folder holds something else; every problem of a SKILL.md or
@@ -67,131 +99,6 @@ class Workspace:
             raise _not_a_workspace(root, found)
         return cls(root)
 
-    @property
-    def library_root(self) -> Path:
-        """Copies of trees/, skills/, scenes/, robots/."""
-        return self.root / "library"
-
-    @property
-    def sessions(self) -> Path:
-        """The journal, one folder a lane."""
-        return self.root / "sessions"
-
-    @property
-    def goals(self) -> Path:
-        """Goal graphs as they were submitted, `<goal id>.yaml`."""
-        return self.root / "goals"
-
-    @property
-    def evidence(self) -> Path:
-        """Evidence bundles, one folder a session."""
-        return self.root / "evidence"
-
-    @property
-    def memory(self) -> Path:
-        """The records of memory, one folder a lane."""
-        return self.root / "memory"
-
-    @property
-    def signals(self) -> Path:
-        """Where stop requests are dropped: `signals/new/`; taken ones lie beside it (see `mailbox`)."""
-        return self.root / "signals" / "new"
-
-    @property
-    def inbox(self) -> Path:
-        """Requests of writers without this library, `new/` and `tmp/` (see `edits.inbox`)."""
-        return self.root / "inbox"
-
-    @property
-    def heartbeats(self) -> Path:
-        """Signs of life, `<target>.json`."""
-        return self.root / "heartbeats"
-
-    @property
-    def logs(self) -> Path:
-        """What the processes print, and what each target received."""
-        return self.root / "logs"
-
-    @property
-    def cache(self) -> Path:
-        """What may be deleted at any time."""
-        return self.root / ".cache"
-
-    @property
-    def sessions_document(self) -> Path:
-        """SESSIONS.md."""
-        return self.root / "SESSIONS.md"
-
-    @property
-    def rejected_document(self) -> Path:
-        """SESSIONS.rejected.md: edits of SESSIONS.md that were not taken."""
-        return self.root / "SESSIONS.rejected.md"
-
-    @property
-    def edits(self) -> Path:
-        """Versions of SESSIONS.md that came out when a rendering was swapped in, until they are dealt with."""
-        return self.root / ".edits"
-
-    @property
-    def task(self) -> Path:
-        """TASK.md."""
-        return self.root / "TASK.md"
-
-    @property
-    def log(self) -> Path:
-        """LOG.md."""
-        return self.root / "LOG.md"
-
-    @property
-    def skill_registry(self) -> Path:
-        """SKILLRUNTIME.md."""
-        return self.root / "SKILLRUNTIME.md"
-
-    @property
-    def target_registry(self) -> Path:
-        """TARGETS.md."""
-        return self.root / "TARGETS.md"
-
-    @property
-    def environment(self) -> Path:
-        """ENVIRONMENT.md."""
-        return self.root / "ENVIRONMENT.md"
-
-    @property
-    def lessons(self) -> Path:
-        """LESSONS.md."""
-        return self.root / "LESSONS.md"
-
-    @property
-    def knowledge(self) -> Path:
-        """KNOWLEDGE.md."""
-        return self.root / "KNOWLEDGE.md"
-
-    @property
-    def runtime_signal(self) -> Path:
-        """RUNTIME_SIGNAL.md."""
-        return self.root / "RUNTIME_SIGNAL.md"
-
-    @property
-    def safety(self) -> Path:
-        """safety.yaml."""
-        return self.root / "safety.yaml"
-
-    @property
-    def sensors(self) -> Path:
-        """sensors.yaml."""
-        return self.root / "sensors.yaml"
-
-    @property
-    def perception(self) -> Path:
-        """perception.yaml."""
-        return self.root / "perception.yaml"
-
-    @property
-    def runtime_contract(self) -> Path:
-        """runtime_contract.yaml."""
-        return self.root / "runtime_contract.yaml"
-
     def evidence_of(self, session: SessionId) -> Path:
         """The evidence bundle of one session."""
         return self.evidence / session
@@ -219,10 +126,7 @@ class Workspace:
             folder.mkdir(parents=True, exist_ok=True)
         is_new = not (self.root / MARKER).is_file()
         if is_new:
-            skills, targets = (
-                render_skill_registry(library),
-                render_target_registry(library),
-            )  # before anything is copied
+            skills, targets = render_skill_registry(library), render_target_registry(library)  # before any copy
             _copy_library(library, self.library_root)
             publish(self.skill_registry, skills)
             publish(self.target_registry, targets)

@@ -1,7 +1,6 @@
-"""What is in the world, as the planes share it: entities, relations, targets; ENVIRONMENT.md is its document.
+"""What is in the world: entities, relations, targets; ENVIRONMENT.md is its document. Paper section 4.1.
 
-Upstream: the runtime's perception. Downstream: predicates, planning scenes, the verifier. Poses are in the frame
-`world` (z up, metres, quaternions w x y z) unless a name says otherwise. Paper section 4.1.
+Poses are in the frame `world` (z up, metres, quaternions w x y z) unless a name says otherwise.
 """
 
 from collections.abc import Iterable
@@ -46,7 +45,6 @@ class Shape(msgspec.Struct, frozen=True):
     """One primitive solid of an entity, posed in the entity's own frame.
 
     Attributes:
-        kind: Which solid.
         size_m: Half extents (box), radius and half length (cylinder, capsule; axis z), radius (sphere) [m].
         pose: `entity_T_shape`.
     """
@@ -60,7 +58,7 @@ class Interior(msgspec.Struct, frozen=True):
     """The box in which something counts as inside, in the entity's own frame.
 
     Attributes:
-        center_m: (3,) centre [m].
+        center_m: (3,) [m].
         half_m: (3,) half extents [m].
     """
 
@@ -69,7 +67,7 @@ class Interior(msgspec.Struct, frozen=True):
 
 
 class Mechanism(msgspec.Struct, frozen=True):
-    """How a thing with a joint opens: what a drawing of the furniture tells.
+    """How a thing with a joint opens.
 
     Attributes:
         kind: `slide` or `hinge`.
@@ -143,7 +141,6 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
     """A named box of space, posed in the world, in which things may be put (`shelf_board`, `left_half`).
 
     Attributes:
-        name: Unique name.
         pose: `world_T_region` of its centre.
         half_m: (3,) half extents [m].
     """
@@ -154,7 +151,7 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TargetState(msgspec.Struct, frozen=True, kw_only=True):
-    """What a target says of itself.
+    """The state that a target reports.
 
     Attributes:
         q_rad: (n_joints,) measured joint positions [rad].
@@ -188,7 +185,7 @@ class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """How one camera does.
+    """The state of one camera.
 
     Attributes:
         status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `dark` (no depth
@@ -221,13 +218,9 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         time_s: Simulated or robot time of the snapshot [s].
-        scene: Name of the scene.
         episode: The run of the scene this snapshot belongs to.
         revision: Grows with each published snapshot.
         sensing: `truth` (simulator state) or `perceived`.
-        entities: By name.
-        regions: By name.
-        targets: By name.
         sensors: Cameras by name; empty where nothing is perceived.
         looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
         changes: What became of things since the revision before, the largest first.
@@ -248,13 +241,13 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     def find_movable(self, names: Iterable[object]) -> str | None:
         """The first of these names that is a movable thing; None when none is.
 
-        Of a session's parameters, in the order in which its skill declares them, it is what the skill acts on.
+        Of a session's parameters in the skill's order, it is what the skill acts on.
         """
         things = (name for name in names if isinstance(name, str) and name in self.entities)
         return next((name for name in things if self.entities[name].movable), None)
 
     def shows(self, name: str) -> bool:
-        """Whether it tells where a thing or a region is: one that is fixed, or was seen `FRESH_S` ago at most."""
+        """Whether it shows where a thing or a region is: one that is fixed, or was seen `FRESH_S` ago at most."""
         if name in self.regions:
             return True
         entity = self.entities.get(name)

@@ -1,7 +1,4 @@
-"""What shall go wrong in a simulated world, as data. Read by the world process alone; the agent never knows.
-
-Upstream: a fault file. Downstream: the world's fault injector. A fault strikes once, when all its conditions hold.
-"""
+"""Faults of a simulated world, as data: the world process reads them, the agent never does."""
 
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,8 +1,7 @@
 """Relations between things, computed from one snapshot: what is on, inside, held, near, left of, open.
 
-Upstream: an Environment. Downstream: ENVIRONMENT.md. `inside`, `on`, `near`, `open` and `closed` are the
-predicates that verdicts use. `left_of` is meant as one looks along x of the world, away from the robot's mount: towards
-greater y.
+`inside`, `on`, `near`, `open` and `closed` are the predicates that verdicts use. `left_of` is meant along x of the
+world, away from the robot's mount: towards greater y.
 """
 
 import math

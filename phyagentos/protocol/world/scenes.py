@@ -1,7 +1,6 @@
 """A scene as data: bodies, materials, regions, cameras, lights and what is drawn at random.
 
-Upstream: `scenes/<name>.yaml`. Downstream: the world process builds a model from it; the lint knows its names. Sizes
-are half extents in metres, angles radians, poses in the frame `world` (z up; the robot's base stands at its mount).
+Sizes are half extents in metres, angles radians, poses in the frame `world` (z up; the robot's base is at its mount).
 """
 
 from pathlib import Path

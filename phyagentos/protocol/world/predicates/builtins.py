@@ -1,6 +1,6 @@
-"""The built-in predicates: each a small function from facts to a reading. See `predicate_library` for the contract.
+"""The built-in predicates: each a small function from facts to a reading; see `library` for the contract.
 
-Tolerances are chosen for table-top things of 2 to 20 cm; each stands here once, with its reason.
+Tolerances are chosen for table-top things of 2 to 20 cm.
 """
 
 import math
@@ -44,12 +44,12 @@ CLOSED_FRACTION = 0.1
 
 
 def _find_position_doubt(view: View, *entities: Entity | None) -> float:
-    """How far [m] apart two positions may really be from what was measured; what is fixed was measured by people."""
+    """Uncertainty [m] of the distance of two positions; fixed things have none."""
     return _combine(view, entities, "position_std_m", PERCEIVED_STD_M)
 
 
 def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
-    """The same of orientations [rad]."""
+    """Uncertainty of orientations [rad]."""
     return _combine(view, entities, "turn_std_rad", PERCEIVED_STD_RAD)
 
 
@@ -288,7 +288,7 @@ def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float) -> Reading:
 
 
 def _find_joint_doubt(view: View, a: Entity) -> float:
-    """The same of an opening, as a share of the travel."""
+    """Uncertainty of an opening, as a share of the travel."""
     if a.mechanism is None:
         return 0.0
     find_doubt = _find_turn_doubt if a.mechanism.kind == "hinge" else _find_position_doubt

@@ -61,7 +61,6 @@ class Evaluation:
     """The value of one predicate on snapshots.
 
     Attributes:
-        truth: True, false or unknown.
         measured: The numbers that decided it; units in the names.
         because: The deciding fact in words.
         margin: How far it is from turning over, without unit, negative when false; only differences between samples

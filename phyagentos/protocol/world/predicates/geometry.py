@@ -1,7 +1,7 @@
-"""The geometry that predicates need: extents and surfaces of primitive solids, in plain Python.
+"""The geometry of predicates: extents and surfaces of primitive solids, in plain Python.
 
-One predicate touches a handful of three-vectors, for which arrays would cost more than they save; and the boundary
-stays free of numerical packages. Equations follow Ericson, Real-Time Collision Detection, chapter 4 (support points).
+For a handful of three-vectors arrays cost more than they save. Equations follow Ericson, Real-Time Collision Detection,
+chapter 4 (support points).
 """
 
 import math

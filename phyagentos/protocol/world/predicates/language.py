@@ -40,13 +40,7 @@ _VARIABLE = re.compile(r"\$\{([^{}]+)\}")
 
 
 class PredicateSyntaxError(ValueError):
-    """Text that is no predicate.
-
-    Attributes:
-        column: Where, counted from 1.
-        found: The offending piece.
-        expected: What would have been possible there.
-    """
+    """Text that is no predicate; `column` counts from 1."""
 
     def __init__(self, column: int, found: str, expected: str) -> None:
         self.column, self.found, self.expected = column, found, expected

@@ -1,7 +1,7 @@
 """The registry of predicates: what each is called, takes, measures, and how old its facts may be.
 
-A plug-in is a `PredicateDefinition`; installed packages announce theirs by the entry point group
-`phyagentos.predicates` (an iterable of definitions). Importing this module registers nothing.
+Installed packages announce `PredicateDefinition`s by the entry point group `phyagentos.predicates` (an iterable).
+Importing this module registers nothing.
 """
 
 import math
@@ -20,7 +20,7 @@ ENTRY_POINT_GROUP = "phyagentos.predicates"
 
 
 class FactUnknown(Exception):
-    """The evidence does not tell: missing, not visible, or too old."""
+    """The evidence is missing, not visible, or too old."""
 
 
 class ArgumentKind(StrEnum):
@@ -45,7 +45,6 @@ class View:
     """What a predicate is evaluated on.
 
     Attributes:
-        now: The snapshot that is judged.
         initial: The snapshot that changes are measured against, None when there is none.
         target: What the word `target` means, None when nothing.
         metrics: What was measured on the way, by name; units in the names.
@@ -61,13 +60,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A box of space in the world; a point is a box without extent.
-
-    Attributes:
-        name: As written.
-        pose: `world_T_box`, the box's centre.
-        half_m: (3,) half extents [m].
-    """
+    """A box of space in the world, `world_T_box` of its centre, half extents [m]; a point has no extent."""
 
     name: str
     pose: Pose
@@ -110,14 +103,12 @@ class PredicateDefinition:
     """One predicate.
 
     Attributes:
-        name: As written.
         arguments: In order; those with a default come last.
         measure: Called with the view and the resolved arguments; raises `FactUnknown`.
         is_number: True when it measures a number that must be compared, False when it is a statement.
         max_age_s: How old [s] an observation of a movable thing may be.
         lasting: Whether it tells where the world stands (`inside`) rather than a passing fact (`holding`, `moved`).
         by_name: True when `measure` wants the names of entities and looks itself.
-        description: One sentence for people.
     """
 
     name: str

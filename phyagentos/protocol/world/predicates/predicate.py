@@ -1,8 +1,7 @@
 """Predicates: one small language for preconditions, hold conditions, acceptance, goals and benchmarks.
 
-Upstream: authored files and contracts. Downstream: preflight, recorder, verifier, selector. A predicate is evaluated on
-snapshots of the world to Kleene's three values; what is missing, unseen or stale is unknown, and unknown is never
-success. Paper section 4.2.
+A predicate is evaluated on snapshots to Kleene's three values; what is missing, unseen or stale is unknown, and unknown
+is never success. Paper section 4.2.
 
 The quantifier `*` stands for a movable thing that the same scope does not name. Inside `count(...)` it is counted; any
 other `*` means "for every one", over the whole predicate: `not moved(*)` is "nothing moved", and
@@ -78,12 +77,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Predicate:
-    """One checked predicate.
-
-    Attributes:
-        formula: Its syntax tree.
-        text: The canonical text, so that equal meanings as written compare equal.
-    """
+    """One checked predicate; `text` is canonical, so that equal meanings as written compare equal."""
 
     formula: Formula
     text: str = field(init=False, compare=False)
@@ -139,15 +133,10 @@ class Predicate:
 
 
 def parse_predicate(text: str, *, address: str = "predicate", template: bool = False) -> Predicate:
-    """Parse and check one predicate.
-
-    Args:
-        text: As authored.
-        address: Where it stands, for messages.
-        template: Whether `${...}` may remain in it, as in SKILL.md.
+    """Parse and check one predicate; `${...}` may remain in a `template`, as in SKILL.md.
 
     Raises:
-        DefinitionError: With every problem: the column inside the text, what is possible, the nearest name.
+        DefinitionError: With every problem at `address`: the column, what is possible, the nearest name.
     """
     predicate, findings = _parse(text, template)
     if predicate is None or findings:

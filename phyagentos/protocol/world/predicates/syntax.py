@@ -1,7 +1,6 @@
 """The syntax tree of predicates: its nodes, its canonical text, and walks over it.
 
-Upstream: `predicate_language` builds it. Downstream: `predicates` evaluates it, the selector unifies it. Columns
-are kept for messages and never count when two trees are compared.
+Columns are for messages and do not count when two trees are compared.
 """
 
 from collections.abc import Callable, Iterator
@@ -149,13 +148,7 @@ def iter_free_stars(formula: Formula) -> Iterator[Star]:
 
 
 def map_calls(formula: Formula, change: Callable[[Call], Call], *, into_counts: bool = True) -> Formula:
-    """The same formula with every call replaced by what `change` makes of it.
-
-    Args:
-        formula: Where to replace.
-        change: Old call to new call.
-        into_counts: Whether the bodies of `count` are changed too.
-    """
+    """The same formula with every call changed, those in bodies of `count` only `into_counts`."""
     match formula:
         case Call():
             return change(formula)
