@@ -24,7 +24,6 @@ from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.features import Features
 from phyagentos.agent.memory.memory import Case, Memory
 from phyagentos.agent.memory.scopes import compute_scope
-from phyagentos.agent.memory.views import list_facts, list_lessons
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.knowledge import render_knowledge
@@ -153,10 +152,10 @@ def main() -> int:
         memory = open_it()
         fill_s = fill(memory, episodes)
         spent_ms, unverified, answers = ask(memory, episodes, rng)
-        lessons, facts = list_lessons(memory.experience), list_facts(memory.experience)
+        lessons, facts = memory.experience.list_lessons(), memory.experience.list_facts()
         text = render_lessons(lessons)
         sizes = [len(read_lessons(text).blocks), len(facts)]
-        document_ms = time_ms(lambda: (render_lessons(list_lessons(memory.experience)), render_knowledge(facts)))
+        document_ms = time_ms(lambda: (render_lessons(memory.experience.list_lessons()), render_knowledge(facts)))
         version, known = memory.version, len(memory.experience.corrections)
         memory.close()
         warm_ms = time_ms(lambda: open_it().close(), times=5)
@@ -164,7 +163,7 @@ def main() -> int:
         begin_s = time.perf_counter()
         memory = open_it()
         rebuild_s = time.perf_counter() - begin_s
-        lost = float(memory.version != version or list_lessons(memory.experience) != lessons)
+        lost = float(memory.version != version or memory.experience.list_lessons() != lessons)
         goal = [[episode for episode, _ in zip(extra, range(GOAL_SESSIONS), strict=False)] for _ in range(10)]
         record_ms = Spread.of([time_ms(lambda each=each: memory.record(each)) for each in goal]).median
         bytes_of_truth = sum(path.stat().st_size for path in folder.rglob("*.md"))
