@@ -29,7 +29,12 @@ UNIT_ROTATIONS: tuple[RotationForm, ...] = ("axis_angle", "euler")  # forms that
 
 
 class GripperRange(Authored):
-    """The values of the gripper's column when closed and when open, in any unit and either order."""
+    """What the gripper's column means: its values when closed and when open, in any unit and either order.
+
+    Attributes:
+        closed: Its value when closed.
+        open: Its value when open.
+    """
 
     closed: float
     open: float

@@ -35,9 +35,13 @@ class Parameter(Authored):
 
     Attributes:
         type: What it takes.
+        description: One sentence for people.
+        unit: Of a number.
         default: Taken where nothing is said.
         optional: Whether it may be left out without a default.
         choices: The only values, where there are few.
+        minimum: Smallest number.
+        maximum: Largest number.
     """
 
     type: ParameterType
@@ -51,7 +55,12 @@ class Parameter(Authored):
 
 
 class Output(Authored):
-    """A value a skill leaves behind, for data edges of the goal graph."""
+    """A value a skill leaves behind, for data edges of the goal graph.
+
+    Attributes:
+        type: What it is.
+        description: One sentence for people.
+    """
 
     type: ParameterType
     description: str = ""
@@ -83,6 +92,7 @@ class PromotedWay(Authored):
     Attributes:
         entry: Of KNOWLEDGE.md, which tells what it rests on.
         scene: Name of the scene; empty for any, as below.
+        target: Name of the target.
         object: Kind of the thing that is acted on.
         destination: Kind of the place where it goes.
         strategy: What is done differently.
@@ -105,8 +115,11 @@ class SkillRuntime(Authored):
 
     Attributes:
         skill: Its name; also the folder's.
+        description: One sentence for people.
         kind: `builtin` is carried out by a behaviour tree, `policy` by a policy server.
         tree: Name of the tree; a policy has none.
+        parameters: By name.
+        outputs: By name.
         requires: Predicates that must hold before it starts.
         hold: Predicates that must hold all through.
         guarantees: Predicates that hold after success; they are judged, never believed.

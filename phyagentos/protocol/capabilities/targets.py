@@ -85,6 +85,7 @@ class TargetProfile(Authored):
 
     Attributes:
         target: Its name; also the folder's.
+        description: One sentence for people.
         kind: `debug` has no physics: the target takes each commanded posture at once (see `runtime.drivers.debug`).
         driver: What moves it, by its name in the registry of drivers; empty for the one of its kind: `mujoco` for
             `simulation`, `debug` for `debug`, none for `real_robot`.
@@ -102,11 +103,12 @@ class TargetProfile(Authored):
             none for no such limit. Wider than what safety.yaml allows.
         grasp_band_m: Horizontal distances from its base between which it can take hold of things [m].
         contact_force_n: Beyond this force on any part of it the target stops by itself [N].
+        arm: Its joints.
         gripper: Its hand; left out where the end effector does not open.
         observations: What it offers; a skill's `needs.observations` are matched against these names.
         actions: What it takes; a skill's `needs.actions` are matched against these names.
         capabilities: What else a skill may need (`manipulation`).
-        operations: What a session that has authority can request of it.
+        operations: What it can be asked to do by a session that has authority.
     """
 
     target: str = pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")
@@ -160,6 +162,7 @@ class TargetHealth(Authored):
     """The health of one target, as the runtime last saw it.
 
     Attributes:
+        state: See `Health`.
         since: UTC wall time of the change; empty when it never started.
         session: What it held when it fell silent or was lost; empty otherwise.
     """
@@ -170,7 +173,11 @@ class TargetHealth(Authored):
 
 
 class RegisteredTarget(TargetProfile):
-    """One block of TARGETS.md: the profile, and the target's health, which the runtime writes."""
+    """One block of TARGETS.md: the profile, and how the target is.
+
+    Attributes:
+        health: Written by the runtime, never by a person.
+    """
 
     health: TargetHealth = TargetHealth()
 

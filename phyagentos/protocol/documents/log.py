@@ -28,6 +28,8 @@ class LogLine(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         at: UTC wall time, to the second (`2026-11-21T14:31:07Z`).
         about: Session, goal or `<goal>/<node>`.
+        by: Who recorded it.
+        text: What happened.
     """
 
     at: str

@@ -50,6 +50,8 @@ class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         scene: Name of a scene (`tabletop/cubes_and_trays`).
+        skill: Name of a skill.
+        target: Name of a target.
         object: Kind of the thing that is acted on.
         destination: Kind of the place where it goes.
         entities: Names or kinds of the things it is about.
@@ -76,8 +78,10 @@ class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         supported: Number of verified outcomes that speak for it.
         contradicted: Number of verified outcomes that speak against it.
         confidence: 0..1; the writer chooses how it follows from the two counts.
+        state: Whether it counts.
         reason: Why it was retracted or has expired; empty while it is active.
         note: What a person adds.
+        by: Who wrote it.
         at: UTC wall time of the latest change.
     """
 

@@ -35,7 +35,11 @@ class RequestState(StrEnum):
 
 
 class WorkerSign(Heartbeat, frozen=True, kw_only=True):
-    """The last heartbeat of the worker of one target, and its health."""
+    """What the worker of one target said last.
+
+    Attributes:
+        health: How the worker is.
+    """
 
     health: Health
 
@@ -44,8 +48,12 @@ class Request(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One file in `signals/`.
 
     Attributes:
+        file: Its name.
+        state: What became of it.
         kind: `cancel`, `pause`, `resume` or `estop`; empty when it cannot be read.
         session: Which session, `*` for all.
+        by: Who asks.
+        reason: Why.
         at: UTC wall time, where it says one.
     """
 

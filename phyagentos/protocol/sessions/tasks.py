@@ -69,9 +69,12 @@ class NodeStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A node as it stands.
 
     Attributes:
+        state: See `NodeState`.
         after: Nodes that come first.
         sessions: Its sessions, oldest first.
         objective: What a person would say.
+        skill: As compiled.
+        target: As compiled.
         reasons: Why this skill and this target, where the graph left the choice open.
         replans: Its sessions after the first, oldest first; the last one may still be to be submitted.
         reason: Why it stands where it does.

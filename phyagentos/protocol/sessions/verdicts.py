@@ -46,14 +46,25 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):
-    """One file of the bundle that a judgement read; SHA-256 of its bytes, hexadecimal."""
+    """One file that a judgement read.
+
+    Attributes:
+        file: Its name in the bundle.
+        sha256: Of its bytes, hexadecimal.
+    """
 
     file: str
     sha256: str
 
 
 class Support(msgspec.Struct, frozen=True, kw_only=True):
-    """One fact of the evidence that a diagnosis rests on: file of the bundle, field in it, its value."""
+    """One fact of the evidence that a diagnosis rests on.
+
+    Attributes:
+        file: Of the bundle.
+        field: What in it.
+        value: As it stands there.
+    """
 
     file: str
     field: str

@@ -28,6 +28,7 @@ class Pipeline(Authored):
     Attributes:
         sensors: Names in sensors.yaml.
         produces: The facts that it makes.
+        description: One sentence for people.
     """
 
     sensors: tuple[str, ...]

@@ -45,6 +45,7 @@ class Shape(msgspec.Struct, frozen=True):
     """One primitive solid of an entity, posed in the entity's own frame.
 
     Attributes:
+        kind: Which solid.
         size_m: Half extents (box), radius and half length (cylinder, capsule; axis z), radius (sphere) [m].
         pose: `entity_T_shape`.
     """
@@ -58,7 +59,7 @@ class Interior(msgspec.Struct, frozen=True):
     """The box in which something counts as inside, in the entity's own frame.
 
     Attributes:
-        center_m: (3,) [m].
+        center_m: (3,) centre [m].
         half_m: (3,) half extents [m].
     """
 
@@ -141,6 +142,7 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
     """A named box of space, posed in the world, in which things may be put (`shelf_board`, `left_half`).
 
     Attributes:
+        name: Unique name.
         pose: `world_T_region` of its centre.
         half_m: (3,) half extents [m].
     """
@@ -218,9 +220,13 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         time_s: Simulated or robot time of the snapshot [s].
+        scene: Name of the scene.
         episode: The run of the scene this snapshot belongs to.
         revision: Grows with each published snapshot.
         sensing: `truth` (simulator state) or `perceived`.
+        entities: By name.
+        regions: By name.
+        targets: By name.
         sensors: Cameras by name; empty where nothing is perceived.
         looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
         changes: What became of things since the revision before, the largest first.
