@@ -1,9 +1,8 @@
-"""Rigid poses and rotations: one arithmetic for protocol, agent and runtime.
+"""Rigid poses and rotations; quaternions are (w, x, y, z), arrays (3, 3) rotations and (4, 4) poses.
 
-Quaternions are (w, x, y, z). A single pose is computed in plain floats: scipy's `Rotation` takes 30 to 200 us a call
-for it and half a second to import, these functions take 1 to 4 us. Batches of rotations and their many notations
-(`runtime.actions.bridges.rotations`) are scipy's. Arrays are (3, 3) rotations and (4, 4) poses; numpy is imported by
-the functions that return them, since protocol and command line start without it.
+A single pose is computed in plain floats: 1 to 4 us a call instead of 30 to 200 us with scipy, whose import takes half
+a second. Batches and notations of rotations (`runtime.actions.bridges.rotations`) are scipy's. numpy is imported late,
+since protocol and command line start without it.
 """
 
 import math
@@ -25,12 +24,7 @@ UP: Vector = (0.0, 0.0, 1.0)
 
 
 class Pose(msgspec.Struct, frozen=True):
-    """A rigid pose `parent_T_child`.
-
-    Attributes:
-        position_m: (3,) [m].
-        quaternion_wxyz: (4,) unit quaternion.
-    """
+    """A rigid pose `parent_T_child` with a unit quaternion."""
 
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)

@@ -1,7 +1,6 @@
-"""A chunk of joint set-points becomes control periods whose rows are smooth enough for the guard.
+"""A policy's chunk of joint set-points becomes control periods smooth enough for the guard.
 
-Upstream: a policy's chunk after its bridges, one row per control period. Downstream: the session loop. Rows are knots
-of a cubic spline (C2) that leaves the standing set-point with its velocity; the guard still judges every row.
+Rows are knots of a cubic spline (C2) that leaves the standing set-point with its velocity.
 """
 
 from collections.abc import Iterator
@@ -18,17 +17,14 @@ Array = NDArray[np.float64]
 def iter_periods(
     rows: Array, before: Array, velocity_rad_s: Array, *, n_steps: int, step_s: float
 ) -> Iterator[SetPoints]:
-    """The control periods of one chunk.
+    """The k control periods of one chunk.
 
     Args:
         rows: (k, n_joints + 1) joint positions [rad] and opening [m] at the end of each period.
-        before: (n_joints + 1,) set-point that stands.
+        before: (n_joints + 1,) standing set-point.
         velocity_rad_s: (n_joints,) its velocity.
         n_steps: Physics steps of one period.
         step_s: Length of a physics step [s].
-
-    Yields:
-        k periods.
     """
     period_s, k = n_steps * step_s, len(rows)
     knots_s = period_s * np.arange(k + 1)

@@ -1,8 +1,7 @@
-"""The guard's stage for what a commanded posture would touch, of the robot itself and of what stands fixed.
+"""The guard's stage for contacts of a commanded posture, with the robot itself and with fixed entities.
 
-Upstream: the robot's planning model, and the world that a session's first look believes in. Downstream: `SafetyGuard`.
-Exact, by MuJoCo, on a model of its own. Movable things, and what slides or turns on a joint, are left out: skills touch
-them on purpose, and know which. What is touched already as a session begins does not count, so that it can be left.
+Exact, by MuJoCo, on a model of its own. Movable and jointed entities are left out: skills touch them on purpose.
+Contacts present when a session begins do not count, so that it can leave them.
 """
 
 from collections.abc import Iterable
@@ -23,10 +22,7 @@ Array = NDArray[np.float64]
 class PostureCollision:
     """Contacts of postures in one believed world.
 
-    Args:
-        profile: The target.
-        folder: Where its model lies.
-        depth_max_m: How deep a posture may reach into the robot, or into the distance kept from a fixed thing [m].
+    A posture may penetrate by `depth_max_m` [m] into the robot, or into the distance kept from a fixed entity.
 
     Raises:
         DefinitionError: When the model cannot be read.
@@ -39,17 +35,15 @@ class PostureCollision:
         self._touched: frozenset[Pair] = frozenset()
 
     def update(self, entities: Iterable[Entity], q_rad: Array) -> None:
-        """Believe in this world from now on; a world with the same fixed solids costs no compilation.
+        """Replace the world; one with the same fixed solids costs no compilation.
 
-        Args:
-            entities: All of it; what does not stand fixed is passed over.
-            q_rad: (n_joints,) where the robot is; what it touches there it may go on touching [rad].
+        Contacts of the present posture `q_rad` (n_joints,) stay allowed; entities that are not fixed are ignored.
         """
         self._scene = self._scenes.get_scene(World(entities=tuple(_iter_fixed(tuple(entities)))))
         self._touched = frozenset(self._scene.find_contacts(q_rad))
 
     def find_contact(self, q_rad: Array) -> str:
-        """`link5|wall` for the first pair that touches in a posture (n_joints,); empty when nothing does."""
+        """`link5|wall` for the first pair that touches in a posture (n_joints,); empty when it is free."""
         for pair in self._scene.find_contacts(q_rad, self._depth_max_m):
             if pair not in self._touched:
                 return name_pair(pair)

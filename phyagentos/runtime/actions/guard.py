@@ -1,8 +1,7 @@
 """The safety guard: the last check of a command inside the worker, before the wire. Paper section 4.5.
 
-Upstream: `handle`. Downstream: the target, which has limits of its own. A command passes as it is, or is refused with a
-coded reason and the reaction that safety.yaml asks for; only where it authorises a clamp is a number changed, and that
-is recorded. Checking only the last row was rejected: a spike inside a period moves a motor just as well.
+A command passes, or is refused with a code and the reaction of safety.yaml; only an authorised clamp changes a number,
+and is recorded. Every row is checked: a spike inside a period moves a motor just as well.
 """
 
 from collections.abc import Callable
@@ -28,13 +27,12 @@ CLAMPED = {ViolationCode.JOINT_POSITION: "CLAMPED_JOINT", ViolationCode.GRIPPER_
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """What becomes of one command.
+    """Result for one command.
 
     Attributes:
-        command: What may pass; None when it is refused.
+        command: The command to pass; None when it is refused.
         violation: Why it was refused.
-        reaction: What is to be done about that.
-        interventions: What an authorised clamp changed.
+        interventions: Changes by an authorised clamp.
     """
 
     command: Command | None
@@ -48,9 +46,9 @@ class SafetyGuard:
 
     Args:
         limits: What safety.yaml allows this target.
-        description: What the target says of itself; its joint range narrows the limits, never widens them.
-        is_stopped: Whether the emergency stop is latched; asked at every command.
-        find_contact: Names what a posture (n_joints,) touches, empty when nothing; an optional stage at its own cost.
+        description: The target's own; its joint range narrows the limits, never widens them.
+        is_stopped: Whether the emergency stop is latched; called at every command.
+        find_contact: Names the contact of a posture (n_joints,), empty when free; an optional stage at its own cost.
 
     Raises:
         ValueError: When a limit does not have one number per joint.
@@ -85,12 +83,7 @@ class SafetyGuard:
         self._last_time_s, self._first_time_s = -np.inf, np.inf
 
     def judge(self, command: Command, now: Step) -> Ruling:
-        """Check one command and apply the reaction that its violation asks for.
-
-        Args:
-            command: One control period.
-            now: The latest step of the target.
-        """
+        """Check one command at the target's latest step and apply the reaction to its violation."""
         interventions: tuple[Intervention, ...] = ()
         while (violation := self.check(command, now)) is not None:
             reaction = self._limits.reactions.get(violation.code, "refuse")
@@ -105,8 +98,7 @@ class SafetyGuard:
     def check(self, command: Command, now: Step) -> Violation | None:
         """Judge one command against the limits, the previous command and the target's present state.
 
-        Returns:
-            None when it may pass; it then counts as the previous command of the next check.
+        After None, which lets it pass, it counts as the previous command.
         """
         violation = (
             self._check_moment(command, now)
@@ -155,7 +147,7 @@ class SafetyGuard:
         return None
 
     def _check_rows(self, command: Command) -> Violation | None:
-        """One comparison for all bounds of all rows; only when it fails is it asked which, in order."""
+        """One comparison for all bounds of all rows; the broken one is searched only when it fails."""
         points, slopes, found = self._points, self._slopes, self._measures
         points[0, 1:], points[1, 1:] = command.q_rad, command.qd_rad_s
         with np.errstate(invalid="ignore", over="ignore"):
@@ -223,7 +215,6 @@ class SafetyGuard:
         return Violation(ViolationCode.GRIPPER_WIDTH, "gripper", float(width_m[row]), limit_m, "m", row)
 
     def _check_place(self, q_rad: Array, now: Step) -> Violation | None:
-        """The measured tool centre point, the commanded one, and what the commanded posture touches."""
         if self._tool is None:
             return Violation(
                 ViolationCode.WORKSPACE, "tool, whose kinematics the target does not tell", np.nan, np.nan, "m"
@@ -243,7 +234,7 @@ class SafetyGuard:
         return None
 
     def _clamp(self, command: Command, code: ViolationCode) -> tuple[Command, tuple[Intervention, ...]]:
-        """The command with what broke this limit projected into its range; a clamped joint has no velocity."""
+        """The command projected into this limit; a clamped joint has no velocity."""
         if code is ViolationCode.GRIPPER_WIDTH:
             before = command.gripper_width_m
             after = np.clip(before, 0.0, self._limits.width_max_m - ROUNDING)
@@ -262,6 +253,5 @@ class SafetyGuard:
 
 
 def _measure_depth(point: tuple[float, float, float], box: Box) -> float:
-    """How deep a point is inside a box [m]; not positive outside."""
     (x, y, z), ((a, b, c), (d, e, f)) = point, box
     return min(x - a, d - x, y - b, e - y, z - c, f - z)

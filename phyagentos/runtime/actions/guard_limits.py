@@ -1,7 +1,6 @@
-"""The guard's numbers: what safety.yaml allows, narrowed by what the live target says of itself.
+"""The guard's numbers: what safety.yaml allows, narrowed by the live target's description.
 
-Upstream: safety.yaml, `wire.Description`. Downstream: the guard. Limits are closed intervals; bounds of differences are
-wider by what sampling a smooth motion adds.
+Limits are closed intervals; bounds of differences are wider by what sampling a smooth motion adds.
 """
 
 from collections.abc import Mapping
@@ -37,8 +36,7 @@ class GuardLimits:
     Attributes:
         shape: (rows, joints) of one control period.
         dt: Time between rows [s].
-        q_min: Least positions [rad].
-        q_max: Greatest positions [rad].
+        q_min: Least positions [rad]; `q_max` the greatest.
         qd_max: Velocities [rad/s].
         step_max: Differences of two position rows [rad].
         change_max: Differences of two velocity rows [rad/s].
@@ -46,13 +44,11 @@ class GuardLimits:
         disagreement_max: Between the difference of two position rows and the mean of their velocities [rad].
         jerk_sum_max: Sum over a period of the magnitudes of second differences of velocity rows [rad/s].
         box: Workspace, least and greatest corner [m].
-        keep_out: Boxes by name [m].
-        width_max_m: Opening.
         force_max_n: Of a finger.
         period_min_s: Between two commands.
         validity_max_s: From a command to its expiry.
         duration_max_s: Of a session's commands.
-        reactions: By code; what is not named is refused.
+        reactions: By code; refusal where absent.
     """
 
     shape: tuple[int, int]

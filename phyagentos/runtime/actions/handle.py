@@ -1,7 +1,6 @@
-"""The target session handle: the only door from a worker to its target.
+"""The target session handle: the only connection from a worker to its target, over `targets.wire`.
 
-Upstream: `runner` and whatever perceives. Downstream: the world process, over `targets.wire`. It carries the session's
-authority (session, epoch, sequence number, expiry) and lets no command out that the guard has not seen.
+It carries the session's authority (session, epoch, sequence number, expiry); the guard judges every command.
 """
 
 from collections.abc import Callable, Collection
@@ -39,12 +38,12 @@ ReplyT = TypeVar("ReplyT", bound=wire.Reply)
 
 
 class CommandRefused(ExecutionError):
-    """A command that did not get through.
+    """A refused command.
 
     Attributes:
-        by: `guard`, `target`, or `handle` for what the session's manifest does not hold.
-        violation: What the guard found, None when the target refused.
-        reaction: What was done about it: `refuse`, or a stop by the target's own means.
+        by: `guard`, `target`, or `handle` for an operation outside the session's manifest.
+        violation: The guard's finding, None when the target refused.
+        reaction: `refuse`, or a stop by the target's own means.
     """
 
     def __init__(
@@ -62,8 +61,8 @@ class TargetSessionHandle:
     Args:
         connection: To the world process.
         limits: Of this target, from safety.yaml.
-        is_stopped: Whether the emergency stop is latched; asked before every command.
-        collision: The guard's stage for what a posture touches; it is told of every session's world.
+        is_stopped: Whether the emergency stop is latched; called before every command.
+        collision: The guard's stage for contacts of a posture.
         sees_truth: Whether observations come with the ground truth (`sensing: truth`).
         on_wait: Called several times a second while a motion waits for other targets of a shared world.
 
@@ -99,7 +98,7 @@ class TargetSessionHandle:
         self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
 
     def permit(self, operations: Collection[str]) -> None:
-        """From now on the session may use these operations, and halt: its TargetToolManifest."""
+        """Permit the session these operations, and halt: its TargetToolManifest."""
         self._permitted = frozenset((*operations, "halt"))
 
     def permits(self, operation: str) -> bool:
@@ -107,13 +106,13 @@ class TargetSessionHandle:
         return operation in self._permitted
 
     def describe(self) -> wire.Description:
-        """What the target is; asked once a scene."""
+        """The target's description; requested once a scene."""
         if self._description is None:
             self._description = self._ask(wire.Describe(), wire.Description)
         return self._description
 
     def load(self, scene: Scene, snapshot: bytes = b"", *, may_reset: bool = True) -> wire.Loaded:
-        """Make the scene's episode the present world; a no-op when it is, and then nothing is asked.
+        """Make the scene's episode the present world; no request is sent when it already is.
 
         Args:
             scene: Name, seed and episode.
@@ -153,7 +152,7 @@ class TargetSessionHandle:
         return observation
 
     def guard_against(self, world: Environment) -> None:
-        """From now on the guard holds commanded postures against what stands fixed in this world."""
+        """Check commanded postures against the fixed entities of this world from now on."""
         if self._collision is not None:
             self._collision.update(world.entities.values(), np.asarray(self.step.target.q_rad, dtype=np.float64))
 
@@ -171,15 +170,14 @@ class TargetSessionHandle:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the latest command left the arm at rest, so that nothing has to follow it."""
+        """Whether the latest command left the arm at rest."""
         return self._rests
 
     def apply(self, points: SetPoints) -> wire.Step:
         """Guard one control period and carry it out.
 
         Raises:
-            CommandRefused: When the guard or the target refuses it: nothing moved, or the target has come to rest by
-                its own means where the reaction is a stop.
+            CommandRefused: By the guard or the target. Nothing moved, or the target stopped by its own means.
         """
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
@@ -209,12 +207,11 @@ class TargetSessionHandle:
         return self._step
 
     def take_interventions(self) -> list[Intervention]:
-        """What the guard changed since this was last asked; for the evidence."""
+        """Changes of the guard since the last call; for the evidence."""
         taken, self._interventions = self._interventions, []
         return taken
 
     def _refuse(self, ruling: Ruling) -> NoReturn:
-        """Stop the target where the reaction is a stop, then say why."""
         violation = ruling.violation
         if violation is None:
             raise ExecutionError("PROTOCOL_BROKEN", "a command was refused for no reason")
@@ -225,7 +222,7 @@ class TargetSessionHandle:
         raise CommandRefused(violation.code, message, "guard", violation, ruling.reaction)
 
     def observe(self, *, snapshot: bool = False) -> wire.Observation:
-        """What is sensed now, with the target's snapshot of the same moment if asked for; time does not move."""
+        """The present sensing, with the target's snapshot of the same moment on request; time does not move."""
         return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot), wire.Observation)
 
     def halt(self) -> wire.Step:
@@ -252,7 +249,7 @@ class TargetSessionHandle:
         return result.artefacts["picture.png"].data if result.artefacts else b""
 
     def fetch_model(self) -> dict[str, bytes]:
-        """The compiled scene, by file name; empty where the target has none. For the evidence, so always permitted."""
+        """The compiled scene, by file name; empty where the target has none. Always permitted, as evidence."""
         if not self.describe().offers_tool(wire.SCENE_MODEL):
             return {}
         return {name: file.data for name, file in self._invoke(wire.SCENE_MODEL).artefacts.items()}

@@ -1,4 +1,4 @@
-"""What a skill wants of the target for one control period; it becomes a `wire.Command` once it carries authority."""
+"""A skill's wish for one control period; with authority it becomes a `wire.Command`."""
 
 from dataclasses import dataclass
 

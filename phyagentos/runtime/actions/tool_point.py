@@ -1,7 +1,7 @@
-"""Where the tool centre point of a commanded posture is: a product of exponentials, without a simulator.
+"""Tool centre point of a commanded posture: a product of exponentials, without a simulator.
 
-Upstream: the target's own description. Downstream: the guard. It shares no code with the planner's kinematics, so that
-a mistake there is seen here. Lynch and Park, Modern Robotics, 2017, section 4.1.
+It shares no code with the planner's kinematics, so that a mistake there is found here. Lynch and Park, Modern
+Robotics, 2017, section 4.1.
 """
 
 import math
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 class ToolPoint:
     """Forward kinematics of one point, by Rodrigues' formula about one joint after the other.
 
-    It is computed in plain floats: seven joints take a third of the time that as many small arrays take.
+    Plain floats: seven joints take a third of the time that as many small arrays take.
 
     Raises:
         ValueError: When axes, anchors and slides are not equally many.

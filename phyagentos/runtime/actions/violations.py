@@ -1,7 +1,4 @@
-"""Why a command was refused: coded, with the place, the number and the bound it broke.
-
-Upstream: the guard and the bridges. Downstream: the handle, which turns it into an intervention of the evidence.
-"""
+"""Violations of a safety limit and the numbers that a safety layer was allowed to change."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -55,12 +52,9 @@ class Violation:
     """One refused command.
 
     Attributes:
-        code: Why.
-        where: Joint or axis (`joint 4`, `x`), empty when it concerns the whole command.
-        found: The offending value.
-        limit: The bound it broke.
-        unit: Of both.
-        row: Row of the command, counted from 0; -1 when it concerns the whole command.
+        where: Joint or axis (`joint 4`, `x`), empty for the whole command.
+        unit: Of `found` and `limit`.
+        row: Row of the command, counted from 0; -1 for the whole command.
     """
 
     code: ViolationCode

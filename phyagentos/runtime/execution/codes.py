@@ -1,7 +1,4 @@
-"""Why a leaf fails: the codes of this package. Leaves of plug-ins may add their own.
-
-Codes are read by the verifier's diagnosis and by people; a code names what was found, not what should be done.
-"""
+"""Failure codes of the leaves that ship; plug-ins may add their own. A code names what was found, not what to do."""
 
 from enum import StrEnum
 

@@ -1,8 +1,7 @@
 """One tick's channels become one control period of set-points.
 
-Upstream: leaves, which set the arm and the gripper independently. Downstream: the runner. A channel that nobody sets
-holds its last set-point; when nobody sets any, there is no command, and simulated time stands. An arm whose set-points
-still move when nobody sets them (its leaf was interrupted) is brought to rest on a uniform ramp.
+An unset channel holds its last set-point; when none is set there is no command and simulated time stands. An arm whose
+set-points still move when its channel is unset (its leaf was interrupted) brakes on a uniform ramp.
 """
 
 import numpy as np
@@ -19,8 +18,8 @@ class CommandBuffer:
     """Collects the channels of one tick.
 
     Args:
-        q_rad: (n_joints,) where the arm rests.
-        gripper_width_m: Opening that the gripper rests at.
+        q_rad: (n_joints,) resting arm.
+        gripper_width_m: Resting opening.
         acceleration_rad_s2: (n_joints,) limits, for braking.
         n_steps: Rows of one control period.
         step_s: Time between rows [s].
@@ -67,7 +66,7 @@ class CommandBuffer:
             self.set_arm(np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size)))
 
     def take(self) -> SetPoints | None:
-        """The merged period, or None when no channel was set; the channels are empty afterwards."""
+        """The merged period, or None when no channel was set; empties the channels."""
         if self._arm is None and self._gripper is None and self.at_rest:
             return None
         q, qd = self._arm if self._arm is not None else self._compute_brake()

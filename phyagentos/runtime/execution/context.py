@@ -1,8 +1,4 @@
-"""What a leaf may use: the services of one session, and nothing else.
-
-Upstream: the runner, which builds it. Downstream: every leaf. Leaves see no connection, no handle and no clock of the
-wall; what they want done they say through `commands`, what they want planned through `planner`.
-"""
+"""Services of one session for its leaves, which see no connection, no handle and no wall clock."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -28,14 +24,11 @@ class SkillContext:
     """Services of one session.
 
     Attributes:
-        session: The contract.
-        profile: The target, as its authors describe it.
-        planner: Answers motion requests beside this process; simulated time stands while it thinks.
-        commands: Where a tick's set-points go.
-        world: Answers what the world is like now.
+        planner: Answers motion requests in its own process; simulated time stands while it plans.
+        commands: Takes a tick's set-points.
         initial: The world before the first command.
-        tracking_error_max_rad: Beyond this a motor counts as not following [rad].
-        events: What happened beside the tree so far.
+        tracking_error_max_rad: Beyond this a motor does not follow [rad].
+        events: Events beside the tree so far.
     """
 
     session: Session
@@ -59,17 +52,17 @@ class SkillContext:
         return self.world.step.time_s
 
     def is_holding(self, name: str) -> bool:
-        """Whether the gripper holds the thing of this name, as perceived."""
+        """Whether the gripper holds the entity of this name, as perceived."""
         return name in self.world.observe(HAND).targets[self.session.target].holding
 
     def draw_seed(self, path: str) -> int:
-        """A seed for the next random choice of the leaf at `path`; every call gives another one, repeatably."""
+        """A seed for the next random choice of the leaf at `path`; each call gives another, repeatably."""
         use = self._uses.get(path, 0)
         self._uses[path] = use + 1
         return compute_seed(self.session.seed, "leaf", path, use)
 
     def note(self, kind: str, code: str, **details: Any) -> None:
-        """Leave an event in the evidence."""
+        """Record an event in the evidence."""
         self.events.append(Event(time_s=self.time_s, kind=kind, code=code, details=details))
 
 
@@ -85,16 +78,7 @@ def open_context(
 ) -> SkillContext:
     """The services of a session that has authority; its set-points begin where the target rests.
 
-    A gripper that holds something begins closed, since it has to squeeze on.
-
-    Args:
-        session: The contract.
-        profile: The target, as its authors describe it.
-        limits: Of the target.
-        description: The target, as it describes itself.
-        planner: Of this session alone while it runs.
-        initial: The world before the first command.
-        world: Answers what the world is like now.
+    A gripper that holds something begins closed, since it must keep squeezing. `initial` precedes the first command.
     """
     step = world.step
     state = initial.targets.get(session.target, step.target)

@@ -16,7 +16,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class SimulatedTimeout(Decorator):
-    """Fails when the child runs longer than so many seconds of simulated time; thinking costs none."""
+    """Fails when the child runs longer than so many seconds of simulated time; planning costs none."""
 
     def __init__(self, name: str, child: Behaviour, seconds: float, context: SkillContext) -> None:
         super().__init__(name=name, child=child)
@@ -27,7 +27,7 @@ class SimulatedTimeout(Decorator):
         self.message = ""
 
     def initialise(self) -> None:
-        """Remember when it began."""
+        """Store the start time."""
         self._began_s = self._context.time_s
         self.code, self.message = "", ""
 
@@ -44,9 +44,7 @@ class SimulatedTimeout(Decorator):
 class Condition(Leaf):
     """Evaluates a predicate on the present world; unknown is never success.
 
-    Args:
-        text: The predicate, with `${key}` for keys of the tree.
-        read_keys: Gives the present values of those keys.
+    `text` is the predicate, with `${key}` for keys of the tree, whose values `read_keys` gives.
     """
 
     ROLE = Role.DECIDE

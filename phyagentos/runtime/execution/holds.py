@@ -1,7 +1,7 @@
 """Hold conditions and constraints: sampled all through a session, the worst kept, the first violation reported.
 
-What is asked of the contact force (`metric(peak_force_n) <= 20`) is not sampled: a spike lasts a few milliseconds, so
-every report of the target is looked at, which holds the greatest force since the one before.
+Contact force (`metric(peak_force_n) <= 20`) is not sampled: a spike lasts a few milliseconds. Every report of the
+target is read, which holds the greatest force since the one before.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -32,24 +32,18 @@ SampleKey = tuple[str, LookRole]  # the condition, and whether its worst or its 
 
 @dataclass(frozen=True, slots=True)
 class HoldSample:
-    """What one sample was perceived from, and what the target had measured by then."""
+    """The look of one sample, and the metrics measured by then."""
 
     look: Look
     metrics: dict[str, float]
 
 
 class HoldMonitor:
-    """Watches the predicates that must be true all through.
-
-    Args:
-        texts: As in the contract, fully substituted.
-        initial: The snapshot that `moved` compares with.
-        target: Whose session it is.
-        every: Control periods from one sample to the next.
+    """Monitors the predicates that must be true throughout a session, sampled every so many control periods.
 
     Attributes:
         need: What a sample has to show.
-        samples: What the worst sample and the first unknown one of each condition were perceived from.
+        samples: The worst and the first unknown sample of each condition.
     """
 
     def __init__(self, texts: Sequence[str], initial: Environment, target: str, every: int = SAMPLE_PERIODS) -> None:
@@ -70,11 +64,9 @@ class HoldMonitor:
         return bool(self._seen) and tick % self._every == 0
 
     def feel(self, step: Step, observe: Callable[[Need], Environment]) -> Criterion | None:
-        """Take in the contact force of a report; returns the first condition on it that is false.
+        """Read the contact force of a report; returns the first condition on it that is false.
 
-        Args:
-            step: The report.
-            observe: The present world; asked only when the force is greater than ever.
+        The present world is observed only when the force exceeds every earlier one.
         """
         force_n = step.contact_force_n
         if not self._predicates or force_n is None or force_n <= self._peaks.get(PEAK_FORCE, -1.0):
@@ -83,11 +75,9 @@ class HoldMonitor:
         return self._evaluate(self._felt, observe(BELIEF)) if self._felt else None
 
     def sample(self, now: Environment, look: Look | None = None) -> Criterion | None:
-        """Evaluate what can be seen; returns the first that is false.
+        """Evaluate what can be seen; returns the first condition that is false.
 
-        Args:
-            now: The present world, observed with `need`.
-            look: What it was perceived from; None where nothing is perceived.
+        `now` was observed with `need`, from `look` where the world is perceived.
         """
         return self._evaluate(self._seen, now, look)
 
@@ -115,7 +105,7 @@ class HoldMonitor:
     def read_worst(self) -> tuple[Criterion, ...]:
         """The worst sample of each, in the order of the contract.
 
-        Of a session that ended before the first sample was due, the snapshot before it is the whole course.
+        A session that ended before its first sample was due is judged on its initial snapshot.
         """
         if not self._worst:
             self._evaluate(self._seen, self._initial)

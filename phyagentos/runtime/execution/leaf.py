@@ -1,8 +1,8 @@
 """The base of every leaf: typed ports, a sealed `update`, and failures that carry a code.
 
 Authors declare `INPUT_PORTS` and `OUTPUT_PORTS` and write `on_start`, `on_running` and, where something must be undone,
-`on_halted`. A leaf never blocks: it answers RUNNING and is ticked again after the next control period. Ports are
-declared in the words of py_trees; what passes through them stays with the tree, not on the blackboard of the process.
+`on_halted`. A leaf never blocks: it returns RUNNING and is ticked again after the next control period. Port values
+stay with the tree, not on the blackboard of the process.
 """
 
 import copy
@@ -22,12 +22,7 @@ __all__ = ["Leaf", "LeafError", "PortInformation", "Role", "Status"]
 
 
 class LeafError(PhyAgentOSError):
-    """A leaf raised: a defect of its code, or a service it needs is gone.
-
-    Attributes:
-        path: Of the leaf, from the root of the tree.
-        cause: What it raised.
-    """
+    """A leaf raised: a defect of its code, or a service it needs is gone."""
 
     def __init__(self, path: str, cause: BaseException) -> None:
         self.path = path
@@ -39,13 +34,12 @@ class Leaf(Behaviour):
     """One action or question of a skill.
 
     Attributes:
-        ROLE: What it does in a skill; stands in every trace event.
-        context: Services of the session.
+        ROLE: Its part in a skill; stands in every trace event.
         path: Slash-separated names from the root of the tree.
         code: Coded reason of the latest failure, else empty.
         message: One sentence about the latest result.
-        numbers: What it measured or decided.
-        activations: How often it was started.
+        numbers: Measurements and decisions.
+        activations: Number of starts.
     """
 
     ROLE: ClassVar[Role]
@@ -71,11 +65,9 @@ class Leaf(Behaviour):
         self._keys: Mapping[str, str] = {}
 
     def wire(self, values: dict[str, Any], keys: Mapping[str, str]) -> None:
-        """Let ports carry what the tree keeps; defaults of outputs can be read at once.
+        """Connect ports to the tree's values by `keys`, from port to key; defaults of outputs are written at once.
 
-        Args:
-            values: What the tree keeps, by key.
-            keys: Port -> key; other ports have nothing to read, and nobody reads what is written to them.
+        An unconnected input has no value; values written to an unconnected output are dropped.
         """
         self._values, self._keys = values, keys
         for port, declared in self.OUTPUT_PORTS.items():
@@ -115,7 +107,7 @@ class Leaf(Behaviour):
 
     @final
     def terminate(self, new_status: Status) -> None:
-        """Tell the author about an interruption; sealed."""
+        """Call `on_halted` after an interruption; sealed."""
         if new_status is Status.INVALID and self._active:
             self._active = False
             try:
@@ -124,7 +116,7 @@ class Leaf(Behaviour):
                 raise LeafError(self.path, error) from error
 
     def succeed(self, message: str = "", **numbers: Any) -> Status:
-        """SUCCESS, with what was measured or decided."""
+        """SUCCESS, with measurements and decisions."""
         self.message = message
         self.numbers = numbers
         return Status.SUCCESS

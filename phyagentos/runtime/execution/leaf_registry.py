@@ -1,7 +1,7 @@
-"""Which leaves there are: an explicit registry, filled by whoever composes a process.
+"""The explicit registry of leaves; importing a module registers nothing.
 
-Importing a module registers nothing. Leaves come from this package, from installed packages (entry point group
-`phyagentos.leaves`: a function that takes the registry) and from a skill folder's own `behaviours.py`.
+Leaves come from this package, from installed packages (entry point group `phyagentos.leaves`: a function that takes
+the registry) and from a skill folder's own `behaviours.py`.
 """
 
 import importlib.util
@@ -29,8 +29,7 @@ class LeafRegistry:
         """Add a leaf.
 
         Raises:
-            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF` for anything but a leaf that
-                declares its role.
+            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF` without a declared role.
         """
         if not all((issubclass(leaf, Leaf), isinstance(getattr(leaf, "ROLE", None), Role))):
             expected = "a subclass of execution.leaf.Leaf that declares its ROLE"
@@ -49,12 +48,12 @@ class LeafRegistry:
         self._sound.clear()
 
     def is_sound(self, library: Library, name: str, trees: tuple[Tree, ...]) -> bool:
-        """Whether a tree, and all below it, was found to fit these leaves as it stands."""
+        """Whether a tree and its subtrees were already checked against these leaves."""
         known = self._sound.get((library, name), ())
         return len(known) == len(trees) > 0 and all(map(operator.is_, known, trees))
 
     def note_sound(self, library: Library, name: str, trees: tuple[Tree, ...]) -> None:
-        """A tree, and all below it, fits these leaves; forgotten when there are more leaves."""
+        """A tree and its subtrees fit these leaves; forgotten when a leaf is added."""
         self._sound[library, name] = trees
 
     def names(self) -> list[str]:
@@ -101,7 +100,7 @@ def build_registry(library: Library) -> LeafRegistry:
 
 
 def register_file(registry: LeafRegistry, path: Path) -> None:
-    """Load a skill's `behaviours.py` from its path and let it register its leaves.
+    """Load a skill's `behaviours.py` and register its leaves.
 
     Raises:
         DefinitionError: `BROKEN_BEHAVIOURS` when the file cannot be loaded or has no `register`.

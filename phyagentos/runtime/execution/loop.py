@@ -1,8 +1,4 @@
-"""The loop of one session: decide, guard, apply, until it ends; and what its exceptions mean.
-
-Upstream: the runner, which halts and observes whatever comes out of here. Onlookers are observers: the loop does not
-know recorder or heartbeat.
-"""
+"""The loop of one session: decide, guard, apply, until it ends; and the meaning of its exceptions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +25,7 @@ Cancel = Callable[[], str | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """How an execution ended; the fields are those of `Execution`."""
+    """End of an execution; the fields are those of `Execution`."""
 
     ended: Ended
     code: str = ""
@@ -38,7 +34,7 @@ class Outcome:
 
 
 class SessionObserver(Protocol):
-    """Somebody who looks on."""
+    """Observes the loop, for instance recorder and heartbeat."""
 
     def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
         """The skill was ticked, after `ticks` commands, at the target's time `time_s` [s]."""
@@ -56,10 +52,10 @@ class SessionLoop:
         handle: Has authority for the session.
         context: Services of the session.
         skill: Decides.
-        holds: Conditions that must be true all through.
-        cancel: Asked in every turn; a reason (`cancelled`, `timed_out`, `stalled`, `lease_lost`) ends the execution.
-        clock: Bounds thinking.
-        observers: Told of every turn and every step.
+        holds: Conditions that must be true throughout.
+        cancel: Polled every turn; a reason (`cancelled`, `timed_out`, `stalled`, `lease_lost`) ends the execution.
+        clock: Bounds planning by the wall.
+        observers: Called at every turn and every step.
 
     Attributes:
         ticks: Control periods commanded.
@@ -88,7 +84,7 @@ class SessionLoop:
         self.ms = {"tree": 0.0, "think": 0.0, "apply": 0.0, "record": 0.0}
 
     def run(self) -> Outcome:
-        """Until the skill ends, a limit is reached, a condition is violated or somebody asks for an end."""
+        """Until the skill ends, a limit is reached, a condition is violated or an end is requested."""
         try:
             return self._run()
         except CommandRefused as refusal:
@@ -163,7 +159,7 @@ class SessionLoop:
 
 
 def describe_request(reason: str) -> Outcome:
-    """How an execution ends for which the watchdog, or its silence, asked for an end."""
+    """The outcome of an end that the watchdog, or its silence, requested."""
     if reason == LEASE_LOST:
         return Outcome(ended=Ended.SAFETY_STOP, code="LEASE_LOST", message="no watchdog has renewed the lease in time")
     if reason == Ended.STALLED:  # a motor that does not follow is a leaf's finding

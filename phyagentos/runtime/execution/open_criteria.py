@@ -1,8 +1,6 @@
-"""What a last look does not show well enough for the acceptance to be judged.
+"""What the last look does not show well enough for a verdict on the acceptance.
 
-Upstream: the runner's observation after the halt. Downstream: the watchdog, which gives the target no other work until
-the verdict is recorded: the agent may have to look again before anything is moved. Whether the objective was met is not
-said here; that is the verifier's.
+The watchdog keeps the target free until the verdict: the agent may have to look again before anything moves.
 """
 
 from phyagentos.protocol.sessions.session import Session
@@ -11,12 +9,7 @@ from phyagentos.protocol.world.predicates.predicate import find_things
 
 
 def find_open_criteria(session: Session, after: Environment) -> tuple[str, ...]:
-    """Things that the acceptance speaks of and that were not seen at the end, in the order of their mention.
-
-    Args:
-        session: The contract.
-        after: The world after it; truth leaves nothing open.
-    """
+    """Entities of the acceptance that were not seen at the end, in order of mention; none under truth."""
     if after.sensing == "truth":
         return ()
     things = dict.fromkeys(name for text in session.accept for name in find_things(text, after))

@@ -1,4 +1,4 @@
-"""Bases of leaves that plan and of leaves that move: ask the planner, then play the motion that it answers."""
+"""Bases of leaves that plan and of leaves that move: request a motion, then play it."""
 
 from typing import Any, ClassVar, Generic, TypeVar, cast, final
 
@@ -28,7 +28,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
     _is_asked = False
 
     def compose(self) -> MotionRequest | Status:
-        """The request, or a status when there is nothing to ask."""
+        """The request, or a status when none is needed."""
         raise NotImplementedError(f"{type(self).__name__} must define compose")
 
     def on_answer(self, answer: AnswerT) -> Status:
@@ -36,12 +36,12 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         raise NotImplementedError(f"{type(self).__name__} must define on_answer")
 
     def on_refused(self, answer: NoPlan) -> Status:
-        """There is no plan; the planner's own code is the reason."""
+        """FAILURE with the planner's own code."""
         return self.fail(answer.code, answer.message, rejected=answer.rejected)
 
     @final
     def on_start(self) -> Status:
-        """Ask."""
+        """Submit."""
         self._is_asked = False
         return self.ask()
 
@@ -70,7 +70,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
             self._is_asked = False
 
     def world(self) -> World:
-        """The believed world, as the planner takes it: what is in a vessel that is moved goes with it, no obstacle."""
+        """The believed world for the planner; contents of a moved vessel move with it and are no obstacles."""
         environment = self.context.world.observe(BELIEF)
         entities = environment.entities.values()
         moved = environment.find_movable(self.context.session.parameters.values())
@@ -94,7 +94,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 
 
 class ApproachPlanningLeaf(PlanningLeaf[Approaches]):
-    """A leaf that asks for approaches and writes them to the port `approaches`."""
+    """A leaf that requests approaches and writes them to the port `approaches`."""
 
     @final
     def on_answer(self, answer: Approaches) -> Status:
@@ -114,7 +114,7 @@ class LinePlanningLeaf(PlanningLeaf[Approaches]):
 
 
 class CandidatePlanningLeaf(PlanningLeaf[Approaches]):
-    """A leaf that asks for one candidate after the other until the planner finds a way.
+    """A leaf that requests one candidate after the other until the planner finds a way.
 
     Authors write `count_candidates`, `compose` for candidate number `tried`, and `on_found`.
     """
@@ -122,7 +122,7 @@ class CandidatePlanningLeaf(PlanningLeaf[Approaches]):
     tried = 0
 
     def count_candidates(self) -> int:
-        """How many there are."""
+        """Number of candidates."""
         raise NotImplementedError(f"{type(self).__name__} must define count_candidates")
 
     def on_found(self, answer: Approaches) -> Status:
@@ -131,7 +131,7 @@ class CandidatePlanningLeaf(PlanningLeaf[Approaches]):
 
     @final
     def on_refused(self, answer: NoPlan) -> Status:
-        """Ask for the next candidate; the last one's refusal is the leaf's."""
+        """Request the next candidate; the last one's refusal is the leaf's."""
         self.tried += 1
         if self.tried < self.count_candidates():
             return self.ask()
@@ -165,7 +165,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
 
     @final
     def on_answer(self, answer: Motion) -> Status:
-        """Take the motion; it is played from this tick on."""
+        """Store the motion; it is played from this tick on."""
         context = self.context
         self._motion, self._lost_periods = answer, 0
         self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.tracking_error_max_rad)
@@ -200,7 +200,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
 
     @final
     def scale_speed(self, speed: float) -> float:
-        """The wanted speed, slowed down where the strategy asks for it."""
+        """The wanted speed times the strategy's."""
         return speed * self.context.session.strategy.speed
 
     def describe_motion(self, motion: Motion) -> dict[str, Any]:
@@ -224,7 +224,6 @@ class MovingLeaf(PlanningLeaf[Motion]):
 
 
 def _is_in(entity: Entity, vessel: Entity) -> bool:
-    """Whether the origin of a movable entity lies in the interior of another."""
     if not entity.movable or vessel.interior is None or entity.name == vessel.name:
         return False
     center, half = vessel.interior.center_m, vessel.interior.half_m

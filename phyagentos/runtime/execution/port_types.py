@@ -1,4 +1,4 @@
-"""The words that trees and skills use for types, as the Python types that ports carry."""
+"""Type names of trees and skills, as the Python types that ports carry."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ def convert_literal(value: Any, kind: type) -> Any:
 
 
 def export_value(value: Any) -> Any:
-    """An output as plain data for a contract: poses become their seven numbers, tuples become lists."""
+    """An output as plain data for a contract: a pose as seven numbers, a tuple as a list."""
     if isinstance(value, Pose):
         return [*value.position_m, *value.quaternion_wxyz]
     if isinstance(value, tuple):

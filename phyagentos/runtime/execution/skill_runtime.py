@@ -1,7 +1,6 @@
-"""The port of everything that can carry out a skill: start, tick, halt.
+"""The port of everything that can carry out a skill (behaviour trees, policies): start, tick, halt.
 
-Upstream: the runner, which owns the loop. A tick never blocks longer than one control period. Behaviour trees fulfil it
-today; policies will.
+A tick never blocks longer than one control period.
 """
 
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from phyagentos.runtime.actions.set_points import SetPoints
 
 
 class SkillStatus(StrEnum):
-    """Where a skill stands after a tick."""
+    """State of a skill after a tick."""
 
     RUNNING = "running"
     """There is more to do."""
@@ -25,13 +24,12 @@ class SkillStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TickResult:
-    """What one tick gave.
+    """Result of one tick.
 
     Attributes:
-        status: Where the skill stands.
-        set_points: One control period to command, or None: time stands.
+        set_points: One control period to command; None: time stands.
         active: Path of the active leaf.
-        thinking: Whether it waits for the planner.
+        thinking: Whether an answer of the planner is awaited.
     """
 
     status: SkillStatus
@@ -42,7 +40,7 @@ class TickResult:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Which leaf decided a failure, and why."""
+    """The leaf that decided a failure, and why."""
 
     leaf: str
     code: str
@@ -57,7 +55,7 @@ class SkillRuntime(Protocol):
         ...
 
     def wait(self, timeout_s: float) -> None:
-        """Sleep until thinking may be over, at most `timeout_s` [s] by the wall."""
+        """Sleep until the planner may have answered, at most `timeout_s` [s] by the wall."""
         ...
 
     def halt(self) -> None:
@@ -69,13 +67,13 @@ class SkillRuntime(Protocol):
         ...
 
     def find_failure(self) -> Failure | None:
-        """Why it failed, or None when it did not."""
+        """The failure, or None."""
         ...
 
     def trace(self) -> tuple[TraceEvent, ...]:
-        """What changed, in order; the same in every run from the same seed."""
+        """The changes, in order; the same in every run from the same seed."""
         ...
 
     def close(self) -> None:
-        """Release what it keeps in this process."""
+        """Release resources of this process."""
         ...

@@ -1,4 +1,4 @@
-"""Playing a timed motion, one control period a tick, and noticing a motor that does not follow."""
+"""Plays a timed motion, one control period a tick, and detects a motor that does not follow."""
 
 from enum import StrEnum
 
@@ -18,7 +18,7 @@ START_TOLERANCE_RAD = 0.02  # between the last set-point and the first row of a 
 
 
 class Progress(StrEnum):
-    """How a motion stands."""
+    """State of a motion."""
 
     MOVING = "moving"
     """Set-points were commanded."""
@@ -29,14 +29,7 @@ class Progress(StrEnum):
 
 
 class Lag:
-    """How far the arm is behind its set-points.
-
-    Args:
-        tracking_error_max_rad: Beyond this for `STALL_PERIODS` the arm counts as stalled.
-
-    Attributes:
-        worst_error_rad: The largest error so far.
-    """
+    """How far the arm is behind its set-points; stalled when beyond the limit [rad] for `STALL_PERIODS`."""
 
     def __init__(self, tracking_error_max_rad: float) -> None:
         self._limit = tracking_error_max_rad
@@ -44,7 +37,7 @@ class Lag:
         self.worst_error_rad = 0.0
 
     def is_stalled(self, step: Step) -> bool:
-        """Whether the arm does not follow; asked once after every control period."""
+        """Whether the arm does not follow; called once after every control period."""
         self.worst_error_rad = max(self.worst_error_rad, step.tracking_error_rad)
         self._beyond = self._beyond + 1 if step.tracking_error_rad > self._limit else 0
         return self._beyond >= STALL_PERIODS
@@ -53,10 +46,7 @@ class Lag:
 class TrajectoryPlayer:
     """Plays one trajectory into a command buffer.
 
-    Args:
-        trajectory: Sampled at the buffer's row period; begins where the arm's set-points rest.
-        commands: Takes the rows.
-        tracking_error_max_rad: Beyond this for `STALL_PERIODS` the arm counts as stalled.
+    The trajectory is sampled at the buffer's row period and begins where the arm's set-points rest.
 
     Raises:
         ExecutionError: `NOT_AT_START` when the motion begins elsewhere or is sampled otherwise.

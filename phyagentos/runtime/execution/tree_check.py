@@ -1,8 +1,4 @@
-"""Checks authored trees against the leaves that exist, and reports every problem at once.
-
-Upstream: the library and the leaf registry. Downstream: preflight, the linter and the tree loader. What it finds, the
-loader need not look for again.
-"""
+"""Checks authored trees against the registered leaves, and reports every problem at once."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -29,21 +25,12 @@ _CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.L
 
 
 def check_tree(name: str, library: Library, registry: LeafRegistry) -> list[Problem]:
-    """Every problem of a tree and of the trees below it.
-
-    Args:
-        name: Of the tree, as in `library.get_tree`.
-        library: Where trees are found.
-        registry: The leaves that exist.
-
-    Returns:
-        Nothing when the tree can be built. What was sound is not checked again before a file changes.
-    """
+    """Every problem of a tree and its subtrees; a sound tree is not checked again before a file changes."""
     return _check(name, library, registry)[1]
 
 
 def read_sound_trees(name: str, library: Library, registry: LeafRegistry) -> Mapping[str, Tree]:
-    """A tree and all below it, by name, just as they were checked; arguments as of `check_tree`.
+    """A tree and its subtrees, by name, just as they were checked.
 
     Raises:
         DefinitionError: With every problem.
@@ -66,7 +53,7 @@ def _check(name: str, library: Library, registry: LeafRegistry) -> tuple[Mapping
 
 
 def _find_trees(name: str, library: Library) -> Mapping[str, Tree]:
-    """A tree and all below it, each once; empty when one of them cannot be read."""
+    """A tree and its subtrees, each once; empty when one of them cannot be read."""
     trees: dict[str, Tree] = {}
     waiting = [name]
     while waiting:
@@ -106,7 +93,7 @@ def _iter_tree_problems(
 
 
 def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> list[Problem]:
-    """Every problem of one tree itself, not of the trees below it."""
+    """Every problem of one tree itself, without its subtrees."""
     problems: list[Problem] = []
     written = {name: PORT_TYPES[port.type] for name, port in tree.header.inputs.items()}
     nodes = list(iter_nodes(tree.root))

@@ -1,7 +1,6 @@
-"""Builds a running py_trees tree from an authored one.
+"""Builds a running py_trees tree from a checked one.
 
-Upstream: `tree_check`, which has found it sound. Downstream: the tree runtime. py_trees keeps one blackboard per
-process; a built tree keeps what its leaves tell one another to itself.
+py_trees keeps one blackboard per process; a built tree keeps the values of its ports itself.
 """
 
 import itertools
@@ -26,7 +25,7 @@ from phyagentos.runtime.execution.tree_check import read_sound_trees
 
 @dataclass(frozen=True, slots=True)
 class BuiltNode:
-    """One node of the running tree, with what the trace says of it."""
+    """One node of the running tree, with its names in the trace."""
 
     behaviour: Behaviour
     path: str
@@ -38,10 +37,9 @@ class BuiltTree:
     """A tree that can be ticked.
 
     Attributes:
-        root: What to tick.
         nodes: All nodes, parents first.
-        output_keys: Output -> key, of the outputs that a contract can carry.
-        values: What its leaves have written, and what they were given, by key.
+        output_keys: Key by output, of the outputs that a contract can carry.
+        values: Inputs and everything its leaves have written, by key.
     """
 
     root: Behaviour
@@ -55,24 +53,17 @@ class BuiltTree:
         return {name: export_value(values[key]) for name, key in self.output_keys.items() if key in values}
 
     def close(self) -> None:
-        """Forget what it keeps."""
+        """Drop its values."""
         self.values.clear()
 
 
 def build_tree(
     name: str, parameters: Mapping[str, Any], context: SkillContext, library: Library, registry: LeafRegistry
 ) -> BuiltTree:
-    """Build a tree for one session.
-
-    Args:
-        name: Of the tree.
-        parameters: Values of its inputs.
-        context: Services for its leaves.
-        library: Where trees are found.
-        registry: The leaves that exist.
+    """Build a tree for one session; `parameters` are the values of its inputs.
 
     Raises:
-        DefinitionError: With every problem of the tree and of the trees below it.
+        DefinitionError: With every problem of the tree and its subtrees.
     """
     trees = read_sound_trees(name, library, registry)
     builder = _Builder(context, trees, registry)
@@ -88,7 +79,7 @@ def build_tree(
 
 
 class _Scope(dict[str, str]):
-    """Keys of one tree instance -> keys of the built tree; a key not wired from outside is the instance's own."""
+    """Keys of one tree instance -> keys of the built tree; an unwired key is the instance's own."""
 
     def __init__(self, prefix: str) -> None:
         super().__init__()

@@ -1,7 +1,6 @@
 """Ticks a behaviour tree as a skill runtime, and keeps its trace.
 
-Upstream: the runner. Downstream: the leaves. While the planner works the tree is not ticked at all: the number of
-ticks, the order of events and every trajectory are the same on a fast machine and on a slow one.
+While the planner works the tree is not ticked: ticks, events and trajectories do not depend on the machine's speed.
 """
 
 from typing import Any
@@ -28,12 +27,7 @@ _STATUS = {
 
 
 class TreeSkillRuntime:
-    """A `SkillRuntime` made of a behaviour tree.
-
-    Args:
-        tree: Built for this session.
-        context: The same that its leaves use.
-    """
+    """A `SkillRuntime` of a behaviour tree built for this session and context."""
 
     def __init__(self, tree: BuiltTree, context: SkillContext) -> None:
         self._tree = tree
@@ -92,15 +86,14 @@ class TreeSkillRuntime:
         return Failure(node.path, code, str(getattr(decided, "message", "")) or f"{node.path} failed")
 
     def trace(self) -> tuple[TraceEvent, ...]:
-        """What changed so far."""
+        """The changes so far."""
         return tuple(self._events)
 
     def close(self) -> None:
-        """Forget what the tree keeps."""
+        """Drop the tree's values."""
         self._tree.close()
 
     def _is_thinking(self) -> bool:
-        """Whether an answer of the planner is outstanding."""
         planner = self._context.planner
         return not planner.is_free and not planner.wait(0.0)
 

@@ -1,8 +1,6 @@
-"""From wanted tool poses to approaches: which posture above, which straight line down, and whether anything is touched.
+"""Approaches from wanted tool poses: the posture above, the straight line down, and their contacts.
 
-Upstream: `grasps`, `placements` say which tool poses are wanted. Downstream: `path` plans to the hover postures.
-Screening is compiled and cheap, so that many seeds can be tried. mink polishes the nearest candidates and solves their
-lines.
+Compiled inverse kinematics screens many seeds; mink polishes the nearest candidates and solves their lines.
 """
 
 from collections import Counter
@@ -31,15 +29,13 @@ POSTURES_PER_WAY = 2  # branches of the inverse that are worth offering for one 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One tool pose that would do.
+    """One acceptable tool pose.
 
     Attributes:
-        label: Stable name.
         end: (4, 4) `world_T_tcp`.
-        hover_m: How far above the straight line begins [m].
-        tolerate: Pairs whose contact is intended near the end.
-        tolerate_m: How near.
-        site: Where the held entity will stand, for a place.
+        hover_m: Height above `end` at which the straight line begins [m].
+        tolerate: Pairs whose contact is intended within `tolerate_m` [m] of the end.
+        site: Pose of the held entity after a place.
     """
 
     label: str

@@ -1,8 +1,7 @@
 """Forward kinematics and a fast inverse of a serial arm, compiled by numba.
 
-Upstream: `RobotModel`. Downstream: the sphere model and the screening of grasp and place candidates. The inverse here
-only screens: what it finds is polished and followed by mink (`kinematics`). No `fastmath`: the same bits on every
-machine that has the same mathematical library.
+The inverse only screens; mink (`kinematics`) polishes what it finds. No `fastmath`: the same bits on every machine
+with the same mathematical library.
 """
 
 from dataclasses import dataclass
@@ -28,8 +27,7 @@ class Chain:
     Attributes:
         frames: (n_joints + 1, 3, 4) `link(i-1)_T_link(i)` at joint angle zero; row 0 is `world_T_base`.
         tcp: (3, 4) `last_link_T_tcp`.
-        q_min_rad: (n_joints,) lower limits less a margin.
-        q_max_rad: (n_joints,) upper limits less a margin.
+        q_min_rad: (n_joints,) lower limits less a margin; `q_max_rad` likewise.
         link_of_body: Link index by body id of the robot's model.
         zero: (n_joints + 1, 4, 4) `world_T_link` at joint angles zero.
     """

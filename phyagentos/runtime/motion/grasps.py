@@ -1,9 +1,7 @@
-"""Ways to take hold of a thing from above with a parallel gripper.
+"""Grasps of an entity from above with a parallel gripper.
 
-Upstream: the believed pose and solids of the object. Downstream: `approaches`. A box-like thing offers four yaws, which
-close on its faces; a round one eight. Labels count the yaw from the object, so that they survive a nudge of it. Where
-nothing upright fits (a thing that leans against a wall), the hand comes down tilted about its closing axis, and in the
-end it closes on opposite edges.
+A box offers four yaws, which close on its faces; a round entity eight. Labels count the yaw from the object, so they
+survive a nudge. Where no upright grasp fits, the hand tilts about its closing axis; last, it closes on opposite edges.
 """
 
 from dataclasses import replace
@@ -39,7 +37,14 @@ def find_grasps(
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried = 0
     corners = compute_grasp_ways(entity, profile, scene.robot.fingers, request.hover_m, corners=True)
-    leaning = [_tilt(each, degrees) for each in (ways, corners) for degrees in TILTS_DEG]
+    leaning = [
+        [
+            replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
+            for way in each
+        ]
+        for each in (ways, corners)
+        for degrees in TILTS_DEG
+    ]
     for batch in (ways, *leaning[: len(TILTS_DEG)], corners, *leaning[len(TILTS_DEG) :]):
         wanted = [way for way in batch if way.label not in request.avoid]
         tried += len(wanted)
@@ -52,25 +57,12 @@ def find_grasps(
     return job.fail("NO_IK", f"None of {tried} ways to grasp {entity.name} works{avoided}.")
 
 
-def _tilt(ways: list[Way], degrees: int) -> list[Way]:
-    """The same ways with the hand leaning."""
-    return [
-        replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
-        for way in ways
-    ]
-
-
 def compute_grasp_ways(
     entity: Entity, profile: TargetProfile, fingers: frozenset[str], hover_m: float, *, corners: bool = False
 ) -> list[Way]:
-    """Every tool pose that would grasp an entity from above, those excepted for which it is too wide.
+    """Every tool pose that grasps an entity from above with the opening of the gripper.
 
-    Args:
-        entity: What to take hold of.
-        profile: Whose gripper.
-        fingers: Bodies that may touch it.
-        hover_m: Length of the straight approach.
-        corners: Close on opposite edges of a box instead of its faces: a last resort, where faces cannot be had.
+    `corners` closes on opposite edges of a box instead of its faces: the last resort.
     """
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))

@@ -1,4 +1,4 @@
-"""The book-keeping of one request: its time by stage, why candidates died, which solvers worked, its cancellation."""
+"""Bookkeeping of one request: time by stage, reasons of rejection, solvers, cancellation."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -13,13 +13,12 @@ class Cancelled(Exception):
 
 
 class Job:
-    """One request while it is worked on.
+    """One running request.
 
     Attributes:
-        rejected: Why candidates died, counted by reason.
-        screened: Start postures that compiled inverse kinematics iterated from.
-        reached: Those that reached their tool pose.
-        goals: How mink solved each approach that was found.
+        rejected: Rejected candidates, counted by reason.
+        screened: Start postures of compiled inverse kinematics; `reached` of them reached their tool pose.
+        goals: How mink solved each approach.
     """
 
     def __init__(self, *, clock: Clock, should_cancel: Callable[[], bool]) -> None:
@@ -56,7 +55,7 @@ class Job:
         return Stages(Screening(self.screened, self.reached) if self.screened else None, tuple(self.goals))
 
     def fail(self, code: str, message: str) -> NoPlan:
-        """The answer that there is none, with the reasons counted so far."""
+        """A refusal with the reasons counted so far."""
         if self.rejected:
             reasons = ", ".join(f"{reason} {count}" for reason, count in self.rejected.most_common(4))
             message = f"{message} Rejected: {reasons}."

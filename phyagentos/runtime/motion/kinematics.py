@@ -1,9 +1,7 @@
 """Inverse kinematics with mink: single postures and straight tool lines.
 
-Upstream: `Chain`, whose compiled solver screens candidates. Downstream: grasps, placements, lines. Differential inverse
-kinematics is a quadratic program in joint velocities: track the tool frame, prefer a posture, respect joint limits.
-Hover postures that are offered as goals are polished to `POLISHED`, a thousand times finer than the screening asks.
-Collisions are no part of it (a collision limit makes it fail more often): what it finds is checked afterwards.
+A quadratic program in joint velocities tracks the tool frame, prefers a posture and respects joint limits. Collisions
+are checked afterwards: a collision limit makes the program fail more often.
 """
 
 from dataclasses import dataclass
@@ -27,7 +25,7 @@ _DT_S = 0.1  # scales the velocity limits of the program only; convergence does 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How near a tool must come."""
+    """Largest error of a tool pose."""
 
     position_m: float
     rotation_rad: float
@@ -78,14 +76,9 @@ class Kinematics:
         return None
 
     def solve_line(self, start_rad: Array, end: Array) -> Solution | None:
-        """Postures along the straight tool line from where `start_rad` points the tool to `end`.
+        """Postures (k, n_joints) along the straight tool line from `start_rad`, row 0, to `end` (4, 4) `world_T_tcp`.
 
-        Args:
-            start_rad: (n_joints,) first posture.
-            end: (4, 4) `world_T_tcp` at the end.
-
-        Returns:
-            Rows (k, n_joints), row 0 is `start_rad`; None where the line leaves the workspace or jumps to a branch.
+        None where the line leaves the workspace or jumps to another branch.
         """
         line, solved = [np.array(start_rad)], Differential(0, 0.0, 0.0)
         start = self.chain.compute_tcp(line[0])
@@ -99,12 +92,11 @@ class Kinematics:
 
 
 def _round(error: float) -> float:
-    """Two digits of an error, for the trace."""
     return float(f"{error:.2g}")
 
 
 def combine(first: Differential, second: Differential) -> Differential:
-    """Both together: the sum of their programs, the larger of their errors."""
+    """The sum of both counts of programs, the larger of both errors."""
     return Differential(
         first.iterations + second.iterations,
         max(first.position_error_m, second.position_error_m),

@@ -1,8 +1,7 @@
-"""A straight tool motion from where the arm is, through given tool poses.
+"""A straight tool motion from the present posture through given tool poses.
 
-Upstream: leaves that lift, push or retreat. Downstream: `timing`. A thing that stands on the table touches it when the
-lift begins: contacts of the first posture are tolerated until the line has left them. Corners between waypoints are cut
-by a few millimetres before the check, since nothing could pass them without stopping.
+Contacts of the first posture are tolerated until the line leaves them: a lifted entity touches its table at first.
+Corners between waypoints are rounded by a few millimetres before the check, so that the arm passes without a stop.
 """
 
 import numpy as np

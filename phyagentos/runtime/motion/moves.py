@@ -1,17 +1,16 @@
 """A collision-free timed motion to any of several postures.
 
-Upstream: hover postures of approaches. Downstream: the target. Search on spheres, round, time, then check every row
-with the exact model; a row that touches sends the path back, first with denser corners, then with another seed.
-A start that touches something begins with a short way out.
-Where the spheres refuse a start or all goals that are free in truth, the search itself uses the exact model.
+The path is searched on spheres, rounded, timed, and every row is checked exactly. A row in contact repeats the work,
+first with denser corners, then with another seed. A start in contact begins with a short escape. Where the spheres
+refuse a start or all goals that are free in truth, the search itself uses the exact model.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.runtime.motion.escape import find_escape, leaves_contact
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
@@ -25,6 +24,9 @@ Array = NDArray[np.float64]
 ATTEMPTS = 3
 DENSE_RAD = 0.05
 _SEED_STRIDE = 101
+ESCAPE_RADII_RAD = (0.05, 0.1, 0.2, 0.35)  # the nearest way out first
+ESCAPE_DIRECTIONS = 48  # tried at each radius
+ESCAPE_STEP_RAD = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,6 @@ def plan_move(
 
 
 def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job: Job) -> _Search | NoPlan:
-    """Sort out what is free, and by which model to search."""
     q_min, q_max = scene.robot.q_min_rad, scene.robot.q_max_rad
     start = np.clip(np.asarray(request.q_rad, dtype=float), q_min, q_max)
     goals = np.atleast_2d(np.asarray(request.goals_rad, dtype=float))
@@ -120,3 +121,27 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, limits: J
             return timed
         job.rejected[name_pair(blocked[1][0])] += 1
     return None
+
+
+def find_escape(start_rad: Array, touched: Sequence[Pair], scene: PlanningScene, seed: int) -> Array | None:
+    """A free posture (n_joints,) reached from the start in a straight line; None when there is none."""
+    rng = np.random.default_rng(seed)
+    for radius in ESCAPE_RADII_RAD:
+        for direction in rng.normal(size=(ESCAPE_DIRECTIONS, len(start_rad))):
+            beside = start_rad + radius * direction / np.linalg.norm(direction)
+            goal: Array = np.clip(beside, scene.robot.q_min_rad, scene.robot.q_max_rad)
+            steps = np.linspace(0.0, 1.0, 1 + int(np.ceil(radius / ESCAPE_STEP_RAD)))[1:, None]
+            if leaves_contact(start_rad + steps * (goal - start_rad), touched, scene):
+                return goal
+    return None
+
+
+def leaves_contact(rows_rad: Array, touched: Sequence[Pair], scene: PlanningScene) -> bool:
+    """Whether a motion (k, n_joints) touches only what it touched at its start, then nothing, to its end."""
+    is_out = False
+    for q in rows_rad:
+        contacts = scene.find_contacts(q)
+        if contacts and (is_out or not set(contacts) <= set(touched)):
+            return False
+        is_out = is_out or not contacts
+    return is_out

@@ -1,9 +1,8 @@
 """Collision-free paths: OMPL's RRT-Connect, shortened and rounded.
 
-Upstream: a checker (spheres, or exact). Downstream: `timing`. All goals are roots of the goal tree. The budget is a
-number of iterations, so that the same seed gives the same path; the direct way is tried first, and of several cheap
-searches the shortest path is kept, which saves more arm motion than one long search (asymptotically optimal planners
-were measured and rejected: 50 to 300 ms for what three starts give in 5).
+All goals are roots of the goal tree. The budget is a number of iterations, so that the same seed gives the same path.
+The shortest of several cheap searches is kept: asymptotically optimal planners took 50 to 300 ms for what three starts
+give in 5.
 """
 
 from collections.abc import Callable
@@ -29,30 +28,28 @@ ROUNDING_PASSES = 3
 
 
 class Checker(Protocol):
-    """Says what is free of collision."""
+    """Collision checks of postures and joint motions."""
 
     def is_free(self, q_rad: Array) -> bool:
-        """Whether a posture touches nothing."""
+        """Whether a posture is free."""
         ...
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = RESOLUTION_RAD) -> bool:
-        """Whether a straight joint motion touches nothing."""
+        """Whether a straight joint motion is free."""
         ...
 
     def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
-        """Whether every edge of a path touches nothing."""
+        """Whether every edge of a path is free."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """What a search is asked.
+    """Input of a search.
 
     Attributes:
         start_rad: (n_joints,) free posture.
         goals_rad: (m, n_joints) free postures, m >= 1.
-        q_min_rad: (n_joints,) lower limits.
-        q_max_rad: (n_joints,) upper limits.
     """
 
     start_rad: Array
@@ -63,13 +60,12 @@ class Query:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """A path that was found.
+    """A path.
 
     Attributes:
         rows_rad: (k, n_joints) corners.
         goal: Index into the query's goals.
-        iterations: What the search took; 0 for the direct way.
-        planner: That found it.
+        iterations: Of the search; 0 for the direct way.
     """
 
     rows_rad: Array
@@ -100,7 +96,7 @@ def compute_length(rows_rad: Array) -> float:
 
 
 def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    """One run of RRT-Connect; see `find_path`."""
+    """One run of RRT-Connect."""
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     ou.RNG.setSeed(1 + seed % (2**31 - 2))
     n = len(query.start_rad)
@@ -111,7 +107,12 @@ def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[
     space.setBounds(bounds)
     information = ob.SpaceInformation(space)
     information.setStateValidityChecker(lambda state: checker.is_free(np.array(state[0:n])))
-    validator = _define_motion_validator(checker, n)(information)
+
+    class EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
+        def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:  # noqa: N802 - OMPL's name
+            return bool(checker.edge_is_free(np.array(first[0:n]), np.array(second[0:n])))
+
+    validator = EdgeValidator(information)
     information.setMotionValidator(validator)
     information.setup()
     problem = ob.ProblemDefinition(information)
@@ -140,14 +141,6 @@ def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[
     return Path(rows, goal, iterations, planner.getName())
 
 
-def _define_motion_validator(checker: Checker, n: int) -> type:
-    class EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
-        def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:  # noqa: N802 - OMPL's name
-            return bool(checker.edge_is_free(np.array(first[0:n]), np.array(second[0:n])))
-
-    return EdgeValidator
-
-
 def _allocate(information: ob.SpaceInformation, q_rad: Array) -> ob.State:
     state = information.allocState()
     state[0 : len(q_rad)] = q_rad.tolist()
@@ -155,13 +148,7 @@ def _allocate(information: ob.SpaceInformation, q_rad: Array) -> ob.State:
 
 
 def shorten(rows_rad: Array, checker: Checker, rng: np.random.Generator) -> Array:
-    """Replace random parts of a path by straight motions where these are free.
-
-    Args:
-        rows_rad: (k, n_joints) corners of a free path.
-        checker: Says what is free.
-        rng: Chooses the parts.
-    """
+    """Replace random parts of a path (k, n_joints) by straight motions where these are free."""
     rows, along = rows_rad, _measure(rows_rad)
     for fractions in np.sort(rng.random((SHORTCUTS, 2)), axis=1):
         if len(rows) < 3:

@@ -1,7 +1,6 @@
-"""Ways to put down what is held: how the tool gets to a free site.
+"""Tool poses that put a held entity onto a free site.
 
-Upstream: `sites` and how the payload sits in the hand. Downstream: `approaches`. The entity keeps the attitude in which
-it is held; eight yaws are tried at each site, counted from the destination, until enough ways are found.
+The entity keeps the attitude in which it is held. Eight yaws, counted from the destination, are tried at each site.
 """
 
 from collections.abc import Iterator
@@ -30,7 +29,7 @@ TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over 
 
 @dataclass(frozen=True, slots=True)
 class _Hand:
-    """How the payload sits in the hand, and its middle."""
+    """Pose of the payload in the hand, and its middle."""
 
     tcp_T_entity: Array
     entity_T_tcp: Array

@@ -1,7 +1,6 @@
-"""Answers motion requests for one robot. Upstream: the planner process. Downstream: everything in this package.
+"""Answers motion requests for one robot.
 
-Pure in what it is asked: the same request gives the same answer, whatever was asked before. What is kept between
-requests (the robot's models, compiled scenes) never changes an answer.
+An answer depends on its request alone; models and compiled scenes kept between requests never change it.
 """
 
 from collections.abc import Callable
@@ -15,12 +14,11 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.chain import build_chain
-from phyagentos.runtime.motion.escape import find_escape
 from phyagentos.runtime.motion.grasps import find_grasps
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.lines import find_line
-from phyagentos.runtime.motion.moves import plan_move
+from phyagentos.runtime.motion.moves import find_escape, plan_move
 from phyagentos.runtime.motion.placements import find_placements
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
 from phyagentos.runtime.motion.requests import (
@@ -45,21 +43,10 @@ from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
 
 
-def _never() -> bool:
-    return False
-
-
 class MotionPlanner:
-    """The motion functions of one robot, behind one door."""
+    """The motion functions of one robot; the clock only measures stages."""
 
     def __init__(self, profile: TargetProfile, folder: Path, clock: Clock | None = None) -> None:
-        """Build the robot's models.
-
-        Args:
-            profile: The target.
-            folder: Where the profile's `model` lies.
-            clock: Measures the stages; it never influences an answer.
-        """
         self._clock = clock or SystemClock()
         self.robot = build_robot_model(profile, folder)
         self._chain = build_chain(self.robot)
@@ -73,12 +60,10 @@ class MotionPlanner:
         """The planner of `robots/<name>/target.yaml`."""
         return cls(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent, clock)
 
-    def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = _never) -> MotionAnswer:
+    def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = lambda: False) -> MotionAnswer:
         """Carry out one request.
 
-        Args:
-            request: Any of them.
-            should_cancel: Polled often; once true, the answer becomes `NoPlan` with code CANCELLED.
+        Once `should_cancel`, polled often, is true, the answer becomes `NoPlan` with code CANCELLED.
         """
         job = Job(clock=self._clock, should_cancel=should_cancel)
         try:
@@ -87,7 +72,7 @@ class MotionPlanner:
             return job.fail("CANCELLED", "The request was cancelled.")
 
     def warm_up(self) -> None:
-        """Load or compile every kernel and touch every library, so that the first request is no slower than others."""
+        """Load or compile every kernel and library, so that the first request is as fast as later ones."""
         cube = Entity(
             name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=(Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
         )
@@ -140,7 +125,7 @@ class MotionPlanner:
             return self._scenes.get_scene(request.world, payload, ignore)
 
     def _find_unknown(self, request: MotionRequest, job: Job) -> NoPlan | None:
-        """The answer to a request that names something which is not there, or has no solids."""
+        """Refusal of a request that names an entity without solids or an unknown place."""
         if isinstance(request, TimeLine | ShapeTransport | CheckPosture):
             return None
         solid = [entity.name for entity in request.world.entities if entity.shapes]

@@ -1,9 +1,8 @@
-"""The world in which motions are checked: the robot, what it holds, and everything believed to stand around it.
+"""The world in which motions are checked: the robot, its payload, and the believed entities.
 
-Upstream: `RobotModel` and the request's `World`. Downstream: every search of this package. One compiled MuJoCo model
-serves all worlds with the same solids: entities are mocap bodies, so a new pose costs a write, not a compilation.
-Contact bits keep entities from being tested against each other. Immovable things are inflated by 4 mm and movable
-ones by 2 mm, what is held by 2 %; base and first link ignore immovable things, since the robot stands on them.
+One compiled MuJoCo model serves all worlds with the same solids: entities are mocap bodies, so that a new pose costs no
+compilation. Contact bits exclude pairs of entities. Immovable entities are inflated by 4 mm, movable ones by 2 mm, the
+payload by 2 %. Base and first link ignore immovable entities, on which the robot stands.
 """
 
 from collections.abc import Iterable
@@ -40,7 +39,8 @@ class PlanningScene:
     """A compiled planning model, posed as one world; exact collision checks.
 
     Attributes:
-        checks: How many configurations were checked since `pose`.
+        checks: Configurations checked since `pose`.
+        obstacles: Entities of the world that are not parked.
     """
 
     def __init__(self, robot: RobotModel, structure: Structure) -> None:
@@ -53,19 +53,13 @@ class PlanningScene:
         self._mocap = {name: int(self._model.body(name).mocapid[0]) for name, _, _ in entities}
         self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
         self._owner = [self._model.body(int(body)).name for body in self._model.geom_bodyid]
-        self._obstacles: list[tuple[Entity, bool]] = []
+        self.obstacles: list[Entity] = []
         self.tcp_T_payload = np.eye(4)
 
     def pose(self, world: World, payload: Payload | None, ignore: Iterable[str] = ()) -> None:
-        """Put entities where they are believed to be; park what is held or ignored far below.
-
-        Args:
-            world: A world with exactly this scene's solids.
-            payload: What the robot holds, if this scene was compiled with a payload.
-            ignore: Entities that do not count as obstacles.
-        """
+        """Pose this scene as a world with exactly its solids; park payload and ignored entities far below."""
         parked = {*ignore, *([payload.entity] if payload else [])}
-        self._obstacles = [(entity, not entity.movable) for entity in world.entities if entity.name not in parked]
+        self.obstacles = [entity for entity in world.entities if entity.name not in parked]
         for entity in world.entities:
             index = self._mocap.get(entity.name)
             if index is not None:
@@ -83,11 +77,6 @@ class PlanningScene:
             self._model.body_quat[self._payload_body] = compute_quaternion(tool_T_payload[:3, :3])
         self.checks = 0
 
-    @property
-    def obstacles(self) -> list[tuple[Entity, bool]]:
-        """Entities that count at present, each with whether it is immovable."""
-        return self._obstacles
-
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing; exact."""
         self.checks += 1
@@ -97,11 +86,9 @@ class PlanningScene:
         return int(self._data.ncon) == 0
 
     def find_contacts(self, q_rad: Array, depth_m: float = 0.0) -> list[Pair]:
-        """Names of the pairs that touch in a posture, sorted and without repetition; robot bodies come first.
+        """Pairs that touch in a posture (n_joints,), sorted and unique; robot bodies come first.
 
-        Args:
-            q_rad: (n_joints,) [rad].
-            depth_m: Pairs that reach into each other by no more than this do not count [m].
+        Pairs that penetrate by no more than `depth_m` [m] are left out.
         """
         if self.is_free(q_rad):
             return []
@@ -113,7 +100,7 @@ class PlanningScene:
         return sorted(pairs)
 
     def is_of_tool_pose(self, pair: Pair) -> bool:
-        """Whether a contact follows from the tool's pose alone, so that no other posture of the arm would avoid it."""
+        """Whether a contact follows from the tool's pose alone, whatever the arm's posture."""
         return (pair[0] == PAYLOAD or pair[0] in self.robot.hand) and pair[1] in self._mocap
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:

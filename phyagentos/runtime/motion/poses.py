@@ -9,11 +9,9 @@ Array = NDArray[np.float64]
 
 
 def point_tool_down(yaw_rad: float, position_m: Array) -> Array:
-    """`world_T_tcp` of a tool that looks straight down; its x axis points along `yaw_rad` [rad].
+    """(4, 4) `world_T_tcp` of a tool that points straight down, at `position_m` (3,).
 
-    Args:
-        yaw_rad: Angle about the world's z axis; the closing axis y lies 90 degrees to the right of it.
-        position_m: (3,) tool centre point.
+    `yaw_rad` is the angle of its x axis about the world's z axis; the closing axis y is 90 degrees to the right.
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     T = np.eye(4)
@@ -39,10 +37,9 @@ def raise_pose(T: Array, height_m: float) -> Array:
 
 
 def interpolate_poses(start: Array, end: Array, step_m: float, step_rad: float) -> Array:
-    """Poses on the straight line from `start` to `end`, both included, turning at a constant rate.
+    """Poses (k, 4, 4), k >= 2, on the straight line from `start` to `end`, turning at a constant rate.
 
-    Returns:
-        (k, 4, 4), k >= 2, with neighbours at most `step_m` [m] and `step_rad` [rad] apart.
+    Both ends are included; neighbours are at most `step_m` [m] and `step_rad` [rad] apart.
     """
     turned_rad = np.array(compute_rotation_vector(start[:3, :3].T @ end[:3, :3]))
     way_m = end[:3, 3] - start[:3, 3]

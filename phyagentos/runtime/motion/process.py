@@ -1,8 +1,7 @@
 """The planner process and the port through which a worker plans.
 
-Upstream: the runner. Downstream: `MotionPlanner`, in a process of its own, since OMPL keeps the interpreter lock while
-it searches. One request at a time. Cancelling raises a flag that every search polls; a planner that does not react
-within the grace is killed and replaced, as is one that died. `LocalPlanner` is the same port without a process.
+A process of its own, since OMPL keeps the interpreter lock while it searches. One request at a time. Cancelling raises
+a flag that every search polls; a planner that does not react within the grace, or died, is replaced.
 """
 
 import argparse
@@ -31,15 +30,15 @@ _ANSWERS = Codec[MotionAnswer](MotionAnswer, "answer")
 
 
 class Planner(Protocol):
-    """Something that answers motion requests, one at a time."""
+    """Answers motion requests, one at a time."""
 
     @property
     def is_free(self) -> bool:
-        """Whether a request may be submitted: the previous one was answered by `poll`, or its cancellation is over."""
+        """Whether a request may be submitted: `poll` returned the previous answer, or its cancellation is over."""
         ...
 
     def submit(self, request: MotionRequest) -> None:
-        """Start to work on a request; the previous one must have been answered or cancelled."""
+        """Start a request; the previous one must have been answered or cancelled."""
         ...
 
     def poll(self) -> MotionAnswer | None:
@@ -47,7 +46,7 @@ class Planner(Protocol):
         ...
 
     def wait(self, timeout_s: float) -> bool:
-        """Sleep until there is an answer, at most `timeout_s` [s]; whether there is one."""
+        """Sleep until there is an answer, at most `timeout_s` [s]; returns whether there is one."""
         ...
 
     def cancel(self) -> None:
@@ -55,12 +54,12 @@ class Planner(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of processes and files."""
+        """Release processes and files."""
         ...
 
 
 class LocalPlanner:
-    """The port without a process: works when polled. For tests and for scripts that plan one thing."""
+    """The port without a process: plans when polled. For tests and scripts."""
 
     def __init__(self, planner: "MotionPlanner | NoModel") -> None:
         self._planner = planner
@@ -73,7 +72,7 @@ class LocalPlanner:
         return self._request is None or self._cancelled
 
     def submit(self, request: MotionRequest) -> None:
-        """Remember the request."""
+        """Store the request."""
         self._request, self._cancelled = request, False
 
     def poll(self) -> MotionAnswer | None:
@@ -90,7 +89,7 @@ class LocalPlanner:
         self._cancelled = True
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Nothing to release."""
 
 
 class NoModel:
@@ -102,15 +101,9 @@ class NoModel:
 
 
 class PlannerProcess:
-    """A planner in a process of its own, replaced when it dies or does not listen."""
+    """A planner in its own process, replaced when it dies or ignores a cancellation."""
 
     def __init__(self, profile_file: Path, *, clock: Clock | None = None) -> None:
-        """Start the process; it gets ready while the caller goes on.
-
-        Args:
-            profile_file: `robots/<name>/target.yaml`.
-            clock: Measures the grace after a cancellation.
-        """
         command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
         self._start = partial(Child, command, spin_s=SPIN_S)
         self._clock = clock or SystemClock()
@@ -125,13 +118,13 @@ class PlannerProcess:
 
     @property
     def is_free(self) -> bool:
-        """Whether no request is outstanding; takes in the end of a cancelled one."""
+        """Whether no request is outstanding; notices the end of a cancelled one."""
         if self._pending and self._deadline_s is not None:
             self.poll()
         return not self._pending
 
     def submit(self, request: MotionRequest) -> None:
-        """Send a request; waits first for the end of one that was cancelled.
+        """Send a request; waits first for the end of a cancelled one.
 
         Raises:
             RuntimeError: When a request is outstanding that was not cancelled.
@@ -167,7 +160,7 @@ class PlannerProcess:
         return answer
 
     def wait(self, timeout_s: float) -> bool:
-        """Sleep until the process has said something or died, at most `timeout_s` [s]."""
+        """Sleep until the process has answered or died, at most `timeout_s` [s]."""
         if self._deadline_s is not None:
             timeout_s = max(0.0, min(timeout_s, self._deadline_s - self._clock.now_s()))
         try:
@@ -176,7 +169,7 @@ class PlannerProcess:
             return True
 
     def cancel(self) -> None:
-        """Raise the flag; the process has half a second to notice."""
+        """Raise the flag; the process is replaced unless it answers within `CANCEL_GRACE_S`."""
         if self._pending and self._deadline_s is None:
             self._deadline_s = self._clock.now_s() + CANCEL_GRACE_S
             with suppress(OSError):
@@ -187,7 +180,7 @@ class PlannerProcess:
         self._child.close(CLOSE_GRACE_S)
 
     def _replace(self) -> int:
-        """Kill what is left of the process and start another; the exit code of the old one."""
+        """Kill the process and start another; returns the exit code of the old one."""
         code = self._child.kill()
         self._child = self._start()
         return code
@@ -198,17 +191,13 @@ def _refuse(code: str, message: str) -> NoPlan:
 
 
 class _Inbox:
-    """Reads the connection in a thread of its own, so that a flag can be raised while a search runs."""
+    """Reads the connection in a thread, so that a flag can be raised while a search runs."""
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
         self._connection = connection
-        self._requests: queue.SimpleQueue[MotionRequest | None] = queue.SimpleQueue()
+        self.requests: queue.SimpleQueue[MotionRequest | None] = queue.SimpleQueue()  # None: the other side is gone
         self.cancelled = threading.Event()
         threading.Thread(target=self._read, name="planner-inbox", daemon=True).start()
-
-    def get(self) -> MotionRequest | None:
-        """Wait for the next request; None when the other side is gone."""
-        return self._requests.get()
 
     def _read(self) -> None:
         while True:
@@ -216,13 +205,13 @@ class _Inbox:
                 message = _REQUESTS.decode(self._connection.recv_bytes())
             except (EOFError, OSError):
                 self.cancelled.set()
-                self._requests.put(None)
+                self.requests.put(None)
                 return
             if isinstance(message, Cancel):
                 self.cancelled.set()
             else:
                 self.cancelled.clear()
-                self._requests.put(message)
+                self.requests.put(message)
 
 
 def serve(profile_file: Path, connection: "Connection[Any, Any]") -> None:
@@ -232,7 +221,7 @@ def serve(profile_file: Path, connection: "Connection[Any, Any]") -> None:
     inbox = _Inbox(connection)
     planner = MotionPlanner.open(profile_file)
     planner.warm_up()
-    while (request := inbox.get()) is not None:
+    while (request := inbox.requests.get()) is not None:
         answer = planner.answer(request, inbox.cancelled.is_set)
         try:
             connection.send_bytes(_ANSWERS.encode(answer))

@@ -1,4 +1,4 @@
-"""What a worker asks of its planner process, and what it gets. All poses in the frame `world`, all angles in radians.
+"""Requests to the planner process and its answers; poses in the frame `world`, angles in radians.
 
 Budgets are iterations, never seconds: the same request with the same seed gives the same answer, bit for bit.
 """
@@ -13,32 +13,27 @@ Array = NDArray[np.float64]
 
 
 class World(msgspec.Struct, frozen=True):
-    """What the planner must know of the world: believed entities (obstacles included) and named regions."""
+    """Believed entities, obstacles included, and named regions."""
 
     entities: tuple[Entity, ...]
     regions: tuple[Region, ...] = ()
 
 
 class Payload(msgspec.Struct, frozen=True):
-    """A held thing.
-
-    Attributes:
-        entity: Its name.
-        tcp_T_entity: Where it sits in the hand.
-    """
+    """A held entity, by name, and its pose in the hand."""
 
     entity: str
     tcp_T_entity: Pose
 
 
 class Approach(msgspec.Struct, frozen=True):
-    """A straight way of the tool to a place, checked for reach and collision.
+    """A straight tool motion, checked for reach and collision.
 
     Attributes:
-        label: Stable name of this way (`yaw+090`, `site2.yaw+045`), for `avoid` of a later attempt.
+        label: Stable name (`yaw+090`, `site2.yaw+045`), for `avoid` of a later attempt.
         tcp_end: `world_T_tcp` at the end of the line.
         line_rad: (k, n_joints) joint positions from the hover pose (row 0) to the end (row k-1).
-        site: Where the entity will stand after a place, else None.
+        site: Pose of the entity after a place.
     """
 
     label: str
@@ -53,7 +48,6 @@ class Trajectory(msgspec.Struct, frozen=True):
     Attributes:
         q_rad: (n, n_joints) positions; row 0 is one step after the start.
         qd_rad_s: (n, n_joints) velocities; the last row is zero.
-        step_s: Sampling period [s].
     """
 
     q_rad: Array
@@ -67,13 +61,13 @@ class Trajectory(msgspec.Struct, frozen=True):
 
 
 class FindGrasps(msgspec.Struct, frozen=True, tag=True):
-    """Ways to take hold of an object from above. Answer: `Approaches`.
+    """Grasps of an object from above. Answer: `Approaches`.
 
     Attributes:
-        q_rad: (n_joints,) where the arm is now.
-        avoid: Labels of approaches that are not wanted.
+        q_rad: (n_joints,) present posture.
+        avoid: Labels of unwanted approaches.
         hover_m: Length of the straight approach [m].
-        count: How many to return at most, nearest first.
+        count: Largest number of approaches, nearest first.
     """
 
     world: World
@@ -86,13 +80,12 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
 
 
 class FindPlacements(msgspec.Struct, frozen=True, tag=True):
-    """Ways to put the payload into or onto something. Answer: `Approaches`.
+    """Placements of the payload in or on an entity or region. Answer: `Approaches`.
 
     Attributes:
         destination: An entity with an interior, an entity to stand on (`relation` "on"), or a region.
         relation: `inside` or `on`.
-        near: (3,) point that the site should be close to, else None.
-        near_radius_m: How close.
+        near: (3,) point; sites are at most `near_radius_m` from it.
     """
 
     world: World
@@ -124,7 +117,7 @@ class PlanMove(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         goals_rad: (m, n_joints) acceptable end postures.
-        ignore: Entities that do not count as obstacles.
+        ignore: Entities that are no obstacles.
         speed: Fraction of the velocity limits; acceleration scales with its square.
     """
 
@@ -138,11 +131,7 @@ class PlanMove(msgspec.Struct, frozen=True, tag=True):
 
 
 class TimeLine(msgspec.Struct, frozen=True, tag=True):
-    """Timing of given joint waypoints (an approach line). Answer: `Motion`.
-
-    Attributes:
-        waypoints_rad: (k, n_joints).
-    """
+    """Timing of given joint waypoints (k, n_joints), as of an approach line. Answer: `Motion`."""
 
     waypoints_rad: Array
     speed: float = 0.25
@@ -153,7 +142,7 @@ class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         tilt_max_rad: Largest angle between the vessel's axis and the apparent gravity [rad].
-        method: `casadi` (shaped) or `toppra` (joint limits only), to compare.
+        method: `casadi` (shaped) or `toppra` (joint limits only).
     """
 
     waypoints_rad: Array
@@ -162,12 +151,7 @@ class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
 
 
 class CheckPosture(msgspec.Struct, frozen=True, tag=True):
-    """What a posture touches, of the robot itself and of the world. Answer: `Stance`.
-
-    Attributes:
-        q_rad: (n_joints,).
-        ignore: Entities that do not count as obstacles.
-    """
+    """Contacts of a posture (n_joints,), of the robot itself and with the world. Answer: `Stance`."""
 
     world: World
     q_rad: Array
@@ -176,11 +160,11 @@ class CheckPosture(msgspec.Struct, frozen=True, tag=True):
 
 
 class Cancel(msgspec.Struct, frozen=True, tag=True):
-    """Stop the running request; its answer becomes `NoPlan` with code CANCELLED."""
+    """Cancel the running request; its answer becomes `NoPlan` with code CANCELLED."""
 
 
 class Timing(msgspec.Struct, frozen=True):
-    """Where the time of one answer went, wall [ms] by stage (`ik`, `path`, `timing`, `check`, `model`)."""
+    """Wall time of one answer [ms] by stage (`ik`, `path`, `timing`, `check`, `model`)."""
 
     ms: dict[str, float]
 
@@ -188,9 +172,7 @@ class Timing(msgspec.Struct, frozen=True):
 class Screening(msgspec.Struct, frozen=True):
     """Candidates of compiled inverse kinematics: damped least squares to 1e-4 m and 1e-3 rad.
 
-    Attributes:
-        solved: Start postures that were iterated from.
-        reached: Those that reached their tool pose.
+    `solved` start postures were iterated from; `reached` of them reached their tool pose.
     """
 
     solved: int
@@ -198,12 +180,9 @@ class Screening(msgspec.Struct, frozen=True):
 
 
 class Differential(msgspec.Struct, frozen=True):
-    """Inverse kinematics by mink.
+    """Inverse kinematics by mink; errors are the largest of all solved postures.
 
-    Attributes:
-        iterations: Quadratic programs that were solved; 0 where the start was within tolerance.
-        position_error_m: Of the tool afterwards; the largest, where several postures were solved.
-        rotation_error_rad: Likewise.
+    `iterations` counts quadratic programs; 0 where the start was within tolerance.
     """
 
     iterations: int
@@ -212,12 +191,9 @@ class Differential(msgspec.Struct, frozen=True):
 
 
 class GoalPosture(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How one approach was solved.
+    """How one approach was solved: the postures on its line, and the polish of its hover posture.
 
-    Attributes:
-        label: Of the approach.
-        line: Postures on its straight line.
-        hover: Polish of the screened posture that the line begins at; None for a line that begins where the arm is.
+    `hover` is None for a line that begins at the present posture.
     """
 
     label: str
@@ -230,12 +206,11 @@ class PathSearch(msgspec.Struct, frozen=True):
 
     Attributes:
         planner: `straight` where the direct joint motion is free, otherwise the name of OMPL's planner.
-        checker: What called postures free during the search: `spheres`, or `exact` for MuJoCo.
-        goals: Postures that were offered; all of them are roots of one search.
+        checker: Collision check of the search: `spheres`, or `exact` for MuJoCo.
+        goals: Offered postures; all of them are roots of one search.
         iterations: Polls of the planner's termination condition; 0 for `straight`.
         attempts: Searches until a path stayed free once it was timed.
         exact_checks: Postures that MuJoCo checked.
-        length_rad: Of the path.
     """
 
     planner: str
@@ -253,11 +228,8 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra.
         status: The solver's own word.
-        duration_s: Of the motion.
         solver_iterations: Of casadi's solver, ipopt.
-        worst_tilt_rad: Of a vessel against its apparent gravity, where that was asked for.
-        unshaped_worst_tilt_rad: The same with toppra alone.
-        unshaped_duration_s: Of the motion with toppra alone.
+        worst_tilt_rad: Of a vessel against its apparent gravity; `unshaped_` fields give toppra's alone.
     """
 
     solver: str
@@ -272,11 +244,7 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
 class Stages(msgspec.Struct, frozen=True, omit_defaults=True):
     """Which solvers made an answer; a stage that did not run is absent.
 
-    Attributes:
-        screening: Compiled inverse kinematics (`chain`).
-        goals: mink, for each approach that was found (`kinematics`).
-        path: OMPL, or the direct way (`path`).
-        scaling: toppra or casadi (`timing`, `trajectory`).
+    Compiled inverse kinematics screens, mink solves goals, OMPL the path, toppra or casadi the scaling.
     """
 
     screening: Screening | None = None
@@ -294,11 +262,7 @@ class Approaches(msgspec.Struct, frozen=True, tag=True):
 
 
 class Motion(msgspec.Struct, frozen=True, tag=True):
-    """One timed motion.
-
-    Attributes:
-        goal: Index into `goals_rad` that it reaches.
-    """
+    """One timed motion; `goal` is the index into `goals_rad` that it reaches."""
 
     trajectory: Trajectory
     goal: int
@@ -307,11 +271,9 @@ class Motion(msgspec.Struct, frozen=True, tag=True):
 
 
 class Stance(msgspec.Struct, frozen=True, tag=True):
-    """How a posture stands.
+    """Contacts of a posture, as `link5|wall`; empty when it is free.
 
-    Attributes:
-        contacts: `link5|wall` for each pair that touches; empty when it is free.
-        escapes: Whether a short straight way out of all contacts was found.
+    `escapes` is whether a short straight way out of all contacts was found.
     """
 
     contacts: tuple[str, ...]
@@ -321,12 +283,11 @@ class Stance(msgspec.Struct, frozen=True, tag=True):
 
 
 class NoPlan(msgspec.Struct, frozen=True, tag=True):
-    """There is none, or it was not found within the budget.
+    """No plan exists, or none was found within the budget.
 
     Attributes:
         code: `NO_IK`, `IN_COLLISION`, `NO_PATH_FOUND`, `NO_FREE_SITE`, `UNKNOWN_ENTITY`, `TOO_WIDE`, `CANCELLED`, ...
-        message: One sentence for people.
-        rejected: Why candidates died, counted by reason (`ik`, `line`, `link5|wall`).
+        rejected: Rejected candidates, counted by reason (`ik`, `line`, `link5|wall`).
     """
 
     code: str

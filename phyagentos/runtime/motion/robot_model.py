@@ -1,8 +1,6 @@
-"""The robot as planning sees it: collision solids only, fingers frozen open, nothing that moves by itself.
+"""The robot as planning sees it: collision solids only, fingers frozen open, the arm's joints its only freedom.
 
-Upstream: the target's profile and its MJCF. Downstream: kinematics, planning scenes, the sphere model. It is built from
-the same file as the simulated robot, but compiled apart: two MuJoCo calls on this model cost half of those on the full
-one, and the arm's joints are its only degrees of freedom.
+It is compiled apart from the simulated robot: two MuJoCo calls on it cost half of those on the full model.
 """
 
 from dataclasses import dataclass
@@ -24,18 +22,16 @@ ROBOT_BIT, WORLD_BIT = 1, 2
 
 @dataclass(frozen=True, slots=True)
 class RobotModel:
-    """One robot, ready to be put into planning scenes.
+    """One robot for planning scenes.
 
     Attributes:
         spec: Arm and frozen hand, with collision bits; copy it before adding to it.
-        model: `spec` compiled, nothing else in it.
-        q_min_rad: (n_joints,) lower joint limits.
-        q_max_rad: (n_joints,) upper joint limits.
-        bodies: Names of the robot's bodies.
-        mounting: Names of the base and of the first moving link: they stand on what the robot is mounted on.
-        fingers: Names of the bodies that the gripper moves.
-        hand: Names of the bodies that move as one with the tool centre point.
-        tool: Name of the body that carries the tool centre point.
+        model: `spec` compiled.
+        q_min_rad: (n_joints,) lower joint limits; `q_max_rad` likewise.
+        mounting: The base and the first moving link, which stand on the mounting.
+        fingers: Bodies that the gripper moves.
+        hand: Bodies that move as one with the tool centre point.
+        tool: Body that carries the tool centre point.
     """
 
     profile: TargetProfile
@@ -56,11 +52,7 @@ class RobotModel:
 
 
 def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
-    """Read the profile's MJCF and strip it to what planning needs.
-
-    Args:
-        profile: The target.
-        folder: Where the profile's `model` lies.
+    """Read the profile's MJCF in `folder` and strip it to what planning needs.
 
     Raises:
         DefinitionError: When the model cannot be read, lacks a name, or its joints are no serial chain of hinges.

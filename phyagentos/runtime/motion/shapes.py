@@ -16,24 +16,19 @@ ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """An oriented box in the world.
-
-    Attributes:
-        pose: (4, 4) `world_T_box`.
-        half_m: (3,) half extents.
-    """
+    """An oriented box: `pose` (4, 4) `world_T_box`, `half_m` (3,) half extents."""
 
     pose: Array
     half_m: Array
 
     @property
     def top_m(self) -> float:
-        """Height of its highest point."""
+        """Height of its highest point [m]."""
         return float(self.pose[2, 3] + np.abs(self.pose[2, :3]) @ self.half_m)
 
     @property
     def bottom_m(self) -> float:
-        """Height of its lowest point."""
+        """Height of its lowest point [m]."""
         return float(self.pose[2, 3] - np.abs(self.pose[2, :3]) @ self.half_m)
 
     def compute_distance(self, point_m: Array) -> float:

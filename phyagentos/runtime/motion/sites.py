@@ -1,8 +1,7 @@
-"""Where there is room to put something down: free sites of a destination, without any kinematics.
+"""Free sites of a destination, without kinematics, so that "no free site" and "out of reach" differ.
 
-Upstream: the believed world. Downstream: `placements`. Judging room first makes "no free site" and "out of reach"
-different answers. A site's name is its place in the destination, so that it means the same at the next attempt: tiles
-(`site4`) leave room for what comes later, lattice points (`at+040-020`, millimetres from the middle) fill what is left.
+A site's name is its place in the destination, the same at the next attempt. Tiles (`site4`) leave room for later
+entities; lattice points (`at+040-020`, millimetres from the middle) fill the rest.
 """
 
 from collections.abc import Iterator
@@ -37,7 +36,7 @@ class Space:
         yaw_rad: Direction of its first side.
         half_m: (2,) half lengths of its sides.
         supports: Entities that carry what stands there.
-        walled: Whether nothing may stand out over its sides.
+        walled: Whether its sides bound what stands there.
     """
 
     center_m: Array
@@ -49,24 +48,19 @@ class Space:
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """The held thing, as seen from above.
-
-    Attributes:
-        half_m: (2,) half extents across its vertical axis.
-        height_m: Its height.
-    """
+    """The held entity from above: half extents (2,) across its vertical axis, and its height."""
 
     half_m: Array
     height_m: float
 
     @property
     def outer_m(self) -> float:
-        """Radius of the circle around it: free at any yaw."""
+        """Radius of the outer circle: free at any yaw."""
         return float(np.linalg.norm(self.half_m))
 
     @property
     def inner_m(self) -> float:
-        """Radius of the circle within: needs the right yaw."""
+        """Radius of the inner circle: needs the right yaw."""
         return float(self.half_m.min())
 
 
@@ -78,7 +72,7 @@ def measure_footprint(entity: Entity, R: Array) -> Footprint:
 
 
 def find_space(request: FindPlacements, held: Entity) -> Space | None:
-    """Where the destination takes things; None when it has no interior."""
+    """The rectangle that the destination offers; None when it has no interior."""
     region = next((r for r in request.world.regions if r.name == request.destination), None)
     entity = next((e for e in request.world.entities if e.name == request.destination), None)
     others = [e for e in request.world.entities if e.shapes and e.name != held.name]
@@ -114,7 +108,10 @@ def find_sites(
         for name, site in _iter_sites(space, radius_m, interest):
             if request.near is not None and np.linalg.norm((site - interest)[:2]) > request.near_radius_m:
                 job.rejected["far"] += 1
-            elif any(_is_beside(box, site, radius_m + GAP_M) for box in neighbours):
+            elif any(
+                box.compute_distance(np.array((site[0], site[1], box.pose[2, 3]))) < radius_m + GAP_M
+                for box in neighbours
+            ):
                 job.rejected["occupied"] += 1
             else:
                 sites.append((prefix + name, site))
@@ -125,13 +122,8 @@ def find_sites(
     return sites
 
 
-def _is_beside(box: Box, site: Array, distance_m: float) -> bool:
-    """Whether a box comes nearer to the vertical through a site than allowed."""
-    return box.compute_distance(np.array((site[0], site[1], box.pose[2, 3]))) < distance_m
-
-
 def _iter_sites(space: Space, radius_m: float, interest_m: Array) -> Iterator[tuple[str, Array]]:
-    """Tiles, pulled in step by step, then the lattice; in each of these groups the nearest to `interest_m` first."""
+    """Tiles, pulled in step by step, then the lattice; each group the nearest to `interest_m` first."""
     room = space.half_m - radius_m - GAP_M
     if space.walled and np.any(room < 0.0):
         return

@@ -1,7 +1,6 @@
-"""Collision checks on the sphere model, compiled by numba: what the path search calls thousands of times.
+"""Collision checks on the sphere model, compiled by numba, for the path search.
 
-Upstream: `SphereModel`. Downstream: `path`. Whole edges are checked in one call, coarse to fine, since crossing from
-OMPL into Python costs as much as a configuration. The exact check (`PlanningScene`) offers the same methods.
+Whole edges are checked in one call, coarse to fine: crossing from OMPL into Python costs as much as a configuration.
 """
 
 import numpy as np
@@ -25,7 +24,7 @@ class SphereChecker:
         return bool(_edge_is_free(q_rad, q_rad, 1.0, self._arrays))
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
-        """Whether the straight joint motion after `start_rad` is free, at the given resolution."""
+        """Whether the straight joint motion after `start_rad` is free."""
         return bool(_edge_is_free(start_rad, end_rad, resolution_rad, self._arrays))
 
     def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:

@@ -1,8 +1,7 @@
-"""The robot as spheres: a conservative cover of its solids that compiled code checks in about a microsecond.
+"""The robot as spheres: a cover of its solids that compiled code checks in about a microsecond.
 
-Upstream: `RobotModel`, `Chain`. Downstream: `sphere_checker`. One cluster per body with a bounding sphere. Two clusters
-of the same robot that nearly always look closer than they are get their threshold calibrated over postures that
-the exact check calls free; so the model may be wrong in both directions, and every final motion is checked exactly.
+One cluster per body with a bounding sphere. Pairs of clusters that look closer than they are get their threshold
+calibrated over free postures; so the model may be wrong in both directions, and every final motion is checked exactly.
 """
 
 from typing import NamedTuple
@@ -15,12 +14,7 @@ from phyagentos.geometry import compute_inverse, compute_matrix
 from phyagentos.protocol.world.environment import Entity, Shape
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.chain import Chain, compute_links
-from phyagentos.runtime.motion.planning_scene import (
-    FIXED_MARGIN_M,
-    MOVABLE_MARGIN_M,
-    PAYLOAD_SCALE,
-    PlanningScene,
-)
+from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
 from phyagentos.runtime.motion.robot_model import RobotModel
 from phyagentos.runtime.motion.shapes import compute_shape_boxes
 
@@ -36,7 +30,7 @@ _NEVER, _MOVABLE, _ALL = 0, 1, 2  # which obstacles a cluster is tested against
 
 
 class SphereArrays(NamedTuple):
-    """What the compiled kernels read.
+    """Input of the compiled kernels.
 
     Attributes:
         frames: (n + 1, 3, 4) of the chain.
@@ -64,7 +58,7 @@ class SphereArrays(NamedTuple):
 
 
 class SphereModel:
-    """The sphere cover of one robot, calibrated; makes the arrays for one scene."""
+    """The calibrated sphere cover of one robot."""
 
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
         self._chain, self._wrist = chain, robot.profile.arm.wrist_joints
@@ -87,7 +81,7 @@ class SphereModel:
         self._shrink = self._calibrate(robot)
 
     def build_arrays(self, scene: PlanningScene) -> SphereArrays:
-        """The arrays for the scene as it is posed now, payload included."""
+        """The arrays for the scene as posed now, payload included."""
         clusters, pairs, shrink = list(self._clusters), list(self._pairs), list(self._shrink)
         if scene.payload_shapes:
             last = len(self._chain.frames) - 1
@@ -198,11 +192,11 @@ def _bound(spheres: Array) -> Array:
     return np.append(center, radius)
 
 
-def _box_obstacles(obstacles: list[tuple[Entity, bool]]) -> tuple[Array, Integers]:
+def _box_obstacles(obstacles: list[Entity]) -> tuple[Array, Integers]:
     rows, fixed = [], []
-    for entity, immovable in obstacles:
-        margin_m = FIXED_MARGIN_M if immovable else MOVABLE_MARGIN_M
+    for entity in obstacles:
+        margin_m = MOVABLE_MARGIN_M if entity.movable else FIXED_MARGIN_M
         for box in compute_shape_boxes(entity):
             rows.append(np.concatenate((box.pose[:3, 3], box.pose[:3, :3].reshape(9), box.half_m + margin_m)))
-            fixed.append(int(immovable))
+            fixed.append(int(not entity.movable))
     return np.array(rows).reshape(-1, 15), np.array(fixed, dtype=np.int64)

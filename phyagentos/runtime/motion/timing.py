@@ -1,13 +1,12 @@
-"""From a path to a timed trajectory within the joint limits, with toppra.
+"""Timing of a path within the joint limits, with toppra.
 
-Upstream: `path`, `kinematics`. Downstream: the target, which follows it row by row. A natural cubic spline through the
-rows is traversed as fast as the limits allow; the result is stretched until its finite differences respect them too,
-and to a whole number of control periods, so that the last row is at rest exactly at the end of a command.
+A natural cubic spline through the rows is traversed as fast as the limits allow. It is stretched until its finite
+differences respect them too, and to whole control periods, so that the last command ends at rest.
 """
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -32,13 +31,9 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of a trajectory, and the periods it is made for.
+    """Limits of a trajectory (n_joints,) and the periods it is made for.
 
-    Attributes:
-        velocity_rad_s: (n_joints,) [rad/s].
-        acceleration_rad_s2: (n_joints,) [rad/s^2].
-        step_s: Sampling period [s].
-        steps_per_command: Rows of one control period.
+    `steps_per_command` rows of `step_s` [s] make one control period.
     """
 
     velocity_rad_s: Array
@@ -58,18 +53,14 @@ class JointLimits:
 
     def scale(self, velocity: float, acceleration: float) -> "JointLimits":
         """Both limits times a factor each."""
-        return JointLimits(
-            velocity * self.velocity_rad_s,
-            acceleration * self.acceleration_rad_s2,
-            self.step_s,
-            self.steps_per_command,
-        )
+        qd, qdd = velocity * self.velocity_rad_s, acceleration * self.acceleration_rad_s2
+        return replace(self, velocity_rad_s=qd, acceleration_rad_s2=qdd)
 
 
 def drop_duplicates(rows_rad: Array, spacing_rad: float = DUPLICATE_RAD) -> Array:
     """Rows at least `spacing_rad` [rad] from their predecessor in some joint; the last row always stays.
 
-    A path that is nowhere that far from its first row becomes its last row alone.
+    A path that never moves that far becomes its last row alone.
     """
     keep = [0]
     for index in range(1, len(rows_rad)):
@@ -89,14 +80,14 @@ def fit_spline(rows_rad: Array) -> CubicSpline:
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """A timed motion, and how it came about."""
+    """A timed motion and its solver."""
 
     trajectory: Trajectory
     scaling: TimeScaling
 
     @classmethod
     def by(cls, solver: str, status: str, trajectory: Trajectory) -> "Timed":
-        """The motion that a solver found."""
+        """The motion of a solver."""
         return cls(trajectory, TimeScaling(solver, status, round(trajectory.duration_s, 4)))
 
 
@@ -123,12 +114,9 @@ def time_path(rows_rad: Array, limits: JointLimits) -> Timed:
 
 
 def compute_progress(knots: Array, speeds: Array, times_s: Array) -> tuple[Array, Array]:
-    """Where a motion along a path is, and how fast, when its acceleration is constant between knots.
+    """Path parameter and its speed at times (n,) [s], with constant acceleration between knots (k,).
 
-    Args:
-        knots: (k,) path parameters.
-        speeds: (k,) of the parameter at the knots [1/s].
-        times_s: (n,) since the motion began at the first knot.
+    `speeds` (k,) are those of the parameter at the knots [1/s]; time 0 is the first knot.
     """
     ends_s = end_knots(knots, speeds)
     k = np.clip(np.searchsorted(ends_s, times_s, side="right") - 1, 0, len(knots) - 2)
@@ -149,13 +137,13 @@ def sample_within_limits(
     end_rad: Array,
     limits: JointLimits,
 ) -> Trajectory:
-    """Sample a motion, slowed down as a whole until its finite differences respect the limits.
+    """Sample a motion from rest to rest, slowed down until its finite differences respect the limits.
 
     Args:
         evaluate: Gives positions and velocities (k, n_joints) at times (k,) in 0..duration [s].
         duration_s: Length of the motion before it is slowed down.
-        start_rad: (n_joints,) where it starts, at rest.
-        end_rad: (n_joints,) where it ends, at rest, exactly.
+        start_rad: (n_joints,) first posture.
+        end_rad: (n_joints,) last posture, reached exactly.
         limits: Hard limits and sampling.
     """
     period_s = limits.step_s * limits.steps_per_command
@@ -201,7 +189,6 @@ def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
 def _run_toppra(
     rows: Array, limits: JointLimits
 ) -> "tuple[toppra.SplineInterpolator, algorithm.algorithm.ParameterizationData]":
-    """The natural spline through `rows`, and its time-optimal traversal; without one where it hardly moves."""
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
     path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
     solver = algorithm.TOPPRA(

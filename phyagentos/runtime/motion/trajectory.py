@@ -1,10 +1,8 @@
 """Timing for an open filled vessel: as fast as its contents allow, shaped with casadi.
 
-Upstream: joint waypoints of a level path. Downstream: the target. Liquid in a vessel sees the apparent gravity
-f = p'' + g e_z and spills when f leans too far from the vessel's axis n. The path stays as it is, only the progress
-s(t) along it is optimised: least time, subject to rest at both ends, joint limits, and |f - (n.f) n| <= tan(tilt) n.f.
-In b = s'^2 this is a convex program. Alternative rejected: s, s', s'' over free time, which bounds jerk exactly but is
-not convex and failed to converge in half of the trials. With toppra, which knows joint limits only, the vessel spills.
+Liquid sees the apparent gravity f = p'' + g e_z and spills when f leans too far from the vessel's axis n. Only the
+progress s(t) along the path is optimised: least time, rest at both ends, joint limits, |f - (n.f) n| <= tan(tilt) n.f.
+In b = s'^2 this is a convex program; s, s', s'' over free time bounds jerk exactly, but failed in half of the trials.
 """
 
 from collections.abc import Callable
@@ -47,13 +45,7 @@ MAX_ITERATIONS = 200
 
 @dataclass(frozen=True, slots=True)
 class _Geometry:
-    """A path over its parameter s in 0..1.
-
-    Attributes:
-        q: Joint positions.
-        p: Tool centre point [m].
-        n: Axis of the vessel in the world.
-    """
+    """A path over its parameter s in 0..1: joint positions, tool centre point [m], world axis of the vessel."""
 
     q: CubicSpline
     p: CubicSpline
@@ -62,7 +54,7 @@ class _Geometry:
 
 @dataclass(frozen=True, slots=True)
 class _Shaped:
-    """A motion as a function of time, its duration, and how ipopt came to it."""
+    """A motion as a function of time, its duration, and the result of ipopt."""
 
     evaluate: Evaluate
     duration_s: float
@@ -115,11 +107,7 @@ def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, 
 def compute_worst_tilt(trajectory: Trajectory, start_rad: Array, chain: Chain, axis_tcp: Array) -> float:
     """Largest angle between the vessel's axis and the apparent gravity over a trajectory from rest [rad].
 
-    Args:
-        trajectory: Rows at the physics step.
-        start_rad: (n_joints,) where it starts.
-        chain: Gives the tool's pose.
-        axis_tcp: (3,) axis of the vessel in the tool frame.
+    `start_rad` (n_joints,) precedes the trajectory; `axis_tcp` (3,) is the vessel's axis in the tool frame.
     """
     poses = chain.compute_tcp_path(np.vstack((start_rad, start_rad, trajectory.q_rad, trajectory.q_rad[-1:])))
     f = np.diff(poses[:, :3, 3], n=2, axis=0) / trajectory.step_s**2 + np.array((0.0, 0.0, GRAVITY_M_S2))
@@ -200,10 +188,9 @@ def _slow_until_level(
     tilt_max_rad: float,
     measure: Callable[[Trajectory], float],
 ) -> tuple[Trajectory, float]:
-    """Sample, and slow the whole motion down until its measured tilt is allowed too."""
-    slower = 1.0
+    """Sample, and slow the whole motion down until its measured tilt is allowed."""
+    factor = 1.0
     while True:
-        factor = slower
 
         def slowed(times_s: Array, factor: float = factor) -> tuple[Array, Array]:
             q, qd = evaluate(times_s / factor)
@@ -213,4 +200,4 @@ def _slow_until_level(
         tilt = measure(trajectory)
         if tilt <= tilt_max_rad:
             return trajectory, tilt
-        slower *= SLOWDOWN
+        factor *= SLOWDOWN

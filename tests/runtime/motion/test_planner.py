@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.motion.escape import leaves_contact
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
+from phyagentos.runtime.motion.moves import leaves_contact
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (
     Approaches,

@@ -1,8 +1,8 @@
 """The port of every bridge: one conversion of chunks from one action space to the next.
 
-Upstream: `compilation`. A bridge plans itself from two spaces, so that preflight needs neither target nor policy to
-choose it. Rows are float64 (k, width). `before` is the set-point that stood before the chunk, (width,) of the bridge's
-target side; of a space of changes it is the absolute posture all the same.
+A bridge is planned from two spaces alone, so that preflight needs neither target nor policy. Rows are float64
+(k, width). `before` is the standing set-point, (width,) of the bridge's target side, absolute even where its space
+holds changes.
 """
 
 from abc import ABC, abstractmethod
@@ -23,12 +23,7 @@ Frames = Mapping[str, Array]  # world_T_frame (4, 4) by name
 
 @dataclass(frozen=True, slots=True)
 class ActionBridge(ABC):
-    """One conversion.
-
-    Attributes:
-        source: What comes in.
-        target: What goes out.
-    """
+    """One conversion of rows of `source` to rows of `target`."""
 
     source: ActionSpace
     target: ActionSpace
@@ -38,15 +33,11 @@ class ActionBridge(ABC):
     @classmethod
     @abstractmethod
     def plan(cls, source: ActionSpace, target: ActionSpace, frames: Frames) -> Self | Problem | None:
-        """The bridge that brings `source` nearer to `target`; None when this kind is not needed.
-
-        Args:
-            source: As far as the bridges before it came.
-            target: Where the chain leads to in the end.
-            frames: Poses of the frames that are known.
+        """The bridge that brings `source`, reached by earlier bridges, nearer to the final `target`.
 
         Returns:
-            A problem when it is needed and cannot be built; its address is the field of the action space.
+            None when this kind is not needed; a problem, whose address is the field of the action space, when it cannot
+            be built.
         """
 
     @abstractmethod
@@ -63,16 +54,16 @@ class ActionBridge(ABC):
 
     @property
     def lossless(self) -> bool:
-        """Whether `invert` gives back every chunk; otherwise applying is a projection."""
+        """Whether `invert` restores every chunk; otherwise applying is a projection."""
         return True
 
     def carry_back(self, before: Array) -> Array:
-        """The set-point before the chunk, as the source side writes it."""
+        """The set-point before the chunk, in the source space."""
         earlier: Array = self.invert(before[None], before)[0]
         return earlier
 
     def find_interventions(self, rows: Array, converted: Array) -> Sequence[Intervention]:
-        """What was changed rather than converted."""
+        """Changes beyond conversion."""
         return ()
 
 

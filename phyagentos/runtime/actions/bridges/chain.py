@@ -1,8 +1,7 @@
 """A chain of bridges, applied to every chunk of a policy.
 
-Upstream: `compilation`, in preflight; a policy, whose chunks it converts. Downstream: the guard. What is malformed, or
-jumps further than the target's velocity permits, is refused here with a code; nothing is repaired but what the contract
-lets be clamped, and that is recorded.
+A malformed chunk, or one that jumps further than the target's velocity permits, is refused with a code. Only a clamp
+that the contract allows repairs, and is recorded.
 """
 
 from dataclasses import dataclass
@@ -20,12 +19,7 @@ JUMP_TOLERANCE = 0.01  # of the velocity limit: rounding of interpolated rows
 
 @dataclass(frozen=True, slots=True)
 class Bridged:
-    """A chunk as the target takes it.
-
-    Attributes:
-        rows: (k, width of the target).
-        interventions: What was clamped on the way; for the evidence.
-    """
+    """A chunk as the target takes it, with the clamps on the way."""
 
     rows: Array
     interventions: tuple[Intervention, ...] = ()
@@ -33,24 +27,18 @@ class Bridged:
 
 @dataclass(frozen=True, slots=True)
 class BridgeChain:
-    """Bridges in the order in which a chunk passes them; the way back runs in reverse.
-
-    Attributes:
-        source: What comes in.
-        target: What the target takes.
-    """
+    """Bridges in the order in which a chunk passes them; inversion runs in reverse."""
 
     source: ActionSpace
     target: ActionSpace
     links: tuple[ActionBridge, ...] = ()
 
     def apply(self, rows: Array, before: Array) -> Bridged | Violation:
-        """Convert one chunk, or say why it is refused.
+        """Convert one chunk, or refuse it.
 
         Args:
             rows: (k, width of the source), float64, 1 <= k <= chunk_length.
-            before: (width of the target,) the set-point that stood before the chunk; absolute even where the target
-                takes changes.
+            before: (width of the target,) standing set-point; absolute even where the target takes changes.
         """
         violation = self._check_form(rows)
         if violation is not None:
@@ -69,7 +57,7 @@ class BridgeChain:
         return self._check_jumps(rows, before) or Bridged(rows, tuple(interventions))
 
     def invert(self, rows: Array, before: Array) -> Array:
-        """Convert rows of the target back, as far as they can be."""
+        """Convert rows of the target back, as far as possible."""
         for link in reversed(self.links):
             rows = link.invert(rows, before)
             before = link.carry_back(before)
@@ -100,7 +88,6 @@ class BridgeChain:
         return None
 
     def _check_jumps(self, rows: Array, before: Array) -> Violation | None:
-        """Whether every step, the first from `before`, is within the target's velocity."""
         target = self.target
         if not target.velocity_max:
             return None
@@ -122,10 +109,9 @@ class BridgeChain:
 
 
 def compute_steps(rows: Array, before: Array, space: ActionSpace) -> Array:
-    """How far each row is from the one before.
+    """Distance of each row from the one before.
 
-    Returns:
-        (k, n_joints) of joints; (k, 2) of poses: distance and angle [rad].
+    (k, n_joints) of joints; (k, 2) of poses: distance and angle [rad].
     """
     if space.representation == "joint_position":
         joints = rows[:, : space.arm_width]

@@ -17,12 +17,7 @@ CLAMPED = "CLAMPED"
 
 @dataclass(frozen=True, slots=True)
 class ClampBridge(ActionBridge):
-    """Brings each column into its range.
-
-    Attributes:
-        low: (width,) least values, -inf without a bound.
-        high: (width,) greatest values.
-    """
+    """Clamps each column to `low` and `high`, (width,); infinite without a bound."""
 
     low: Array
     high: Array

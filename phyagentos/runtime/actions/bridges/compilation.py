@@ -1,7 +1,4 @@
-"""Chooses the bridges from one action space to another, in preflight: every problem at once, or a chain.
-
-Upstream: preflight, which prints the chain into the AdapterPlan. Downstream: `chain`.
-"""
+"""Chooses the bridges from one action space to another: every problem at once, or a chain."""
 
 from collections.abc import Sequence
 
@@ -72,7 +69,7 @@ def _make_length_problem(source: ActionSpace, target: ActionSpace) -> Problem:
 
 
 def _check_space(space: ActionSpace, side: str) -> list[Problem]:
-    """What a space says twice, or not at all."""
+    """Contradictions and gaps of a space."""
 
     def problem(field: str, found: str, expected: str) -> Problem:
         return Problem(code="ACTION_SPACE_INVALID", address=f"{side}.{field}", found=found, expected=expected)

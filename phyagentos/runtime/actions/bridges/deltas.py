@@ -15,7 +15,7 @@ from phyagentos.runtime.actions.bridges.rotations import decode_rotation, encode
 
 @dataclass(frozen=True, slots=True)
 class _Delta(ActionBridge):
-    """What both directions share; the set-point before the chunk is the same on both sides."""
+    """Either direction; the set-point before the chunk is the same on both sides."""
 
     @override
     def carry_back(self, before: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The frame in which poses are told: one rigid transformation for the whole chunk."""
+"""The reference frame of poses: one rigid transformation for the whole chunk."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,7 +16,7 @@ from phyagentos.runtime.actions.bridges.units import METRES
 
 @dataclass(frozen=True, slots=True)
 class FrameBridge(ActionBridge):
-    """Tells poses in another frame.
+    """Expresses poses in another frame.
 
     Attributes:
         target_T_source: (4, 4), its translation in the space's own unit of length.

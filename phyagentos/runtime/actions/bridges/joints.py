@@ -14,11 +14,7 @@ from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frame
 
 @dataclass(frozen=True, slots=True)
 class JointOrderBridge(ActionBridge):
-    """Reorders the joints' columns.
-
-    Attributes:
-        order: (width,) the source column of each target column.
-    """
+    """Reorders the joints' columns; `order` (width,) is the source column of each target column."""
 
     order: NDArray[np.intp]
 

@@ -16,11 +16,7 @@ RADIANS = {"rad": 1.0, "deg": np.pi / 180.0}
 
 @dataclass(frozen=True, slots=True)
 class UnitBridge(ActionBridge):
-    """Multiplies each column by a factor.
-
-    Attributes:
-        factors: (width,) target units per source unit.
-    """
+    """Multiplies each column by a factor (width,): target units per source unit."""
 
     factors: Array
 

@@ -8,7 +8,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class Attach(Leaf):
-    """From now on the object counts as part of the hand, where it is believed to be. Nothing is welded."""
+    """From now on the object counts as part of the hand, at its believed pose. Nothing is welded."""
 
     ROLE = Role.CARRY
     INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the held entity.")}

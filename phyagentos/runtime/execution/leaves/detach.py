@@ -1,4 +1,4 @@
-"""Check that an object has left the hand, and say where it stands."""
+"""Check that an object has left the hand, and report its position."""
 
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
@@ -6,7 +6,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class Detach(Leaf):
-    """From now on the object is a thing of the world again. Fails when the fingers still hold it."""
+    """From now on the object is an entity of the world again. Fails when the fingers still hold it."""
 
     ROLE = Role.RELEASE
     INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the released entity.")}

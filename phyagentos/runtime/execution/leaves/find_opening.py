@@ -1,4 +1,4 @@
-"""Where a part of a drawer has to go so that the drawer stands open or closed as wanted."""
+"""Goal of a part of a drawer for a wanted opening."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class FindOpening(Leaf):
-    """The way of a handle, from how far its drawer is believed to stand open to how far it shall."""
+    """The way of a handle, from the believed opening of its drawer to the wanted one."""
 
     ROLE = Role.SENSE
     INPUT_PORTS = {
@@ -49,7 +49,7 @@ class FindOpening(Leaf):
 
 
 def compute_way(whole: Entity, mechanism: Mechanism, opening: float) -> Array:
-    """(3,) displacement that brings a sliding thing from where it is believed to be to an opening [m]."""
+    """(3,) displacement of a sliding entity from its believed place to an opening [m]."""
     axis = compute_matrix(mechanism.closed)[:3, :3] @ np.array(mechanism.axis)
     present_m = float(axis @ (np.array(whole.pose.position_m) - np.array(mechanism.closed.position_m)))
     way: Array = axis * (opening * mechanism.travel - present_m)

@@ -6,7 +6,7 @@ from phyagentos.runtime.motion.requests import Approach, MotionRequest, Payload,
 
 
 class MoveLinear(MovingLeaf):
-    """A straight tool motion. With a payload it fails with `GRASP_LOST` when that leaves the fingers on the way."""
+    """A straight tool motion. Fails with `GRASP_LOST` when a payload leaves the fingers on the way."""
 
     ROLE = Role.MOVE
     INPUT_PORTS = {

@@ -8,7 +8,7 @@ from phyagentos.runtime.motion.requests import Approach, Approaches, Motion, Mot
 
 
 class MoveTo(MovingLeaf):
-    """A collision-free motion to whichever hover posture is reached best; says which approach that is.
+    """A collision-free motion to the best reachable hover posture; reports its approach.
 
     With a payload it fails with `GRASP_LOST` when the payload leaves the fingers on the way.
     """
@@ -38,7 +38,7 @@ class MoveTo(MovingLeaf):
         )
 
     def on_arrived(self, motion: Motion) -> Status:
-        """Say which approach was reached."""
+        """Report the reached approach."""
         approach = self.read("approaches").approaches[motion.goal]
         self.write("approach", approach)
         return self.succeed("", label=approach.label, **self.describe_motion(motion))

@@ -21,9 +21,8 @@ SHORTEST_M = 0.005  # a push shorter than this is none
 class PlanPush(CandidatePlanningLeaf):
     """A way of the closed fingers: down behind the object, straight on until it stands at the goal.
 
-    The way begins at one of the hover postures of `approaches`, whichever allows it, or where the arm is when there are
-    none, as for a thing that cannot be gripped. Closed fingers are the same from both sides, so each is tried with two
-    turns of the hand.
+    The way begins at one of the hover postures of `approaches`, or at the present posture without any, as for an object
+    that cannot be gripped. Closed fingers are symmetric, so each start is tried with two turns of the hand.
     """
 
     ROLE = Role.PLAN
@@ -70,7 +69,7 @@ class PlanPush(CandidatePlanningLeaf):
         return self.succeed("", tried=self.tried + 1)
 
     def _find_starts(self) -> list[Array]:
-        """Postures (n_joints,) that the way may begin at."""
+        """Postures (n_joints,) at which the way may begin."""
         approaches = self.find("approaches")
         return [each.line_rad[0] for each in approaches.approaches] if approaches else [self.context.commands.q_rad]
 
@@ -78,14 +77,10 @@ class PlanPush(CandidatePlanningLeaf):
 def compute_push(
     entity: Entity, goal_m: Array, direction: Array, finger_half_m: float, *, turned: bool
 ) -> tuple[Pose, ...]:
-    """Poses `world_T_tcp` of closed fingers that push an entity.
+    """Poses `world_T_tcp` of closed fingers that push an entity along `direction` (2,), a unit vector.
 
-    Args:
-        entity: To push.
-        goal_m: (2,) where its origin shall be.
-        direction: (2,) unit vector of the push.
-        finger_half_m: Half thickness of the closed fingers in that direction [m].
-        turned: Whether the hand is turned by half a turn.
+    `goal_m` (2,) is the goal of its origin; `finger_half_m` [m] half the thickness of the closed fingers in that
+    direction; `turned` turns the hand by half a turn.
     """
     center = np.asarray(entity.pose.position_m)
     reach_m = compute_reach(entity, (*direction.tolist(), 0.0)) + finger_half_m
