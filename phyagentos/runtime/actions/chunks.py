@@ -6,12 +6,9 @@ Rows are knots of a cubic spline (C2) that leaves the standing set-point with it
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from phyagentos.runtime.actions.set_points import SetPoints
-
-Array = NDArray[np.float64]
+from phyagentos.runtime.actions.set_points import Array, SetPoints
 
 
 def iter_periods(

@@ -7,16 +7,12 @@ Contacts present when a session begins do not count, so that it can leave them.
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity
+from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScenes, name_pair
 from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import build_robot_model
-
-Array = NDArray[np.float64]
 
 
 class PostureCollision:
@@ -39,7 +35,10 @@ class PostureCollision:
 
         Contacts of the present posture `q_rad` (n_joints,) stay allowed; entities that are not fixed are ignored.
         """
-        self._scene = self._scenes.get_scene(World(entities=tuple(_iter_fixed(tuple(entities)))))
+        entities = tuple(entities)
+        jointed = {each.name for each in entities if each.joint is not None or each.mechanism is not None}
+        fixed = (each for each in entities if not each.movable and jointed.isdisjoint((each.name, each.part_of)))
+        self._scene = self._scenes.get_scene(World(entities=tuple(fixed)))
         self._touched = frozenset(self._scene.find_contacts(q_rad))
 
     def find_contact(self, q_rad: Array) -> str:
@@ -48,8 +47,3 @@ class PostureCollision:
             if pair not in self._touched:
                 return name_pair(pair)
         return ""
-
-
-def _iter_fixed(entities: tuple[Entity, ...]) -> Iterable[Entity]:
-    jointed = {each.name for each in entities if each.joint is not None or each.mechanism is not None}
-    return (each for each in entities if not each.movable and jointed.isdisjoint((each.name, each.part_of)))

@@ -9,16 +9,13 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.protocol.settings.safety import Reaction, TargetLimits
 from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
-from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.actions.tool_point import ToolPoint
-from phyagentos.runtime.actions.violations import Violation, ViolationCode
+from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
 from phyagentos.runtime.targets.wire import Command, Description, Step
-
-Array = NDArray[np.float64]
 
 POSITION, VELOCITY, DISAGREEMENT, STEP, CHANGE, BEND, JERK = range(7)  # what is measured of every row
 _FLOAT64 = np.dtype(np.float64)

@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.protocol.settings.safety import Limit, Reaction, TargetLimits
+from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.targets.wire import Description
 
-Array = NDArray[np.float64]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 ROUNDING = 1e-9  # a set-point on the limit passes

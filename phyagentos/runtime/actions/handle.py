@@ -15,9 +15,8 @@ from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.collision import PostureCollision
 from phyagentos.runtime.actions.guard import Ruling, SafetyGuard
-from phyagentos.runtime.actions.interventions import Intervention
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.actions.violations import Intervention, Violation
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 

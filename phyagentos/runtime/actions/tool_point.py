@@ -7,11 +7,9 @@ Robotics, 2017, section 4.1.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.targets.wire import Kinematics
-
-Array = NDArray[np.float64]
 
 
 class ToolPoint:

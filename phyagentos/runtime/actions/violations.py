@@ -68,3 +68,19 @@ class Violation:
         """One sentence: where, found, limit."""
         place = f"{self.where or 'command'}{f', row {self.row}' if self.row >= 0 else ''}"
         return f"{place}: found {self.found:.6g} {self.unit}, limit {self.limit:.6g} {self.unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class Intervention:
+    """One number that was changed as a contract or safety.yaml allows.
+
+    Attributes:
+        where: Joint or column (`joint2`, `x`, `gripper`).
+        row: Row of the command or chunk, counted from 0.
+    """
+
+    code: str
+    where: str
+    row: int
+    before: float
+    after: float

@@ -5,11 +5,8 @@ set-points still move when its channel is unset (its leaf was interrupted) brake
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from phyagentos.runtime.actions.set_points import SetPoints
-
-Array = NDArray[np.float64]
+from phyagentos.runtime.actions.set_points import Array, SetPoints
 
 BRAKE_FRACTION = 0.5  # of the acceleration limit; leaves room for the guard's finite differences
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
@@ -16,9 +15,7 @@ from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
 from phyagentos.runtime.motion.poses import raise_pose
-from phyagentos.runtime.motion.requests import Approach, GoalPosture
-
-Array = NDArray[np.float64]
+from phyagentos.runtime.motion.requests import Approach, Array, GoalPosture
 
 NEAR_HOME_SEEDS = 4
 NEAR_HOME_SPREAD_RAD = 0.5

@@ -10,12 +10,10 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse
+from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.robot_model import RobotModel
-
-Array = NDArray[np.float64]
 
 LIMIT_MARGIN_RAD = 0.02  # a posture at a joint limit leaves no room for a correction
 

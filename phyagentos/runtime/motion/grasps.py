@@ -7,7 +7,6 @@ survive a nudge. Where no upright grasp fits, the hand tilts about its closing a
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity
@@ -18,8 +17,6 @@ from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approaches, FindGrasps, NoPlan
 from phyagentos.runtime.motion.shapes import compute_entity_box, is_round
-
-Array = NDArray[np.float64]
 
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
 TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 
 import mink
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.runtime.motion.chain import LIMIT_MARGIN_RAD, Chain
 from phyagentos.runtime.motion.poses import interpolate_poses
-from phyagentos.runtime.motion.requests import Differential
+from phyagentos.runtime.motion.requests import Array, Differential
 from phyagentos.runtime.motion.robot_model import RobotModel
-
-Array = NDArray[np.float64]
 
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1

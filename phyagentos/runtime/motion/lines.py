@@ -5,13 +5,21 @@ Corners between waypoints are rounded by a few millimetres before the check, so 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics, combine
 from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
-from phyagentos.runtime.motion.requests import Approach, Approaches, Differential, FindLine, GoalPosture, NoPlan, Stages
+from phyagentos.runtime.motion.requests import (
+    Approach,
+    Approaches,
+    Array,
+    Differential,
+    FindLine,
+    GoalPosture,
+    NoPlan,
+    Stages,
+)
 
 ROUNDING_PASSES = 6  # over rows 1 cm apart: a right angle is cut by some 5 mm
 
@@ -46,7 +54,7 @@ def find_line(request: FindLine, kinematics: Kinematics, scene: PlanningScene, j
     )
 
 
-def _round(rows_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _round(rows_rad: Array) -> Array:
     """Rows (k, n_joints) averaged 1-2-1 with their neighbours, the ends kept."""
     rows = rows_rad
     for _ in range(ROUNDING_PASSES):

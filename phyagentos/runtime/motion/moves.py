@@ -9,17 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.path import Checker, Path, Query, compute_length, densify, find_path, round_corners
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_pair
-from phyagentos.runtime.motion.requests import Motion, NoPlan, PathSearch, PlanMove, Stages
+from phyagentos.runtime.motion.requests import Array, Motion, NoPlan, PathSearch, PlanMove, Stages
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, Timed, time_path
-
-Array = NDArray[np.float64]
 
 ATTEMPTS = 3
 DENSE_RAD = 0.05

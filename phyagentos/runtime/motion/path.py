@@ -11,12 +11,11 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-Array = NDArray[np.float64]
+from phyagentos.runtime.motion.requests import Array
 
 RANGE_RAD = 1.5
 RESOLUTION_RAD = 0.03

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity
@@ -17,11 +16,9 @@ from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down
-from phyagentos.runtime.motion.requests import Approach, Approaches, FindPlacements, NoPlan
+from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Space, find_sites, find_space, measure_footprint
-
-Array = NDArray[np.float64]
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way

@@ -10,14 +10,12 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
-from phyagentos.runtime.motion.requests import Payload, World
+from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
 
-Array = NDArray[np.float64]
 Pair = tuple[str, str]
 Structure = tuple[tuple[tuple[str, bool, tuple[Shape, ...]], ...], tuple[Shape, ...]]
 

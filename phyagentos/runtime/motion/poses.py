@@ -1,11 +1,9 @@
 """Tool poses as 4x4 matrices: downwards, tilted, raised, on a line."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation_vector, turn
-
-Array = NDArray[np.float64]
+from phyagentos.runtime.motion.requests import Array
 
 
 def point_tool_down(yaw_rad: float, position_m: Array) -> Array:

@@ -8,14 +8,12 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
-
-Array = NDArray[np.float64]
+from phyagentos.runtime.motion.requests import Array
 
 ROBOT_BIT, WORLD_BIT = 1, 2
 

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
-
-Array = NDArray[np.float64]
+from phyagentos.runtime.motion.requests import Array
 
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
 

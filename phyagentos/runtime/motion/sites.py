@@ -8,15 +8,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.requests import FindPlacements
+from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_shape_boxes
-
-Array = NDArray[np.float64]
 
 GAP_M = 0.005  # between the payload and its neighbours, and to the walls
 TILE_GAP_M = 0.03  # between tiles: room for a finger

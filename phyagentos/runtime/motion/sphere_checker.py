@@ -5,12 +5,10 @@ Whole edges are checked in one call, coarse to fine: crossing from OMPL into Pyt
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from phyagentos.runtime.motion.chain import compute_links
+from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.sphere_model import SphereArrays
-
-Array = NDArray[np.float64]
 
 
 class SphereChecker:

@@ -15,10 +15,10 @@ from phyagentos.protocol.world.environment import Entity, Shape
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.chain import Chain, compute_links
 from phyagentos.runtime.motion.planning_scene import FIXED_MARGIN_M, MOVABLE_MARGIN_M, PAYLOAD_SCALE, PlanningScene
+from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.robot_model import RobotModel
 from phyagentos.runtime.motion.shapes import compute_shape_boxes
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 COVER_EXCESS_M = 0.01  # how far a cover may stand out of a capsule

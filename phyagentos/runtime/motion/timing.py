@@ -11,14 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 import toppra
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from toppra import algorithm, constraint
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.motion.requests import TimeScaling, Trajectory
-
-Array = NDArray[np.float64]
+from phyagentos.runtime.motion.requests import Array, TimeScaling, Trajectory
 
 VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controller
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points

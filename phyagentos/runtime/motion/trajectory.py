@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import casadi as ca
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from phyagentos.runtime.motion.chain import Chain
 from phyagentos.runtime.motion.job import Job
-from phyagentos.runtime.motion.requests import Motion, NoPlan, ShapeTransport, Stages, Trajectory
+from phyagentos.runtime.motion.requests import Array, Motion, NoPlan, ShapeTransport, Stages, Trajectory
 from phyagentos.runtime.motion.timing import (
     ACCELERATION_SCALE,
     VELOCITY_SCALE,
@@ -29,7 +28,6 @@ from phyagentos.runtime.motion.timing import (
     time_path,
 )
 
-Array = NDArray[np.float64]
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
 GRAVITY_M_S2 = 9.81

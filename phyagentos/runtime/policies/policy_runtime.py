@@ -17,8 +17,8 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
-from phyagentos.runtime.actions.chunks import Array, iter_periods
-from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.actions.chunks import iter_periods
+from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext

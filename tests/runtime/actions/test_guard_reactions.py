@@ -10,10 +10,9 @@ from phyagentos.protocol.settings.safety import GUARDED, Limit, read_safety
 from phyagentos.protocol.world.environment import Pose, TargetState
 from phyagentos.runtime.actions.guard import SafetyGuard
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
-from phyagentos.runtime.actions.interventions import Intervention
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.actions.tool_point import ToolPoint
-from phyagentos.runtime.actions.violations import ViolationCode
+from phyagentos.runtime.actions.violations import Intervention, ViolationCode
 from phyagentos.runtime.targets.wire import Command, Description, Halt, Kinematics, Step
 
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
-from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.violations import Intervention
 
 Array = NDArray[np.float64]
 Frames = Mapping[str, Array]  # world_T_frame (4, 4) by name

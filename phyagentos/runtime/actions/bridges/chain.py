@@ -11,8 +11,7 @@ import numpy as np
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, name_columns
 from phyagentos.runtime.actions.bridges.rotations import decode_rotation, find_bad_rotation
-from phyagentos.runtime.actions.interventions import Intervention
-from phyagentos.runtime.actions.violations import Violation, ViolationCode
+from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
 
 JUMP_TOLERANCE = 0.01  # of the velocity limit: rounding of interpolated rows
 

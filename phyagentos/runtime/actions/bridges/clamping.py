@@ -10,7 +10,7 @@ from typing_extensions import override
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, name_columns, replace_space
-from phyagentos.runtime.actions.interventions import Intervention
+from phyagentos.runtime.actions.violations import Intervention
 
 CLAMPED = "CLAMPED"
 

@@ -7,8 +7,30 @@ import numpy as np
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Frames
-from phyagentos.runtime.actions.bridges.bridge_registry import BRIDGES
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
+from phyagentos.runtime.actions.bridges.clamping import ClampBridge
+from phyagentos.runtime.actions.bridges.deltas import ToAbsoluteBridge, ToDeltaBridge
+from phyagentos.runtime.actions.bridges.frames import FrameBridge
+from phyagentos.runtime.actions.bridges.gripper import GripperBridge
+from phyagentos.runtime.actions.bridges.joints import JointOrderBridge, ProjectionBridge
+from phyagentos.runtime.actions.bridges.resampling import ResampleBridge
+from phyagentos.runtime.actions.bridges.rotations import RotationBridge
+from phyagentos.runtime.actions.bridges.units import UnitBridge
+
+# In the order of a chain: changes are summed before anything that is not linear, and taken again at the very end. A
+# clamp is the last to see absolute rows.
+BRIDGES: tuple[type[ActionBridge], ...] = (
+    UnitBridge,
+    RotationBridge,
+    ToAbsoluteBridge,
+    FrameBridge,
+    ProjectionBridge,
+    JointOrderBridge,
+    GripperBridge,
+    ResampleBridge,
+    ClampBridge,
+    ToDeltaBridge,
+)
 
 
 def compile_chain(
@@ -54,18 +76,16 @@ def compile_chain(
     if problems:
         return tuple(problems)
     if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
-        return (_make_length_problem(source, target),)
+        return (
+            Problem(
+                code="CHUNK_LENGTH",
+                address="chunk_length",
+                found=f"{source.chunk_length} rows",
+                expected=f"1 to {target.chunk_length} rows",
+                hint="Shorten the chunk.",
+            ),
+        )
     return BridgeChain(source, target, tuple(links))
-
-
-def _make_length_problem(source: ActionSpace, target: ActionSpace) -> Problem:
-    return Problem(
-        code="CHUNK_LENGTH",
-        address="chunk_length",
-        found=f"{source.chunk_length} rows",
-        expected=f"1 to {target.chunk_length} rows",
-        hint="Shorten the chunk.",
-    )
 
 
 def _check_space(space: ActionSpace, side: str) -> list[Problem]:

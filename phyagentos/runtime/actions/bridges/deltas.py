@@ -18,8 +18,20 @@ class _Delta(ActionBridge):
     """Either direction; the set-point before the chunk is the same on both sides."""
 
     @override
+    def apply(self, rows: Array, before: Array) -> Array:
+        return (accumulate if self.source.delta else differentiate)(rows, before, self.source)
+
+    @override
+    def invert(self, rows: Array, before: Array) -> Array:
+        return (differentiate if self.source.delta else accumulate)(rows, before, self.source)
+
+    @override
     def carry_back(self, before: Array) -> Array:
         return before
+
+    @override
+    def __str__(self) -> str:
+        return "delta->absolute" if self.source.delta else "absolute->delta"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,18 +48,6 @@ class ToAbsoluteBridge(_Delta):
             return None
         return cls(source, replace_space(source, delta=False))
 
-    @override
-    def apply(self, rows: Array, before: Array) -> Array:
-        return accumulate(rows, before, self.source)
-
-    @override
-    def invert(self, rows: Array, before: Array) -> Array:
-        return differentiate(rows, before, self.source)
-
-    @override
-    def __str__(self) -> str:
-        return "delta->absolute"
-
 
 @dataclass(frozen=True, slots=True)
 class ToDeltaBridge(_Delta):
@@ -61,18 +61,6 @@ class ToDeltaBridge(_Delta):
         if source.delta or not target.delta:
             return None
         return cls(source, replace_space(source, delta=True))
-
-    @override
-    def apply(self, rows: Array, before: Array) -> Array:
-        return differentiate(rows, before, self.source)
-
-    @override
-    def invert(self, rows: Array, before: Array) -> Array:
-        return accumulate(rows, before, self.source)
-
-    @override
-    def __str__(self) -> str:
-        return "absolute->delta"
 
 
 def accumulate(rows: Array, before: Array, space: ActionSpace) -> Array:

@@ -1,4 +1,4 @@
-"""The same joints in another order: a permutation of columns."""
+"""The joints of a row: their order, columns that are dropped and joints that stand still, both declared."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from phyagentos.errors import Problem
+from phyagentos.errors import Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 
@@ -26,7 +26,7 @@ class JointOrderBridge(ActionBridge):
         if source.representation != "joint_position" or source.joints == target.joints:
             return None
         if sorted(source.joints) != sorted(target.joints):
-            return None  # what is missing or too much is the projection's business
+            return None  # left to the projection
         order = [source.joints.index(joint) for joint in target.joints]
         order += range(len(order), source.width)
         return cls(source, replace_space(source, joints=target.joints), np.array(order))
@@ -44,3 +44,71 @@ class JointOrderBridge(ActionBridge):
     @override
     def __str__(self) -> str:
         return f"joints [{', '.join(self.target.joints)}]"
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectionBridge(ActionBridge):
+    """Keeps the joints that both sides have, and adds those that stand where the source declares.
+
+    Attributes:
+        kept: Source columns that go on, as the first columns of the target.
+        rest: (n,) values of the joints that follow them and stand still.
+    """
+
+    kept: NDArray[np.intp]
+    rest: Array
+
+    name: ClassVar[str] = "projection"
+
+    @classmethod
+    @override
+    def plan(cls, source: ActionSpace, target: ActionSpace, frames: Frames) -> "ProjectionBridge | Problem | None":
+        if source.representation != "joint_position" or set(source.joints) == set(target.joints):
+            return None
+        undeclared = [j for j in source.joints if j not in target.joints and j not in source.drop]
+        if undeclared:
+            return Problem(
+                code="JOINT_UNKNOWN",
+                address="joints",
+                found=format_names(undeclared),
+                expected=format_names(target.joints),
+                hint=format_hint(undeclared[0], target.joints) or "Name it under `drop` if it may be left out.",
+            )
+        absent = [joint for joint in target.joints if joint not in source.joints]
+        unplaced = [joint for joint in absent if joint not in source.fixed]
+        if unplaced:
+            return Problem(
+                code="JOINT_MISSING",
+                address="joints",
+                found=format_names(source.joints),
+                expected=format_names(target.joints),
+                hint=f"Say under `fixed` where {format_names(unplaced)} stands.",
+            )
+        stay = tuple(joint for joint in source.joints if joint in target.joints)
+        converted = replace_space(source, joints=(*stay, *absent), fixed={}, drop=())
+        kept = np.array([source.joints.index(joint) for joint in stay], dtype=np.intp)
+        rest = 0.0 if source.delta else 1.0  # a change of nothing keeps a joint where it stands
+        return cls(source, converted, kept, rest * np.array([source.fixed[joint] for joint in absent]))
+
+    @property
+    @override
+    def lossless(self) -> bool:
+        return False
+
+    @override
+    def apply(self, rows: Array, before: Array) -> Array:
+        still = np.broadcast_to(self.rest, (len(rows), self.rest.size))
+        return np.concatenate((rows[:, self.kept], still, rows[:, self.source.arm_width :]), axis=1)
+
+    @override
+    def invert(self, rows: Array, before: Array) -> Array:
+        out = np.zeros((len(rows), self.source.width))
+        out[:, self.kept] = rows[:, : self.kept.size]
+        out[:, self.source.arm_width :] = rows[:, self.target.arm_width :]
+        return out
+
+    @override
+    def __str__(self) -> str:
+        dropped = [joint for joint in self.source.joints if joint not in self.target.joints]
+        added = self.target.joints[self.kept.size :]
+        return f"project {' '.join([*(f'-{joint}' for joint in dropped), *(f'+{joint}' for joint in added)])}"

@@ -8,8 +8,8 @@ from phyagentos.protocol.world.predicates.geometry import compute_reach
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
-from phyagentos.runtime.motion.poses import Array, point_tool_down, raise_pose
-from phyagentos.runtime.motion.requests import Approaches, FindLine, MotionRequest
+from phyagentos.runtime.motion.poses import point_tool_down, raise_pose
+from phyagentos.runtime.motion.requests import Approaches, Array, FindLine, MotionRequest
 from phyagentos.runtime.perception.world_model import BELIEF
 
 STAND_OFF_M = 0.03  # gap between fingers and object before the push

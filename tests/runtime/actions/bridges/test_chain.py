@@ -6,8 +6,7 @@ import pytest
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
-from phyagentos.runtime.actions.interventions import Intervention
-from phyagentos.runtime.actions.violations import ViolationCode
+from phyagentos.runtime.actions.violations import Intervention, ViolationCode
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7")
 HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785, 0.08])

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace, GripperRange
-from phyagentos.runtime.actions.bridges.bridge_registry import BRIDGES
 from phyagentos.runtime.actions.bridges.chain import BridgeChain, Bridged
-from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.actions.bridges.compilation import BRIDGES, compile_chain
 from phyagentos.runtime.actions.bridges.rotations import decode_rotation, encode_rotation
 from phyagentos.runtime.actions.violations import ViolationCode
 
