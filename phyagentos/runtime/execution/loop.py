@@ -1,7 +1,7 @@
 """The loop of one session: decide, guard, apply, until it ends; and the meaning of its exceptions."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from phyagentos.clock import Clock
@@ -45,43 +45,29 @@ class SessionObserver(Protocol):
         ...
 
 
+@dataclass(slots=True, kw_only=True)
 class SessionLoop:
     """Runs one skill on one target.
 
-    Args:
+    Attributes:
         handle: Has authority for the session.
-        context: Services of the session.
-        skill: Decides.
         holds: Conditions that must be true throughout.
         cancel: Polled every turn; a reason (`cancelled`, `timed_out`, `stalled`, `lease_lost`) ends the execution.
         clock: Bounds planning by the wall.
         observers: Called at every turn and every step.
-
-    Attributes:
         ticks: Control periods commanded.
         ms: Wall time so far by part [ms].
     """
 
-    def __init__(
-        self,
-        *,
-        handle: TargetSessionHandle,
-        context: SkillContext,
-        skill: SkillRuntime,
-        holds: HoldMonitor,
-        cancel: Cancel,
-        clock: Clock,
-        observers: Sequence[SessionObserver] = (),
-    ) -> None:
-        self._handle = handle
-        self._context = context
-        self._skill = skill
-        self._holds = holds
-        self._cancel = cancel
-        self._clock = clock
-        self._observers = observers
-        self.ticks = 0
-        self.ms = {"tree": 0.0, "think": 0.0, "apply": 0.0, "record": 0.0}
+    handle: TargetSessionHandle
+    context: SkillContext
+    skill: SkillRuntime
+    holds: HoldMonitor
+    cancel: Cancel
+    clock: Clock
+    observers: Sequence[SessionObserver] = ()
+    ticks: int = field(default=0, init=False)
+    ms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tree", "think", "apply", "record"), 0.0))
 
     def run(self) -> Outcome:
         """Until the skill ends, a limit is reached, a condition is violated or an end is requested."""
@@ -97,27 +83,27 @@ class SessionLoop:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
 
     def _run(self) -> Outcome:
-        now_s, limits = self._clock.now_s, self._context.session.limits
-        deadline_s = self._context.time_s + limits.timeout_s - TIME_TOLERANCE_S
+        now_s, limits = self.clock.now_s, self.context.session.limits
+        deadline_s = self.context.time_s + limits.timeout_s - TIME_TOLERANCE_S
         wall_deadline_s = now_s() + limits.wall_timeout_s
         while True:
-            if reason := self._cancel():
+            if reason := self.cancel():
                 return describe_request(reason)
             began_s = now_s()
-            result = self._skill.tick()
+            result = self.skill.tick()
             self.ms["tree"] += 1e3 * (now_s() - began_s)
-            for observer in self._observers:
-                observer.on_turn(result, self.ticks, self._context.time_s)
+            for observer in self.observers:
+                observer.on_turn(result, self.ticks, self.context.time_s)
             if result.status is not SkillStatus.RUNNING:
-                return _judge_end(self._skill.find_failure())
+                return _judge_end(self.skill.find_failure())
             if result.set_points is not None:
                 if violation := self._apply(result.set_points, result.active):
                     return violation
             elif result.thinking:
                 began_s = now_s()
-                self._skill.wait(WAIT_S)
+                self.skill.wait(WAIT_S)
                 self.ms["think"] += 1e3 * (now_s() - began_s)
-            if self._context.time_s >= deadline_s:
+            if self.context.time_s >= deadline_s:
                 message = f"the contract allows {limits.timeout_s} s of simulated time"
                 return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
             if now_s() > wall_deadline_s:
@@ -126,21 +112,21 @@ class SessionLoop:
 
     def _apply(self, points: SetPoints, active: str) -> Outcome | None:
         """Carry out one control period; an outcome when a hold condition is violated by it."""
-        context, now_s = self._context, self._clock.now_s
+        context, now_s = self.context, self.clock.now_s
         began_s = now_s()
-        step = self._handle.apply(points)
+        step = self.handle.apply(points)
         applied_s = now_s()
-        for each in self._handle.take_interventions():
+        for each in self.handle.take_interventions():
             context.note(
                 "intervention", each.code, where=each.where, row=each.row, before=each.before, after=each.after
             )
         context.world.advance(step)
         self.ticks += 1
-        for observer in self._observers:
+        for observer in self.observers:
             observer.on_step(points, step)
-        violated = self._holds.feel(step, context.world.observe)
-        if violated is None and self._holds.is_due(self.ticks):
-            violated = self._holds.sample(context.world.observe(self._holds.need), context.world.latest_look)
+        violated = self.holds.feel(step, context.world.observe)
+        if violated is None and self.holds.is_due(self.ticks):
+            violated = self.holds.sample(context.world.observe(self.holds.need), context.world.latest_look)
         self.ms["apply"] += 1e3 * (applied_s - began_s)
         self.ms["record"] += 1e3 * (now_s() - applied_s)
         if violated is None:
@@ -154,7 +140,7 @@ class SessionLoop:
         details: dict[str, Any] = {"by": refusal.by, "reaction": refusal.reaction, "message": str(refusal)}
         if violation is not None:
             details |= {"where": violation.where, "found": violation.found, "limit": violation.limit}
-        self._context.note("intervention", refusal.code, **details)
+        self.context.note("intervention", refusal.code, **details)
         return Outcome(ended=Ended.SAFETY_STOP, code=refusal.code, message=str(refusal))
 
 

@@ -179,9 +179,11 @@ class MovingLeaf(PlanningLeaf[Motion]):
             if self._player is None:
                 return waited
         player, step = self._player, self.context.step
-        if self._held is not None and self._has_lost(self._held):
-            self._player = None
-            return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
+        if self._held is not None:
+            self._lost_periods = 0 if self.context.is_holding(self._held) else self._lost_periods + 1
+            if self._lost_periods >= LOST_PERIODS:
+                self._player = None
+                return self.fail(FailureCode.GRASP_LOST, f"{self._held} left the fingers", object=self._held)
         progress = player.tick(step)
         if progress is Progress.MOVING:
             return Status.RUNNING
@@ -216,11 +218,6 @@ class MovingLeaf(PlanningLeaf[Motion]):
             "duration_s": round(motion.trajectory.duration_s, 6),
             "worst_tracking_error_rad": self._player.worst_error_rad,
         }
-
-    def _has_lost(self, entity: str) -> bool:
-        held = self.context.is_holding(entity)
-        self._lost_periods = 0 if held else self._lost_periods + 1
-        return self._lost_periods >= LOST_PERIODS
 
 
 def _is_in(entity: Entity, vessel: Entity) -> bool:

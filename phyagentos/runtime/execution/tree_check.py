@@ -17,10 +17,26 @@ from phyagentos.protocol.capabilities.trees import (
     load_tree,
     read_tree,
 )
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.execution.port_types import PORT_TYPES, convert_literal
+from phyagentos.runtime.motion.requests import Approach, Approaches, Payload
 
+PORT_TYPES: dict[str, type] = {  # type names of trees and skills
+    "entity": str,
+    "place": str,
+    "point": tuple,
+    "number": float,
+    "integer": int,
+    "string": str,
+    "boolean": bool,
+    "pose": Pose,
+    "approach": Approach,
+    "approaches": Approaches,
+    "payload": Payload,
+}
+
+EXPORTED_TYPES = frozenset(PORT_TYPES) - {"approach", "approaches", "payload"}  # what a contract can carry
 _CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.LEAF)
 
 
@@ -190,7 +206,7 @@ def _iter_reference_problems(
             format_names(f"${key}" for key in written),
             format_hint(value.key, written),
         )
-    elif not _fits(written[value.key], port.data_type):
+    elif port.data_type not in (written[value.key], object):
         yield tree.located.problem(
             "WRONG_TYPE",
             place,
@@ -225,8 +241,19 @@ def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -
             )
 
 
-def _fits(found: Any, expected: Any) -> bool:
-    return found is expected or expected is object
+def convert_literal(value: Any, kind: type) -> Any:
+    """A value from YAML as a port takes it: whole numbers pass as numbers, lists as tuples.
+
+    Raises:
+        TypeError: When it is of another type.
+    """
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if kind is tuple and isinstance(value, list):
+        return tuple(value)
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise TypeError(f"{value!r} is not of type {kind.__name__}")
+    return value
 
 
 def _name_of(kind: Any) -> str:

@@ -19,8 +19,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.decorators import Condition, SimulatedTimeout
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES, convert_literal, export_value
-from phyagentos.runtime.execution.tree_check import read_sound_trees
+from phyagentos.runtime.execution.tree_check import EXPORTED_TYPES, PORT_TYPES, convert_literal, read_sound_trees
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +45,6 @@ class BuiltTree:
     nodes: tuple[BuiltNode, ...]
     output_keys: Mapping[str, str]
     values: dict[str, Any]
-
-    def read_outputs(self) -> dict[str, Any]:
-        """The outputs that were written, as plain data."""
-        values = self.values
-        return {name: export_value(values[key]) for name, key in self.output_keys.items() if key in values}
-
-    def close(self) -> None:
-        """Drop its values."""
-        self.values.clear()
 
 
 def build_tree(
@@ -117,17 +107,14 @@ class _Builder:
     def build(self, node: Node, scope: _Scope, path: str) -> Behaviour:
         """Build a node and everything below it."""
         if node.kind is NodeKind.SUBTREE:
-            return self._build_subtree(node, scope, path)
+            tree = self._trees[node.type]
+            inner = self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}")
+            return self.build(tree.root, inner, path)
         position = len(self.nodes)  # parents before children
         children = [self.build(child, scope, f"{path}/{child.name}") for child in node.children]
         behaviour = self._build_one(node, children, scope, path)
         self.nodes.insert(position, BuiltNode(behaviour, path, node.type))
         return behaviour
-
-    def _build_subtree(self, node: Node, scope: _Scope, path: str) -> Behaviour:
-        tree = self._trees[node.type]
-        inner = self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}")
-        return self.build(tree.root, inner, path)
 
     def _build_one(self, node: Node, children: list[Behaviour], scope: _Scope, path: str) -> Behaviour:
         context = self._context

@@ -11,6 +11,7 @@ from py_trees.composites import Composite
 from py_trees.decorators import Decorator
 
 from phyagentos.protocol.sessions.trace import TraceEvent
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
@@ -70,8 +71,9 @@ class TreeSkillRuntime:
             self._context.planner.cancel()
 
     def read_outputs(self) -> dict[str, Any]:
-        """Values of the tree's outputs."""
-        return self._tree.read_outputs()
+        """The outputs that were written, as plain data."""
+        values = self._tree.values
+        return {name: _export(values[key]) for name, key in self._tree.output_keys.items() if key in values}
 
     def find_failure(self) -> Failure | None:
         """The deepest node that decided the failure."""
@@ -91,7 +93,7 @@ class TreeSkillRuntime:
 
     def close(self) -> None:
         """Drop the tree's values."""
-        self._tree.close()
+        self._tree.values.clear()
 
     def _is_thinking(self) -> bool:
         planner = self._context.planner
@@ -122,6 +124,15 @@ class TreeSkillRuntime:
             message=str(getattr(behaviour, "message", "")),
             numbers=dict(getattr(behaviour, "numbers", {})),
         )
+
+
+def _export(value: Any) -> Any:
+    """An output as plain data for a contract: a pose as seven numbers, a tuple as a list."""
+    if isinstance(value, Pose):
+        return [*value.position_m, *value.quaternion_wxyz]
+    if isinstance(value, tuple):
+        return list(value)
+    return value
 
 
 def _find_decisive(node: Behaviour) -> Behaviour:
