@@ -1,8 +1,7 @@
-"""Which records may be added: the lifecycle of sessions, fencing by epoch, and who may say what about goals.
+"""Which records may be added: the lifecycle of sessions, fencing by epoch, and which side may write about goals.
 
-Upstream: the writer, which asks with the lane locked; so a check and the write that follows it are one step (the
-compare-and-set of the store). Downstream: `lifecycle`. It holds three short facts per session, nothing of its
-content, and forgets what is final once it can be looked up.
+The writer calls it with the lane locked: check and write are one step (compare-and-set). It holds three facts per
+session, and forgets what is final once it can be looked up.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -86,13 +85,7 @@ class Entry(msgspec.Struct, frozen=True):
 
 
 class IllegalEvent(PhyAgentOSError):
-    """A goal or node event that cannot be recorded.
-
-    Attributes:
-        id: The goal or node.
-        event: What was to be recorded.
-        reason: Why not.
-    """
+    """A goal or node event that cannot be recorded."""
 
     def __init__(self, id: str, event: str, reason: str) -> None:
         self.id, self.event, self.reason = id, event, reason
@@ -100,13 +93,7 @@ class IllegalEvent(PhyAgentOSError):
 
 
 class Known(msgspec.Struct, frozen=True, gc=False):
-    """What is remembered of a session or goal.
-
-    Attributes:
-        state: Of a session; of a goal, the latest event that matters here.
-        epoch: Fencing token in force; 0 for a goal.
-        seq: Sequence number of its latest record.
-    """
+    """What is remembered of a session or goal: its state (of a goal, the latest event that matters here)."""
 
     state: str
     epoch: int
@@ -154,21 +141,13 @@ class Admission:
     def admit(
         self, entries: Sequence[Entry], markdown: Sequence[str], *, last_seq: int, by: str, side: Side, at: str
     ) -> list[Record]:
-        """The records these entries become, each checked as if those before it stood already.
-
-        Args:
-            entries: One batch; bodies are plain data.
-            markdown: The body of each, rendered.
-            last_seq: Sequence number of the last record.
-            by: Name of the writer.
-            side: Its side.
-            at: UTC wall time.
+        """The records these entries become, each checked as if those before it were recorded.
 
         Raises:
             IllegalTransition: A trigger the lifecycle does not allow from there, or not to this side.
             Fenced: A stale epoch.
             IllegalEvent: A goal or node event out of order, or from the wrong side.
-            DefinitionError: A contract that is none.
+            DefinitionError: An invalid contract.
         """
         self._staged = {}
         records = []
@@ -286,11 +265,7 @@ def read_known(record: Record) -> Known | None:
 
 
 def split_node_id(id: str) -> tuple[str, str]:
-    """Goal id and node of `node:<goal id>/<node>`.
-
-    Raises:
-        IllegalEvent: When it has no such form.
-    """
+    """Goal id and node of `node:<goal id>/<node>`; anything else raises IllegalEvent."""
     goal, slash, node = id.removeprefix(NODE_PREFIX).partition("/")
     if not (goal and slash and node):
         raise IllegalEvent(id, "", "expected 'node:<goal id>/<node>'")

@@ -1,11 +1,8 @@
-"""The archive: sealed segments that nothing live or unfinished needs any more, out of the way but never deleted.
+"""The archive: sealed segments that no live session or open goal needs, moved but never deleted.
 
-Upstream: the writer of a checkpoint. Downstream: followers, which look there for what is no longer in the
-lane. A segment moves from `sessions/<lane>/` to `sessions/archive/<yyyy-mm>/<lane>/`, month of its name, unchanged: one
-rename within the file system, oldest first, so that the archived ones always precede those in the lane. A death between
-two steps leaves each segment in one place or the other. Order of the steps: make the folders durable, rename, make the
-new name durable, then the absence of the old one; after a power cut a name may stand in both places (the archived file
-counts, both are the same file) and never in none.
+A segment moves from `sessions/<lane>/` to `sessions/archive/<yyyy-mm>/<lane>/`, month of its name, by one rename,
+oldest first: archived segments always precede those in the lane. Folders are made durable first, then the new name, then the
+absence of the old one. After a power cut a name may stand in both places (the archived file counts), never in none.
 """
 
 from itertools import pairwise
@@ -23,7 +20,7 @@ _FRONT_BYTES = 4096
 
 
 def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: FileIO, *, durable: bool) -> list[str]:
-    """Move every segment whose records all come before a horizon.
+    """Move every segment whose records all come before `horizon_seq`; the names moved, oldest first.
 
     Args:
         folder: Of the lane.
@@ -31,12 +28,6 @@ def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: Fi
         known_seq: Last record that the horizon takes into account.
         file_io: The calls that change the disk.
         durable: Whether to wait for the disk.
-
-    Returns:
-        Names of those that were moved, oldest first.
-
-    Raises:
-        OSError: The rest stays where it is.
     """
     moved: list[str] = []
     names = list_segments(folder)

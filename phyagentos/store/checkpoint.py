@@ -1,9 +1,7 @@
-"""The checkpoint of a lane: what a fold holds at one record, so that a start need not read the whole journal.
+"""The checkpoint of a lane: the fold at one record, so that a start need not read the whole journal.
 
-Upstream: a ledger. Downstream: `Journal`, and every reader that starts. It is never the truth: one that is missing,
-torn, damaged or of another format is ignored, and the journal is read from its first record. One that is intact, but
-ahead of the segments, is proof that their end is gone, for it is made of durable records only: a writer refuses. A
-writer that dies leaves the former one or the new one, never a mixture.
+It is never the truth: a missing, torn, damaged or foreign one is ignored. It holds durable records only, so an intact
+one that is ahead of the segments proves that their end is gone: a writer refuses.
 
 The file `sessions/<lane>/checkpoint.md` is Markdown: front matter, then one fenced list each of goals, of sessions that
 are live or belong to a goal that is not over, and of the latest that are over. Each item is one line, a JSON mapping
@@ -63,18 +61,7 @@ class Checkpoint:
 
 
 def write_checkpoint(folder: Path, ledger: Ledger, position: Position, file_io: FileIO, *, durable: bool) -> None:
-    """Publish a checkpoint: temporary file, fsync, rename, fsync of the folder.
-
-    Args:
-        folder: Of the lane.
-        ledger: The fold of every record up to `position`.
-        position: Where it stands; everything before it must be durable.
-        file_io: The calls that change the disk.
-        durable: Whether to wait for the disk.
-
-    Raises:
-        OSError: The former one stands.
-    """
+    """Publish a checkpoint of all records up to `position` (which must be durable): fsync, rename, fsync."""
     temporary = folder / _TEMPORARY
     data = render_checkpoint(folder.name, ledger.take_image(), position, _read_tail_crc(folder, position))
     with temporary.open("wb", buffering=0) as file:
@@ -131,11 +118,7 @@ def find_seen_seq(folder: Path) -> int:
 
 
 def refuse_missing_end(follower: Follower, seen_seq: int) -> None:
-    """Compare where a lane ends with what its checkpoint has seen, which is made of durable records only.
-
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED` when records are gone; not when the follower has found another damage itself.
-    """
+    """Raise `JOURNAL_DAMAGED` when a lane ends before its checkpoint, unless the follower reports damage itself."""
     if follower.seq < seen_seq and follower.tail is not Tail.DAMAGED:
         what = f"it ends with record {follower.seq}, but the checkpoint has seen record {seen_seq}"
         raise damage(follower.path, follower.offset, what)
@@ -176,8 +159,8 @@ def parse_checkpoint(data: bytes, lane: str) -> Checkpoint | None:
 def start_reading(folder: Path, *, forgets: bool = True) -> tuple[Ledger, Follower]:
     """A ledger as of the checkpoint (empty where there is none) and a follower that goes on behind it.
 
-    Close the follower. What it reads next is to be applied to the ledger; together they hold what is live, goals that
-    are not over with all their sessions, and the latest of the rest.
+    Close the follower. Once its new records are applied, the ledger holds what is live, open goals with all their
+    sessions, and the latest of the rest.
     """
     checkpoint = find_checkpoint(folder)
     if checkpoint is not None:
@@ -215,12 +198,7 @@ def _is_finite(value: Any) -> bool:
 
 
 def _read_tail_crc(folder: Path, position: Position) -> int:
-    """CRC of what stands before a position.
-
-    Raises:
-        OSError: There is no such segment, or it ends earlier.
-        ExecutionError: It is another segment.
-    """
+    """CRC of the bytes before a position; raises OSError or ExecutionError where another segment stands."""
     fd = open_segment(folder, position.segment)
     try:
         front = read_front(folder / f"{position.segment}.md", os.pread(fd, _TAIL_BYTES, 0))

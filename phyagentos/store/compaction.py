@@ -1,7 +1,4 @@
-"""Making a lane short: seal what is written, write a checkpoint, archive what nothing alive needs.
-
-Upstream: `paos store compact`. Downstream: `checkpoint` and `archive`, which writers use by themselves now and then.
-"""
+"""Shortening a lane: seal the current segment, write a checkpoint, archive what nothing live needs."""
 
 import contextlib
 import fcntl
@@ -38,13 +35,7 @@ class Compaction:
 
 
 def compact_lane(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Compaction:
-    """Seal, checkpoint and archive, with the lane locked; others go on afterwards.
-
-    Args:
-        folder: `sessions/<lane>`.
-        by: Name of the writer, for the record of a torn end that has to be cut first.
-        clock: For the day of the new segment.
-        file_io: The calls that change the disk.
+    """Seal, checkpoint and archive `sessions/<lane>` with the lane locked; other writers continue afterwards.
 
     Raises:
         ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`, `JOURNAL_WRITE_FAILED`.
@@ -58,11 +49,7 @@ def compact_lane(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Com
 
 @contextlib.contextmanager
 def keep_still(folder: Path) -> Iterator[PartitionLock]:
-    """Hold both locks of a lane: no other process writes or archives.
-
-    Raises:
-        ExecutionError: `JOURNAL_LOCKED`.
-    """
+    """Hold both locks of a lane, so that no other process writes or archives; raises `JOURNAL_LOCKED`."""
     upkeep = os.open(folder / UPKEEP_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     lock = PartitionLock(folder)
     try:

@@ -1,8 +1,7 @@
 """What a journal's owner has not read yet, in bounded memory.
 
-Upstream: the journal's own cursor. Downstream: the caller of `read_new`. As long as the owner keeps up, records are
-handed over from memory, each parsed once. An owner that does not is remembered as a place in the journal and reads from
-there; so does one that has just started.
+Records of an owner that keeps up are handed over from memory, each parsed once; a slow or new owner is remembered as a
+place in the journal and reads from there.
 """
 
 from collections.abc import Sequence
@@ -15,14 +14,7 @@ UNREAD_KEPT = 4096  # records; more are read again from the segments
 
 
 class ConsumerOffset:
-    """The owner's place in a lane.
-
-    Args:
-        folder: Of the lane.
-
-    Attributes:
-        delivered: Where the owner stands, as of its last call; None before the first.
-    """
+    """The owner's place in a lane; `delivered` is where it stands as of its last call, None before the first."""
 
     def __init__(self, folder: Path) -> None:
         self.delivered: Position | None = None
@@ -45,11 +37,7 @@ class ConsumerOffset:
                 self._behind = Follower(self._folder, self.delivered)
 
     def take(self, cursor: Follower) -> tuple[list[Record], Follower]:
-        """What the owner has not read, and the cursor to go on with: it may have moved further.
-
-        Args:
-            cursor: The journal's, which has just read as far as it can.
-        """
+        """What the owner has not read, and the cursor to go on with; the given one has just read as far as it can."""
         if self._behind is None:
             records, self._unread = self._unread, []
         else:

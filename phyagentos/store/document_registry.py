@@ -1,7 +1,4 @@
-"""Every kind of Markdown document of a workspace, by file name: how it is checked, and how it is told as plain data.
-
-Upstream: the module of each document. Downstream: `paos lint`, `paos schema`, tests.
-"""
+"""Every kind of Markdown document of a workspace, by file name: how it is checked and read as plain data."""
 
 from typing import Any
 
@@ -29,16 +26,7 @@ FORMATS: dict[str, DocumentFormat[Any]] = {
 
 
 def check_document(text: str, file: str, source: str = "") -> None:
-    """Check a document as its reader would.
-
-    Args:
-        text: All of it.
-        file: Its usual name.
-        source: File name for messages.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
+    """Check a document, whose usual name is `file`, as its reader would; raises DefinitionError with every problem."""
     if file == LOG.file:
         read_log(text, source)
     elif file == SESSIONS.file:

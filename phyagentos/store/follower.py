@@ -1,9 +1,8 @@
 """The follower: reads one lane of the journal, as far as it is whole. Writes nothing.
 
-Upstream: the segments. Downstream: the writer (which must know what stands there before it adds to it) and readers. It
-never skips: behind the first byte that it cannot trust it waits, and a damaged segment is reported with its offset.
+It never skips: it waits behind the first byte that it cannot trust, and reports a damaged segment with its offset.
 
-The algorithm, for any language. A lane is the folder `sessions/<lane>/`; a segment `<name>.md` lies there, or, once it
+The algorithm, for any language. A lane is the folder `sessions/<lane>/`; a segment `<name>.md` is there, or, once it
 is sealed and no live session or open goal needs it, in `sessions/archive/<yyyy-mm>/<lane>/<name>.md`, where `yyyy-mm`
 are the first seven characters of its name. Segments are moved oldest first, by rename, and never back.
 
@@ -51,14 +50,7 @@ _CLEAN, _DAMAGED = Tail.CLEAN, Tail.DAMAGED  # an enumeration takes its time to 
 
 
 class Position(msgspec.Struct, frozen=True, gc=False):
-    """Where a reader stands.
-
-    Attributes:
-        segment: Name of the segment.
-        first_seq: Sequence number of its first record.
-        offset: Where the next record begins.
-        seq: Sequence number of the record before it.
-    """
+    """Where a reader stands: at `offset` in a segment that begins with `first_seq`, behind record `seq`."""
 
     segment: str
     first_seq: int
@@ -74,14 +66,11 @@ class Follower:
         segment: Name of the segment it stands in, None before the first.
         first_seq: Sequence number of that segment's first record.
         offset: Where the next record begins.
-        tail: What stood behind `offset` when it last looked.
+        tail: What followed `offset` at the last read.
 
     Args:
         folder: Of the lane.
         position: Where to begin; trusted. By default before the first record.
-
-    Raises:
-        FileNotFoundError: When the segment of `position` does not exist.
     """
 
     def __init__(self, folder: Path, position: Position | None = None) -> None:

@@ -1,7 +1,6 @@
 """The whole history of one session, goal or node, archived or not, without reading the journal.
 
-Upstream: the index for sealed segments, a search for the one being written. Downstream: the writer (was this id ever
-used, and how did it end), `paos why`, `paos rerun`. Every record is checked like by any follower before it is believed.
+Sealed segments are found by the index, the open one is searched; every record is checked as by a follower.
 """
 
 import os
@@ -31,10 +30,9 @@ KIN = ("parent", "child")  # in the body of `child_of`
 
 
 class Histories:
-    """Looks up histories in one lane; close it, or use it in a `with` block.
+    """Looks up histories in one lane `sessions/<lane>`; close it, or use it in a `with` block.
 
-    Args:
-        folder: Of the lane, `sessions/<lane>`.
+    Methods raise ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -52,11 +50,7 @@ class Histories:
         self.index.close()
 
     def find(self, id: str) -> list[Record]:
-        """Every record of a session id, `goal:<goal id>` or `node:<goal id>/<node>`, oldest first; empty when unknown.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
-        """
+        """Records of a session id, `goal:<goal id>` or `node:<goal id>/<node>`, oldest first; empty when unknown."""
         self.index.extend()
         begin = b'- {"id":%b,' % msgspec.json.encode(id)
         records = self.read_sealed(id)
@@ -85,11 +79,7 @@ class Histories:
         return fold(sorted(records, key=lambda record: record.seq))
 
     def fold_goal(self, id: GoalId) -> Ledger | None:
-        """A goal, its nodes and all their sessions; None when it was never submitted.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
-        """
+        """A goal, its nodes and all their sessions; None when it was never submitted."""
         records = self.find(f"{GOAL_PREFIX}{id}")
         if not records:
             return None
@@ -108,11 +98,7 @@ class Histories:
             return [self._read(place, id) for place in self.index.find(id)]
 
     def iter_unsealed(self, last_seq: int) -> Iterator[Record]:
-        """Every record behind the index, up to `last_seq`.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`.
-        """
+        """Every record behind the index, up to `last_seq`."""
         for data, front in self._iter_unsealed_segments():
             head = len(front.encode())
             for record in scan_records(data[head:], front.first_seq - 1).records:

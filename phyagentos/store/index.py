@@ -1,8 +1,7 @@
-"""Where the records of each session, goal and node lie: an index over sealed segments, which may be deleted any time.
+"""Positions of the records of each session, goal and node: an index over sealed segments, which never change.
 
-Upstream: sealed segments, archived or not; they never change, so neither does what is said about them. Downstream:
-`history`, and the writer, which must refuse an id that was ever used. `.cache/<lane>.sqlite` is a cache and nothing
-else: what is missing is read again from the segments, and what does not fit them is thrown away.
+`.cache/<lane>.sqlite` is a cache and may be deleted any time: what is missing is read again from the segments, and what
+does not fit them is discarded.
 """
 
 import contextlib
@@ -57,13 +56,12 @@ class _Segment(NamedTuple):
 
 
 class HistoryIndex:
-    """The index of one lane; each process opens its own.
+    """The index of one lane `sessions/<lane>`; each process opens its own.
 
-    Args:
-        folder: Of the lane, `sessions/<lane>`.
+    Methods raise ExecutionError: `INDEX_UNAVAILABLE`, `JOURNAL_DAMAGED`.
 
     Attributes:
-        last_seq: Records up to this one are in it, as far as this process has looked.
+        last_seq: Records up to this one are in it, as far as this process has read.
         last_segment: The segment that holds it, empty when nothing is in it.
     """
 
@@ -74,11 +72,7 @@ class HistoryIndex:
         self._connection: sqlite3.Connection | None = None
 
     def extend(self) -> None:
-        """Read every sealed segment that is not in it yet.
-
-        Raises:
-            ExecutionError: `INDEX_UNAVAILABLE`, or `JOURNAL_DAMAGED`.
-        """
+        """Read every sealed segment that is not in it yet."""
         for is_last_try in (False, True):
             try:
                 self._extend(self._connect())
@@ -90,11 +84,7 @@ class HistoryIndex:
                 return
 
     def find(self, id: str) -> list[RecordPosition]:
-        """Where the records of an id lie that are in the index, oldest first.
-
-        Raises:
-            ExecutionError: `INDEX_UNAVAILABLE`, or `JOURNAL_DAMAGED`.
-        """
+        """Positions of the indexed records of an id, oldest first."""
         try:
             return self._find(id)
         except _ROTTEN:
@@ -102,11 +92,7 @@ class HistoryIndex:
             return self._find(id)
 
     def rebuild(self) -> None:
-        """Throw it away and read every sealed segment again.
-
-        Raises:
-            ExecutionError: `INDEX_UNAVAILABLE`, or `JOURNAL_DAMAGED`.
-        """
+        """Discard it and read every sealed segment again."""
         self._discard()
         self.extend()
 

@@ -1,7 +1,4 @@
-"""Looking at a lane of the journal without changing a byte: every problem it has, not only the first.
-
-Upstream: `salvage`, which goes on behind damage. Downstream: `paos store check`, `repair`.
-"""
+"""Checks a lane of the journal without changing a byte: every problem it has, not only the first."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -32,9 +29,7 @@ class Finding:
     Attributes:
         code: `SEGMENT_MISLINKED`, `RECORD_DAMAGED`, `RECORDS_MISSING`, `BODY_UNREADABLE`, `RECORD_ILLEGAL`,
             `CHECKPOINT_WRONG`; no damage are `END_TORN`, `SEGMENT_TWICE` and `CHECKPOINT_UNUSED`.
-        segment: Where.
-        offset: Where in its file [bytes].
-        message: What.
+        offset: Where in the file of the segment [bytes].
     """
 
     code: str
@@ -54,14 +49,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inspection:
-    """What a check found.
-
-    Attributes:
-        findings: Every problem, in the order of the journal.
-        segments: How many were read.
-        records: How many are intact.
-        last_seq: Number of the last record, lost ones counted.
-    """
+    """What a check found: every problem in the order of the journal; `last_seq` counts lost records."""
 
     findings: Sequence[Finding]
     segments: int
@@ -75,11 +63,7 @@ class Inspection:
 
 
 def inspect_lane(folder: Path) -> Inspection:
-    """Check every segment, archived ones included: frames, chain, bodies, lifecycle; and the checkpoint.
-
-    Args:
-        folder: `sessions/<lane>`.
-    """
+    """Check every segment of `sessions/<lane>`, archived ones too: frames, chain, bodies, lifecycle, checkpoint."""
     findings = list(_iter_doubles(folder))
     expected = find_checkpoint(folder)
     known_seq = find_seen_seq(folder)
@@ -133,11 +117,7 @@ def describe_lost(gap: Gap) -> str:
 
 
 class _Replay:
-    """Plays the records again: could each have been admitted, and do they lead to the checkpoint?
-
-    Args:
-        checkpoint: The one that would be trusted.
-    """
+    """Replays the records: could each have been admitted, and do they lead to the trusted checkpoint?"""
 
     def __init__(self, checkpoint: Checkpoint | None) -> None:
         self._admission = Admission(is_past=True)

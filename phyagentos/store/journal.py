@@ -1,14 +1,13 @@
 """The journal: the one truth of a workspace, an append-only Markdown log that several processes share.
 
-Upstream: both planes and the operator. Downstream: followers, the fold (`ledger`) and the views. One `commit` is one
-lock, one check, one write and one wait for the disk. A database was measured and rejected: the truth must be text.
+One `commit` is one lock, one check, one write and one wait for the disk. A database was measured and rejected: the
+truth must be text.
 
-Which records may lag. A wait for the disk covers everything that stands before it in the lane, of any writer, so
-what is on the disk is always a prefix of the journal. A record may therefore be committed with `durable=False` when
-losing it in a power cut is harmless, or when a durable one follows before anybody acts on it. A session needs three
-waits at most:
+Which records may lag. A wait for the disk covers everything before it in the lane, of any writer, so what is on the
+disk is always a prefix of the journal. A record may be committed with `durable=False` when losing it in a power cut is
+harmless, or when a durable one follows before any process acts on it. A session needs three waits at most:
 
-- `submit` (agent), before anybody is told that it was accepted;
+- `submit` (agent), before its acceptance is reported;
 - `start` (runtime), before the first command: it covers `claim` and `check`, which stand in its batch;
 - the verdict (agent): it covers `halt`, `finish` and `verify`. While sessions follow one another closely, the `start`
   of the next one covers it, and the submission beside it; the mission waits by itself when nothing follows, and at its
@@ -57,7 +56,7 @@ class Journal:
         side: On whose behalf it writes.
         by: Name of the writer.
         clock: For the time of records and the day of segments.
-        durable: Whether a commit waits for the disk; without, an acknowledged record may die with the machine.
+        durable: Whether a commit waits for the disk; without, an acknowledged record may be lost in a power cut.
         lane: Folder under `sessions/`; by default the only one there is, or the host's name.
         segment_bytes: Size at which a new segment begins.
         file_io: The calls that change the disk.
@@ -110,12 +109,9 @@ class Journal:
             raise
 
     def open_ledger(self) -> Ledger:
-        """The fold of all that stands here, from the checkpoint where there is one; `read_new` goes on behind it.
+        """The fold of all records, from the checkpoint where there is one; apply what `read_new` gives to it.
 
-        Apply what `read_new` gives to this ledger: then checkpoints are made of it now and then.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`.
+        Checkpoints are made of this ledger now and then. Raises ExecutionError `JOURNAL_DAMAGED`.
         """
         ledger, follower = start_reading(self.folder)
         try:
@@ -128,20 +124,17 @@ class Journal:
         return ledger
 
     def commit(self, entries: Sequence[Entry], *, durable: bool = True) -> list[Record]:
-        """Record all of these, or none.
+        """Record all of these, in order, or none; returns the records.
 
         Args:
-            entries: One batch, in order; each is checked as if those before it stood already.
+            entries: One batch; each is checked as if those before it were recorded.
             durable: Whether to wait for the disk now; if not, the next durable commit or `sync` covers it.
-
-        Returns:
-            Its records.
 
         Raises:
             IllegalTransition: The lifecycle does not allow it, or not to this side.
             Fenced: A stale epoch.
             IllegalEvent: A goal or node event out of order, or from the wrong side.
-            DefinitionError: A contract that is none, or a record that is too large.
+            DefinitionError: An invalid contract, or a record that is too large.
             ExecutionError: `JOURNAL_WRITE_FAILED` (nothing was recorded), `JOURNAL_NOT_DURABLE` (final for this
                 process), `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`.
         """
@@ -175,11 +168,7 @@ class Journal:
         return records
 
     def sync(self) -> None:
-        """Wait until everything that was committed or read here is on the disk.
-
-        Raises:
-            ExecutionError: `JOURNAL_NOT_DURABLE`.
-        """
+        """Wait until everything committed or read here is durable; raises `JOURNAL_NOT_DURABLE`."""
         with self._mutex:
             self._writer.refuse_if_failed()
             self._writer.open(self._follower)
@@ -199,8 +188,8 @@ class Journal:
         Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own.
 
         Args:
-            looks: Whether to look at the lane, and to keep it short. If not, what the last commit found there and what
-                it added is all there is: enough for a caller that acts on what it has just recorded.
+            looks: Whether to read the lane, and to keep it short. If not, only what the last commit found and added is
+                returned: enough for a caller that acts on what it has just recorded.
 
         Raises:
             ExecutionError: `JOURNAL_DAMAGED`.

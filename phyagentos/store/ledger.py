@@ -1,12 +1,8 @@
-"""The fold: what stands in the journal, as the present state of sessions and goals.
+"""The fold: records of the journal, as the present state of sessions and goals.
 
-Upstream: records of a follower, or a checkpoint and the records behind it: both lead to the same ledger. Downstream:
-watchdog, mission, views. Applying a record costs the same however many there are; nothing here is ever written back.
-
-A ledger stays small: it holds what is live, goals that are not over and all their sessions, and of the rest the latest
-(`FINISHED_KEPT`, `GOALS_KEPT`). What it let go of is still in the journal: see `history`.
-
-Bodies that it understands:
+Starting from a checkpoint leads to the same ledger as starting from the first record. A ledger stays small: it holds
+what is live, open goals with all their sessions, and the latest of the rest (`FINISHED_KEPT`, `GOALS_KEPT`); for
+what it forgot see `history`. Bodies that it reads:
 
 - `submit`: the contract. `amend`: an `Amendment`. `execution`, `attempt`, `reason` in the body of any later session
   record.
@@ -48,11 +44,7 @@ class Span(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class SessionImage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A session as a checkpoint keeps it.
-
-    Attributes:
-        is_over: Whether it may be forgotten.
-    """
+    """A session as a checkpoint keeps it; one that `is_over` may be forgotten."""
 
     status: SessionStatus
     span: Span
@@ -60,11 +52,7 @@ class SessionImage(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class GoalImage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A goal as a checkpoint keeps it.
-
-    Attributes:
-        is_over: Whether it may be forgotten.
-    """
+    """A goal as a checkpoint keeps it; one that `is_over` may be forgotten."""
 
     status: GoalStatus
     span: Span
@@ -103,7 +91,7 @@ class Ledger:
         goal_count: Goals ever submitted.
 
     Args:
-        forgets: Whether it lets go of what is long over.
+        forgets: Whether it drops what is long over.
     """
 
     def __init__(self, *, forgets: bool = True) -> None:

@@ -11,14 +11,7 @@ _NO_LANES = frozenset({ARCHIVE, "claims", "inbox"})
 
 
 def choose_lane(folder: Path) -> str:
-    """Name of the lane to use: the only one there is, else this host's.
-
-    Args:
-        folder: `sessions/` of a workspace.
-
-    Raises:
-        ExecutionError: `LANE_UNCLEAR` when there are several and none is this host's.
-    """
+    """Name of the lane below `sessions/` to use: the only one, else this host's; raises `LANE_UNCLEAR`."""
     host = re.sub(r"[^A-Za-z0-9._-]", "-", os.uname().nodename) or "host"
     found = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
     lanes = [name for name in found if name not in _NO_LANES]

@@ -1,8 +1,7 @@
-"""Keeping a lane short to start from and small: checkpoint and archive, now and then, one process at a time.
+"""Keeps a lane short to start from: checkpoint and archive now and then, one process at a time.
 
-Upstream: a journal whose ledger is up to date. Downstream: `checkpoint`, `archive`. Nothing here is needed for the
-truth, so what fails is left for the next time. Due every two thousand records, every minute in which something
-happened, and with every new segment; never more than a small share of the time, however much is live.
+The truth needs none of it, so what fails is left for the next time. Due every two thousand records, every minute with
+new records, and with every new segment; never more than a small share of the time, however much is live.
 """
 
 import contextlib
@@ -28,14 +27,7 @@ LOCK_NAME = ".upkeep.lock"
 
 
 class Upkeep:
-    """Decides when, and does it.
-
-    Args:
-        folder: Of the lane.
-        clock: For the periods.
-        file_io: The calls that change the disk.
-        durable: Whether to wait for the disk.
-    """
+    """Decides when a lane's checkpoint is due, and writes it."""
 
     def __init__(self, folder: Path, clock: Clock, file_io: FileIO, *, durable: bool) -> None:
         self._folder, self._clock, self._io, self._durable = folder, clock, file_io, durable
@@ -64,11 +56,7 @@ class Upkeep:
         return gained >= PERIOD_RECORDS or (gained > 0 and now_s - self._at_s >= PERIOD_S)
 
     def tidy(self, ledger: Ledger, position: Position) -> None:
-        """Write a checkpoint and archive what it makes needless, unless another process has just done so.
-
-        Args:
-            ledger: The fold of every record up to `position`.
-            position: Where it stands.
+        """Write a checkpoint of all records up to `position` and archive what it makes needless, unless just done.
 
         Raises:
             SyncFailedError: The disk did not confirm; what fails otherwise is left for the next time.
@@ -85,12 +73,7 @@ class Upkeep:
         self._not_before_s = end_s + (end_s - begin_s) / SHARE
 
     def finish(self, ledger: Ledger | None, position: Position | None) -> None:
-        """Leave a checkpoint behind at the end, when it is worth it.
-
-        Args:
-            ledger: None where this process has none; then a short tail is read again.
-            position: Where the journal stands.
-        """
+        """Leave a checkpoint behind at the end, when it is worth it; without a ledger, a short tail is read again."""
         gained = position.seq - find_checkpoint_seq(self._folder) if position is not None else 0
         if position is None or gained < WORTH_RECORDS:
             return
@@ -121,11 +104,7 @@ class Upkeep:
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        """Hold the lock of the upkeep.
-
-        Raises:
-            BlockingIOError: Another process holds it.
-        """
+        """Hold the lock of the maintenance; raises BlockingIOError when another process holds it."""
         fd = os.open(self._folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,9 +1,8 @@
 """What a writer remembers of sessions and goals, and how it recalls the rest.
 
-Upstream: the journal. Downstream: `admission`, which judges by it. In memory is what is live, and what was touched
-since the last sealed segment; what ended before is looked up in the index, so that an id is never used twice and the
-memory does not grow. After a start from a checkpoint the memory is cold: what the checkpoint passed over is read when
-it is first asked for, which a process that submits nothing never does.
+In memory is what is live, and what was touched since the last sealed segment; what ended before is looked up in the
+index, so that an id is never used twice and the memory does not grow. What the checkpoint passed over is read when
+first asked for, which a process that submits nothing never does.
 """
 
 from collections.abc import Iterable
@@ -32,8 +31,7 @@ class Memory:
         checkpoint: Where its cursor began, None for the first record.
 
     Attributes:
-        admission: Judges by it.
-        segment: The segment that was written when it last let go of something.
+        segment: The segment that was written when it last forgot something.
     """
 
     def __init__(self, folder: Path, checkpoint: Checkpoint | None) -> None:
@@ -77,11 +75,7 @@ class Memory:
             return self.admission.knows(id)
 
     def warm_up(self) -> None:
-        """Read what the checkpoint passed over.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`.
-        """
+        """Read what the checkpoint passed over; raises `JOURNAL_DAMAGED`."""
         try:
             self.histories.index.extend()
         except ExecutionError as error:

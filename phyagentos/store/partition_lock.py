@@ -1,8 +1,7 @@
-"""The lock file of a lane: who may write now, and into which segment.
+"""The lock file of a lane: which writer may write now, and into which segment.
 
-Upstream: the writer. Downstream: followers, which read the name in it instead of listing the folder. A writer that
-opens a segment writes its name here first, with the lock held: while a follower's own segment stands here, no later one
-exists. Any other content means: list the folder. The file holds nothing that could be lost.
+A writer that opens a segment writes its name here first, with the lock held. While a follower's own segment stands
+here, no later one exists; with any other content, it lists the folder.
 """
 
 import contextlib

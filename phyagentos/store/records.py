@@ -66,7 +66,6 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         ev: What happened: a trigger of the lifecycle, `submit`, or a goal or node event.
         source: State before; None for everything but sessions, and for `submit`.
         to: State after; None for everything but sessions.
-        by: Name of the writer.
         side: `agent`, `runtime` or `operator`.
         epoch: Fencing token in force after this record; None for goals and nodes.
         at: UTC wall time.
@@ -93,11 +92,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @_Lazy
     def contract(self) -> Session:
-        """The body of a `submit` record.
-
-        Raises:
-            msgspec.ValidationError: When it is none.
-        """
+        """The body of a `submit` record; raises msgspec.ValidationError for an invalid one."""
         return msgspec.convert(self.body or {}, Session)
 
     def remember(self, body: dict[str, Any] | None, contract: Session | None) -> None:
@@ -108,11 +103,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
 
 def encode_record(record: Record) -> bytes:
-    """The record as it stands in a segment.
-
-    Raises:
-        DefinitionError: `RECORD_TOO_LARGE`: pictures and traces belong into files of the evidence folder.
-    """
+    """The record as it stands in a segment; raises DefinitionError `RECORD_TOO_LARGE`."""
     payload = f"- {_encode_line(record)}\n{record.markdown}\n".encode()
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise DefinitionError(
@@ -178,12 +169,7 @@ def read_record(data: bytes, position: int) -> tuple[Record, int] | None:
 
 
 def iter_places(data: bytes, position: int) -> Iterator[tuple[str, int, int, int]]:
-    """Id, sequence number, offset and length of each record from `position` on, its contents unread.
-
-    Args:
-        data: A sealed segment.
-        position: Offset of a record.
-    """
+    """Id, sequence number, offset and length of each record of a sealed segment from `position` on."""
     while match := _PLACE.match(data, position):
         name = match[3]
         id = name.decode() if b"\\" not in name else str(msgspec.json.decode(b'"%b"' % name))
@@ -233,13 +219,7 @@ _CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member
 
 
 class Scan(NamedTuple):
-    """What a stretch of a segment holds.
-
-    Attributes:
-        records: Those of whole batches, in order.
-        end: Offset behind the last whole batch.
-        tail: What follows.
-    """
+    """What a stretch of a segment holds: the records of whole batches, the offset behind them, and what follows."""
 
     records: Sequence[Record]
     end: int
@@ -247,12 +227,7 @@ class Scan(NamedTuple):
 
 
 def scan_records(data: bytes, last_seq: int) -> Scan:
-    """Read every whole batch at the beginning of `data`.
-
-    Args:
-        data: Bytes of a segment from a record boundary to its end.
-        last_seq: Sequence number of the record before `data`.
-    """
+    """Read every whole batch at the beginning of `data`, which starts behind record `last_seq`."""
     records: list[Record] = []
     position, seq, end, whole = 0, last_seq, 0, 0
     while match := _HEADER.match(data, position):

@@ -1,10 +1,8 @@
-"""Mending a damaged lane: what can be proved intact stays as it stands, and every number that is lost says so.
+"""Repairs a damaged lane: what is proved intact stays as it is, and every number that is lost gets a record.
 
-Upstream: `salvage`. Downstream: `paos store repair`. No reader needs a rule for it: the place of each lost record is
-taken by a `lost` record, later segments get the new hash of the one before, and a last segment tells all in `repair`
-records. Files are staged first and put in place from the newest to the oldest, so that a repair that is interrupted
-leaves damage that is seen, and can be done again. A marker for skipped numbers was rejected: every reader would have to
-know it. See docs/journal.md.
+No reader needs a rule for it: a `lost` record takes the place of each lost one, later segments get the new hash of the
+one before, and a last segment reports all in `repair` records. Files are staged first and put in place from the newest
+to the oldest, so that an interrupted repair leaves visible damage, and can be done again. See docs/journal.md.
 """
 
 import contextlib
@@ -35,13 +33,7 @@ assert _LISTED_AT_ONCE * 900 < MAX_PAYLOAD_BYTES
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """One place where bytes are left out or numbers are lost.
-
-    Attributes:
-        segment: Where.
-        offset: Where in its file, before the repair [bytes].
-        gap: What is gone.
-    """
+    """One place where bytes are left out or numbers are lost; `offset` in the file before the repair [bytes]."""
 
     segment: str
     offset: int
@@ -66,8 +58,6 @@ class Changed:
     """A segment that is written again.
 
     Attributes:
-        segment: Its name.
-        path: Its file.
         staged: The file that takes its place.
         before: Hash of the file as it was found.
         after: Hash of the file as it will be.
@@ -90,7 +80,7 @@ class Repair:
 
     Attributes:
         cuts: Every place, in the order of the journal.
-        sessions: Sessions, goals and nodes that the lost records were about, as far as it can be known.
+        sessions: Sessions, goals and nodes that the lost records were about, as far as known.
         changed: Segments that are written again.
         is_done: Whether anything was changed.
         aside: Copies of the files as they were found.
@@ -119,17 +109,9 @@ class Repair:
 
 
 def repair_lane(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: FileIO) -> Repair:
-    """Mend a lane, if that is wanted.
+    """Repair a lane `sessions/<lane>`; `accept_loss` permits more than cutting a torn end.
 
-    Args:
-        folder: `sessions/<lane>`.
-        accept_loss: Whether to go on when more than a torn end is wrong; without, nothing is changed.
-        by: Name of the writer.
-        clock: For the time of records.
-        file_io: The calls that change the disk.
-
-    Returns:
-        With a torn end alone `is_done` is False: opening a `Journal` cuts it.
+    With a torn end alone `is_done` is False: opening a `Journal` cuts it.
 
     Raises:
         ExecutionError: `JOURNAL_LOCKED`.

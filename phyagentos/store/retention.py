@@ -1,8 +1,7 @@
 """How long evidence is kept: bundles of succeeded sessions are thinned, all others stay whole.
 
-Upstream: `paos evidence prune`, `paos store compact`; the policy stands in runtime_contract.yaml. Downstream: the
-manifests. What is taken out is written into the manifest first, durably, and only then deleted, so that no bundle ever
-lacks a file without saying so. Sessions and goals that have not ended are never touched.
+What is removed is first written into the manifest, durably, and only then deleted: no bundle lacks a file silently.
+Sessions and goals that have not ended are never touched. The policy stands in runtime_contract.yaml.
 """
 
 import datetime
@@ -69,9 +68,8 @@ class RetentionReport:
         sealed_late: Sessions whose bundles had no manifest and got one.
         whole: How many bundles stay whole.
         bytes_before: What all evidence took, shared files counted once.
-        bytes_after: What it takes then.
-        bytes_over: How much of that is above `max_bytes` and must not be taken away.
-        damaged: Sessions whose bundles do not hold what their manifests say; nothing is taken out of them.
+        bytes_over: How much remains above `max_bytes` and must not be removed.
+        damaged: Sessions whose bundles do not match their manifests; nothing is removed from them.
     """
 
     thinned: tuple[Thinned, ...]
@@ -84,24 +82,14 @@ class RetentionReport:
 
 
 def read_retention(workspace: Workspace) -> EvidenceRetention:
-    """The policy of a workspace.
-
-    Raises:
-        DefinitionError: With every problem of runtime_contract.yaml.
-    """
+    """The policy of a workspace; raises DefinitionError with every problem of runtime_contract.yaml."""
     return read_runtime_contract(workspace.runtime_contract).evidence
 
 
 def apply_retention(
     workspace: Workspace, policy: EvidenceRetention, clock: Clock, *, dry_run: bool = False
 ) -> RetentionReport:
-    """Thin what the policy allows, finish what an interrupted clean-up left, and drop large files that no bundle needs.
-
-    Args:
-        workspace: Whose evidence.
-        policy: How long what is kept.
-        clock: For ages and for the note in the manifests.
-        dry_run: Say what would be done and write nothing.
+    """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
     Raises:
         ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle

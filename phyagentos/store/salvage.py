@@ -1,7 +1,6 @@
 """What can be proved intact in a lane: a reader that goes on behind damage, for `inspection` and `repair` only.
 
-Upstream: the segments, archived ones included. Followers stop at the first byte that they cannot trust; this one finds
-the next record whose frame proves it and tells what lies between. It reads one segment at a time and writes nothing.
+It finds the next record whose frame proves it and reports the bytes between, one segment at a time. It writes nothing.
 """
 
 import bisect
@@ -20,13 +19,7 @@ _SMALLEST_RECORD_BYTES = HEADER_BYTES + 5
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """Records that stand as they were written, one behind the other.
-
-    Attributes:
-        offset: Where the first begins in the file.
-        data: Their bytes.
-        records: Each with its offset.
-    """
+    """Intact records, one behind the other: their offset in the file, their bytes, and each with its offset."""
 
     offset: int
     data: bytes
@@ -38,12 +31,12 @@ class Gap:
     """Bytes that are no record, or records that are missing.
 
     Attributes:
-        offset: Where the bytes lie in the file.
+        offset: Position of the bytes in the file.
         data: The bytes; empty when only numbers are missing.
         first_seq: Number of the first record that is missing.
         lost: How many are missing; 0 when bytes were only added.
         is_torn: Whether it is the beginning of a batch that was never acknowledged, at the very end.
-        is_exact: False when more may have been lost than can be told.
+        is_exact: False when more may have been lost than is known.
     """
 
     offset: int
@@ -65,9 +58,7 @@ class Survey:
 
     Attributes:
         name: `2026-11-21.001`, by its file.
-        path: The file.
-        sha256: Of the whole file.
-        front: As it stands there; None when it is not to be read.
+        front: As it stands there; None when it is not readable.
         expected: As it should be after the segments before.
         pieces: What follows the front, in order.
         last_seq: Number of the last record, lost ones counted.
@@ -88,21 +79,12 @@ class Survey:
 
 
 def list_segment_files(folder: Path) -> list[tuple[str, Path]]:
-    """Name and file of every segment of a lane, archived ones included, oldest first.
-
-    Args:
-        folder: `sessions/<lane>`.
-    """
+    """Name and file of every segment of a lane, archived ones included, oldest first."""
     return [(name, locate(folder, name)) for name in list_all_segments(folder)]
 
 
 def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
-    """Every segment of a lane, oldest first.
-
-    Args:
-        folder: `sessions/<lane>`.
-        known_seq: A number that is known to have been given (from a checkpoint); 0 when nothing is known.
-    """
+    """Every segment of a lane, oldest first; `known_seq` is the last number in a checkpoint, 0 without one."""
     files = list_segment_files(folder)
     seq, before, sealed = 0, NONE, NONE
     for index, (name, path) in enumerate(files):
@@ -195,7 +177,7 @@ def _split(data: bytes, head: int, last_seq: int, limit: int | None, *, is_next:
         data: The file.
         head: Where the records begin.
         last_seq: Number of the record before.
-        limit: Number of the first record of a later segment, when there is one that tells.
+        limit: Number of the first record of a later segment, when known.
         is_next: Whether that is the next one, so that all numbers before stand here.
     """
     frames: list[_Frame] = []
@@ -234,13 +216,7 @@ def _judge_end(
 ) -> list[Kept | Gap]:
     """An end that nothing follows: a torn batch is cut as a whole; of what is damaged, as many as is known are lost.
 
-    Args:
-        data: The file.
-        pieces: As `_split` found them.
-        head: Where the records begin.
-        last_seq: Number of the record before the segment.
-        known_seq: With `is_last`, a number known to have been given; else the first one that is known to be elsewhere.
-        is_last: Whether this is the last segment.
+    `known_seq` is, with `is_last`, a number known to have been given; else the first one known to be elsewhere.
     """
     end, seq, more = _find_last_whole(data, pieces, head, last_seq)
     last = pieces[-1] if pieces else None

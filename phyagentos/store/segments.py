@@ -1,8 +1,6 @@
 """Segments: the files of one lane of the journal, `<date>.<number>.md`, each naming and hashing the one before.
 
-Upstream: the writer, which opens a new one at midnight (UTC) or at 16 MB. Downstream: the follower. A segment lies in
-its lane, `sessions/<lane>/`, or in the archive, `sessions/archive/<yyyy-mm>/<lane>/` with the month of its name; those
-in the archive precede those in the lane.
+A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede those in the lane, see `archive`.
 """
 
 import os
@@ -81,7 +79,7 @@ class Front:
     """The front matter of a segment.
 
     Attributes:
-        lane: Who writes here: the name of the folder.
+        lane: The name of the folder.
         name: `2026-11-21.001`, without suffix.
         first_seq: Sequence number of its first record.
         prev: Name of the segment before, `none` for the first.
@@ -135,11 +133,7 @@ def locate(folder: Path, name: str) -> Path:
 
 
 def open_segment(folder: Path, name: str) -> int:
-    """A descriptor to read a segment with, wherever it lies.
-
-    Raises:
-        FileNotFoundError: It lies nowhere.
-    """
+    """A descriptor to read a segment with, in the lane or the archive; raises FileNotFoundError."""
     try:
         return os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
@@ -164,11 +158,7 @@ def _order(name: str) -> tuple[str, int, str]:
 
 
 def read_front(path: Path, data: bytes) -> Front:
-    """Parse the first bytes of a segment.
-
-    Raises:
-        ExecutionError: `JOURNAL_DAMAGED` when they are not a segment's.
-    """
+    """Parse the first bytes of a segment; raises `JOURNAL_DAMAGED` when they are not a segment's."""
     match = _FRONT.match(data[:_FRONT_MAX_BYTES])
     if match is None:
         raise damage(path, 0, "the front matter is not that of a journal segment")
@@ -182,19 +172,14 @@ def read_front(path: Path, data: bytes) -> Front:
 
 
 def choose_next_name(current: str | None, today: str) -> str:
-    """Name of the segment to open now; always sorts after the current one, even when the clock went back.
-
-    Args:
-        current: Name of the last segment, None when there is none.
-        today: UTC date, `2026-11-21`.
-    """
+    """Name of the segment to open today (`2026-11-21`, UTC); sorts after the current one in any case."""
     if current is None or today > current[:10]:
         return f"{today}.001"
     return f"{current[:10]}.{int(current[11:]) + 1:03d}"
 
 
 def create_segment(folder: Path, front: Front, file_io: FileIO, *, durable: bool) -> None:
-    """Let a segment appear as a whole: temporary file, fsync, rename. Who writes to it syncs the folder first.
+    """Publish a whole segment: temporary file, fsync, rename. The writer syncs the folder first.
 
     Raises:
         SyncFailedError: The disk did not confirm.
@@ -209,11 +194,7 @@ def create_segment(folder: Path, front: Front, file_io: FileIO, *, durable: bool
 
 
 def write_all(file_io: FileIO, fd: int, data: bytes) -> None:
-    """Write every byte, however often the system takes only a part.
-
-    Raises:
-        OSError: When the system takes nothing any more.
-    """
+    """Write every byte, however often the system takes only a part; raises OSError."""
     rest = data
     while rest:
         taken = file_io.write(fd, rest)
@@ -223,11 +204,7 @@ def write_all(file_io: FileIO, fd: int, data: bytes) -> None:
 
 
 def sync_file(fd: int, sync: Callable[[int], None]) -> None:
-    """Make a file durable.
-
-    Raises:
-        SyncFailedError: The disk did not confirm.
-    """
+    """Make a file durable; raises SyncFailedError."""
     try:
         sync(fd)
     except OSError as error:
@@ -235,11 +212,7 @@ def sync_file(fd: int, sync: Callable[[int], None]) -> None:
 
 
 def sync_folder(folder: Path, file_io: FileIO) -> None:
-    """Make the names in a folder durable.
-
-    Raises:
-        SyncFailedError: The disk did not confirm.
-    """
+    """Make the names in a folder durable; raises SyncFailedError."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         sync_file(fd, file_io.fsync)

@@ -1,7 +1,4 @@
-"""What a lane of the journal holds, in numbers, and the hash by which two readers know that they have read the same.
-
-Upstream: the follower and the segments. Downstream: `paos store stats`, tests of the second reader.
-"""
+"""A lane of the journal in numbers, and the hash by which two readers know that they have read the same."""
 
 import hashlib
 import os
@@ -26,11 +23,7 @@ _SYNC_BYTES = 512
 
 
 class HashingFollower(Follower):
-    """A follower that hashes header and payload of every record it accepts, as docs/journal.md defines it.
-
-    Attributes:
-        records: How many.
-    """
+    """A follower that hashes and counts every record it accepts, header and payload, as docs/journal.md defines it."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
@@ -50,13 +43,7 @@ class HashingFollower(Follower):
 
 
 class LargestHistory(msgspec.Struct, frozen=True, kw_only=True):
-    """The session, goal or node that takes most room.
-
-    Attributes:
-        id: Which.
-        records: How many it has.
-        bytes: How large they are together.
-    """
+    """The session, goal or node that takes most room: its id, records, and their bytes together."""
 
     id: str
     records: int
@@ -67,11 +54,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True):
     """A lane in numbers.
 
     Attributes:
-        lane: Its name.
-        segments: In the lane.
-        archived_segments: In the archive.
-        bytes: Of the segments in the lane.
-        archived_bytes: Of those in the archive.
+        segments: In the lane; `bytes` of them, too.
+        archived_segments: In the archive; `archived_bytes` of them, too.
         set_aside: Files of damaged bytes that were kept.
         records: Read, as far as the journal is whole.
         seq: Number of the last of them.
@@ -100,13 +84,7 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SyncTimes(msgspec.Struct, frozen=True, kw_only=True):
-    """How long the disk below takes to make an append durable.
-
-    Attributes:
-        count: Tries.
-        p50_ms: Median [ms].
-        p99_ms: 99th percentile [ms].
-    """
+    """How long the disk takes to make an append durable: number of tries, median and 99th percentile [ms]."""
 
     count: int
     p50_ms: float
@@ -114,11 +92,7 @@ class SyncTimes(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def compute_statistics(folder: Path) -> Statistics:
-    """Read a lane, archived segments included, as far as it is whole; damage is told by `tail`.
-
-    Args:
-        folder: `sessions/<lane>`.
-    """
+    """Read a lane, archived segments included, as far as it is whole; `tail` says whether damage ends it."""
     follower = HashingFollower(folder)
     try:
         records = follower.advance()
@@ -152,15 +126,7 @@ def compute_statistics(folder: Path) -> Statistics:
 
 
 def measure_sync(folder: Path, clock: Clock) -> SyncTimes:
-    """Append and `fdatasync` some hundred times, in a temporary file beside the journal.
-
-    Args:
-        folder: Where; on the disk that is asked for.
-        clock: For the time taken.
-
-    Raises:
-        OSError: The folder cannot be written to.
-    """
+    """Append and `fdatasync` some hundred times, in a temporary file in `folder`; raises OSError."""
     times_ms = []
     with tempfile.NamedTemporaryFile(dir=folder, prefix=".measure-") as file:
         for _ in range(SYNC_TRIES):

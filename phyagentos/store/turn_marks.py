@@ -1,7 +1,7 @@
-"""How far an agent has acted on the journal: all that it wants to submit for now, it has submitted.
+"""How far an agent has acted on the journal: every submission up to that record is made.
 
-Upstream: the mission, before it waits. Downstream: the runtime, which lets the simulated time of a shared world stand
-until then. A mark may be lost: it is made again with the next record.
+The mission notes it before it waits; in a shared world the runtime stops simulated time until then. A lost mark is made
+again with the next record.
 """
 
 import contextlib
@@ -11,11 +11,7 @@ from phyagentos.protocol.sessions.session import GoalId
 
 
 class TurnMarks:
-    """The marks of one workspace, a file for each goal.
-
-    Args:
-        cache: The workspace's folder for what may be deleted.
-    """
+    """The marks of one workspace, a file for each goal, below its `cache` folder."""
 
     def __init__(self, cache: Path) -> None:
         self._folder = cache / "turns"

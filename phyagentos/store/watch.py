@@ -1,7 +1,7 @@
-"""Waiting for a change in some folders: woken by inotify, and by a slow poll under it.
+"""Waiting for a change in some folders, by inotify and by a slow poll.
 
-Downstream: watchdog and mission. The poll is no fallback for slowness but for truth: inotify is silent about the other
-clients of a shared file system, may overflow, and is missing on some.
+The poll is needed for correctness: inotify is silent about other clients of a shared file system, may overflow, and is
+missing on some.
 """
 
 import os
@@ -28,8 +28,7 @@ _Stamp = tuple[tuple[str, int, int], ...]
 class Watch:
     """Watches folders (not what is below them) while the `with` block runs.
 
-    It can stand in `multiprocessing.connection.wait` beside other things: `fileno` becomes readable
-    with the first change, `drain` makes it quiet again.
+    It fits `multiprocessing.connection.wait`: `fileno` becomes readable with the first change, `drain` resets it.
 
     Args:
         folders: They must exist.
@@ -89,14 +88,7 @@ class Watch:
             return False
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until something changes.
-
-        Args:
-            timeout_s: At most this long [s].
-
-        Returns:
-            Whether something changed; a change between two calls counts for the later one.
-        """
+        """Wait until something changes; whether it did. A change between two calls counts for the later one."""
         end_s = self._clock.now_s() + timeout_s
         while True:
             pause_s = max(0.0, min(end_s, self._next_poll_s) - self._clock.now_s())

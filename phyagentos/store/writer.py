@@ -1,7 +1,6 @@
-"""The disk side of a journal: the segment that is written, and what is known to be on the disk.
+"""The disk side of a journal: the segment that is written, and what is known to be durable.
 
-Upstream: the journal, which holds the lane's lock where something is written. Downstream: the operating system. After a
-failed wait for the disk nothing is written any more: the system may drop the data and report success the next time.
+After a failed wait for the disk nothing more is written: the system may drop the data and report success next time.
 """
 
 import contextlib
@@ -26,12 +25,6 @@ from phyagentos.store.segments import (
 
 class SegmentWriter:
     """Appends to the last segment of a lane and begins new ones; the cursor it is given stands at the lane's end.
-
-    Args:
-        folder: Of the lane.
-        lock: Of the lane.
-        file_io: The calls that change the disk.
-        durable: Whether to wait for the disk.
 
     Attributes:
         segment: Name of the segment that is open for writing.
@@ -61,11 +54,7 @@ class SegmentWriter:
             self.segment = cursor.segment
 
     def append(self, data: bytes, cursor: Follower) -> None:
-        """Write all of it behind the cursor, or nothing.
-
-        Raises:
-            ExecutionError: `JOURNAL_WRITE_FAILED`.
-        """
+        """Write all of it behind the cursor, or nothing; raises `JOURNAL_WRITE_FAILED`."""
         try:
             write_all(self._io, self._fd, data)
         except OSError as error:
@@ -117,11 +106,7 @@ class SegmentWriter:
             self._synced_seq = max(self._synced_seq, reached)
 
     def be_durable(self, sync: Callable[..., None], *args: Any) -> None:
-        """Call something that waits for the disk; a failure is final.
-
-        Raises:
-            ExecutionError: `JOURNAL_NOT_DURABLE`.
-        """
+        """Call something that waits for the disk; a failure, `JOURNAL_NOT_DURABLE`, is final."""
         try:
             sync(*args)
         except OSError as error:

@@ -1,7 +1,4 @@
-"""What becomes of an edit: a record, nothing because it stands already, or a refusal with its reason.
-
-Upstream: `merge` and `inbox`, which know what is asked for. Downstream: the journal, which has the last word.
-"""
+"""What becomes of an edit: a record, nothing because it is recorded already, or a refusal with its reason."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,14 +14,7 @@ CANCELS = frozenset({"cancel", "cancelled", "canceled"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accepted:
-    """An edit that may be recorded.
-
-    Attributes:
-        entry: What to record.
-        line: Of the edited file, counted from 1.
-        told: In words.
-        text: As it was written.
-    """
+    """An edit that may be recorded; `line` counts from 1, `told` says it in words."""
 
     entry: Entry
     line: int
@@ -39,7 +29,6 @@ class Refused:
     Attributes:
         line: Of the edited file, counted from 1.
         about: The session, or what else it concerns.
-        reason: Why.
         possible: What could be done instead.
         text: As it was written, word for word.
     """
@@ -52,12 +41,7 @@ class Refused:
 
 
 class Impossible(Exception):
-    """A request that cannot be done.
-
-    Attributes:
-        reason: Why.
-        possible: What could be done instead.
-    """
+    """A request that cannot be done; `possible` is what could be done instead."""
 
     def __init__(self, reason: str, possible: str) -> None:
         self.reason, self.possible = reason, possible
@@ -65,11 +49,7 @@ class Impossible(Exception):
 
 
 def plan_submit(contract: Session, sessions: Mapping[SessionId, SessionStatus]) -> Entry | None:
-    """The record that submits a session; None when it was submitted so before.
-
-    Raises:
-        Impossible: When another session has this id.
-    """
+    """The record that submits a session; None when it was submitted so before; Impossible when its id is taken."""
     status = sessions.get(contract.id)
     if status is None:
         return Entry(contract.id, "submit", msgspec.to_builtins(contract, str_keys=True))
@@ -85,11 +65,7 @@ def plan_submit(contract: Session, sessions: Mapping[SessionId, SessionStatus]) 
 
 
 def plan_cancel(id: SessionId, reason: str, sessions: Mapping[SessionId, SessionStatus]) -> Entry | None:
-    """The record that asks for an end; None when that was asked before.
-
-    Raises:
-        Impossible: When there is no such session, or it has ended otherwise.
-    """
+    """The record that asks for an end, None when that was asked before; Impossible for an unknown or ended session."""
     status = _get(id, sessions)
     if status.state in {SessionState.CANCELLING, SessionState.CANCELLED}:
         return None
@@ -102,11 +78,7 @@ def plan_cancel(id: SessionId, reason: str, sessions: Mapping[SessionId, Session
 
 
 def plan_amend(id: SessionId, amendment: Amendment, sessions: Mapping[SessionId, SessionStatus]) -> Entry | None:
-    """The record that changes limits or priority; None when they are so already.
-
-    Raises:
-        Impossible: When there is no such session, or it is claimed.
-    """
+    """The record that changes limits or priority, None when they are so; Impossible for unknown or claimed sessions."""
     status = _get(id, sessions)
     if apply_amendment(status.contract, amendment) == status.contract:
         return None

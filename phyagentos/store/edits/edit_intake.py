@@ -1,8 +1,4 @@
-"""The desk where edits are taken in: SESSIONS.md and the inbox on one side, the operator's journal on the other.
-
-Upstream: people and other programs. Downstream: the journal, SESSIONS.rejected.md, `inbox/refused/`. The renderer calls
-it between two renderings; `paos edit` uses it without one.
-"""
+"""Takes edits in: SESSIONS.md and the inbox become records, SESSIONS.rejected.md or `inbox/refused/`."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -32,7 +28,7 @@ class EditIntake:
     Args:
         workspace: Whose.
         clock: For waiting editors and for wall times.
-        adopts: Whether it also deals with what processes that are gone left half done.
+        adopts: Whether it also finishes what ended processes left half done.
         durable: See `Journal`.
     """
 
@@ -69,17 +65,9 @@ class EditIntake:
             self._operator.close()
 
     def take(self, history: History, *, at_once: bool = False) -> bool:
-        """Deal with everything that arrived, in SESSIONS.md and in the inbox; the history is brought up to date.
+        """Deal with everything that arrived and bring the history up to date; whether anything was recorded or refused.
 
-        Args:
-            history: The fold, and what was rendered before.
-            at_once: See `TwoWayFile.take`.
-
-        Returns:
-            Whether anything was recorded or refused.
-
-        Raises:
-            ExecutionError: An error of the journal; what was not dealt with stays where it is.
+        `at_once` is that of `TwoWayFile.take`. After an ExecutionError of the journal, the rest stays where it is.
         """
         is_new = any(each.accepted or each.refused for each in self.take_file(history, at_once=at_once))
         return self._take_inbox(history) or is_new

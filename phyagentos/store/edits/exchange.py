@@ -1,7 +1,7 @@
-"""Two calls of Linux that the standard library lacks: swap two files, and ask whether anybody may still write to one.
+"""Two calls of Linux that the standard library lacks: swap two files, and find whether a file is open for writing.
 
-`renameat2(RENAME_EXCHANGE)` puts a rendering in place and gives back what stood there in one step, so that no edit can
-fall between a look and a rename. A read lease is granted only where no process has a file open for writing.
+`renameat2(RENAME_EXCHANGE)` publishes a rendering and returns the former file in one step, so that no edit falls
+between a look and a rename. A read lease is granted only where no process has a file open for writing.
 """
 
 import ctypes
@@ -23,31 +23,17 @@ class ExchangeUnsupported(OSError):
 
 
 def exchange(one: Path, other: Path) -> None:
-    """Swap two files.
-
-    Raises:
-        FileNotFoundError: When either is missing.
-        ExchangeUnsupported: Where that cannot be done.
-    """
+    """Swap two files; raises FileNotFoundError or ExchangeUnsupported."""
     _rename(one, other, _EXCHANGE)
 
 
 def rename_new(source: Path, destination: Path) -> None:
-    """Rename, unless something stands there.
-
-    Raises:
-        FileExistsError: When something does.
-        ExchangeUnsupported: Where that cannot be done.
-    """
+    """Rename to a free name; raises FileExistsError where it is taken, or ExchangeUnsupported."""
     _rename(source, destination, _NOREPLACE)
 
 
 def may_be_written(fd: int) -> bool | None:
-    """Whether a process has the file open for writing; None where the system does not tell.
-
-    Args:
-        fd: Opened for reading only.
-    """
+    """Whether a process has this file (opened for reading only) open for writing; None where that is unknown."""
     try:
         fcntl.fcntl(fd, fcntl.F_SETSIG, signal.SIGURG)  # ignored by default; the usual SIGIO would end the process
         fcntl.fcntl(fd, fcntl.F_SETLEASE, fcntl.F_RDLCK)

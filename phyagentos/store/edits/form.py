@@ -1,7 +1,6 @@
-"""What a person may ask for: a contract, an amendment, an end. One form for SESSIONS.md and for files of the inbox.
+"""What a person may request: a contract, an amendment, an end; one form for SESSIONS.md and for files of the inbox.
 
-Upstream: YAML with the place of every value. Downstream: the contract as the journal takes it. A session by hand serves
-no goal, so it has no node and no parent: those belong to the agent.
+A session by hand serves no goal, so it has no node and no parent.
 """
 
 import contextlib
@@ -119,11 +118,7 @@ REQUESTS: dict[str, type[SubmitRequest] | type[AmendRequest] | type[CancelReques
 
 
 def parse_form(text: str, source: str, line: int = 1) -> Located:
-    """As `parse_yaml`, for what a stranger may have written: it cannot ask for more than its reader can bear.
-
-    Raises:
-        DefinitionError: With the place.
-    """
+    """As `parse_yaml`, for untrusted text: size and nesting are bounded."""
     aliases = depth = 0
     with contextlib.suppress(yaml.YAMLError):  # `parse_yaml` tells its place
         for event in yaml.parse(text, Loader=Loader):
@@ -140,12 +135,7 @@ def parse_form(text: str, source: str, line: int = 1) -> Located:
 
 
 def read_contract(located: Located, path: Address, id: str) -> Session:
-    """The session that a form asks for.
-
-    Args:
-        located: The YAML it stands in.
-        path: Where inside.
-        id: As the heading, or the name of the file, says; the form may repeat it.
+    """The session that a form asks for; `id` is the heading or file name, which the form may repeat.
 
     Raises:
         DefinitionError: With one problem per violation, each at file:line:column.
@@ -174,17 +164,7 @@ def read_contract(located: Located, path: Address, id: str) -> Session:
 
 
 def read_amendment(located: Located, path: Address, values: dict[str, Any], priority: int | None) -> Amendment:
-    """What is to change.
-
-    Args:
-        located: The YAML it stands in.
-        path: Where the limits stand.
-        values: New limits by name.
-        priority: The new one.
-
-    Raises:
-        DefinitionError: For a limit that does not exist, or a value that is none.
-    """
+    """The new limits (`values`, located at `path`) and priority; raises DefinitionError for an invalid limit."""
     validate(LimitsForm, _replace(located, path, values), path)
     return Amendment(limits={name: float(value) for name, value in values.items()}, priority=priority)
 

@@ -1,8 +1,7 @@
-"""The inbox: a writer without this library drops one YAML file, one request; folders tell what became of it.
+"""The inbox: a writer without this library drops one YAML file, one request; folders show what became of it.
 
-It writes `inbox/tmp/<name>.yaml` and renames it into `inbox/new/`, as in a maildir; no lock, no half file. Upstream:
-any program. Downstream: `desk`, which records it; the file then lies in `inbox/done/`, or in `inbox/refused/` beside
-`<name>.reason.md`.
+It writes `inbox/tmp/<name>.yaml` and renames it into `inbox/new/`, as in a maildir. Once recorded, the file stands in
+`inbox/done/`, or in `inbox/refused/` beside `<name>.reason.md`.
 """
 
 import os
@@ -38,11 +37,7 @@ reason: supper
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """One file that waits.
-
-    Attributes:
-        path: In `inbox/new/`.
-    """
+    """One file that waits in `inbox/new/`."""
 
     path: Path
 
@@ -65,12 +60,7 @@ class Dropped:
 
 
 class Inbox:
-    """One inbox.
-
-    Args:
-        folder: `inbox/` of a workspace.
-        clock: For files that are still being written.
-    """
+    """The folder `inbox/` of a workspace; the clock is for files that are still being written."""
 
     def __init__(self, folder: Path, clock: Clock) -> None:
         self._new, self._clock = folder / "new", clock
@@ -103,11 +93,7 @@ class Inbox:
 
 
 def read_request(path: Path) -> tuple[Request, Located]:
-    """What a file asks for, and where each part of it stands.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
+    """What a file asks for, and where each part of it stands; raises DefinitionError with every problem."""
     try:
         located = parse_form(path.read_text(encoding="utf-8-sig"), path.name)
     except (OSError, UnicodeDecodeError) as error:
@@ -122,11 +108,7 @@ def read_request(path: Path) -> tuple[Request, Located]:
 
 
 def plan_request(path: Path, sessions: Mapping[SessionId, SessionStatus]) -> Entry | None:
-    """The record that a file asks for; None when it stands already.
-
-    Args:
-        path: The file; its name is the id of a session that has none.
-        sessions: As they stand.
+    """The record that a file asks for; None when it is recorded already. The file's name is the default session id.
 
     Raises:
         DefinitionError: With every problem, each at file:line:column.

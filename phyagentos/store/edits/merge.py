@@ -1,7 +1,6 @@
 """The three-way merge of SESSIONS.md, field by field: the rendering, its edited copy, and the present.
 
-Upstream: the document and the rendering it was made from. Downstream: the journal. It never guesses: a section or a
-line that is missing asks for nothing, and what is no legal edit is refused with line and reason.
+It never guesses: a missing section or line asks for nothing, and an illegal edit is refused with line and reason.
 """
 
 from collections import Counter
@@ -46,14 +45,7 @@ class Merge:
 def merge(
     edited: Sheet, base: Sheet, sessions: Mapping[SessionId, SessionStatus], source: str = "SESSIONS.md"
 ) -> Merge:
-    """Merge one document.
-
-    Args:
-        edited: As its editor left it.
-        base: As it was rendered, at the same sequence number.
-        sessions: As they stand now.
-        source: File name for messages.
-    """
+    """Merge one edited document; `base` is what was rendered at its sequence number, `sessions` the present."""
     accepted: list[Accepted] = []
     refused = list(_refuse_words(edited.head, base.head, "the text above the sessions"))
     known = {section.name: section for section in base.sections}

@@ -1,7 +1,6 @@
-"""SESSIONS.md as an editor left it, taken apart: head, sections, the words and the YAML of each. Reads anything.
+"""SESSIONS.md as an editor left it: head, sections, the words and the YAML of each.
 
-Upstream: bytes that another program wrote. Downstream: `merge`. Nothing here raises: what cannot be understood stays in
-the text of its section, where the merge refuses it word for word.
+Nothing here raises: what cannot be parsed stays in the text of its section, where the merge refuses it word for word.
 """
 
 import re
@@ -23,13 +22,7 @@ Line = tuple[int, str]  # number, counted from 1, and text without trailing blan
 
 @dataclass(frozen=True)
 class Section:
-    """One `## name` and what stands below it; taken apart when first asked for, since most are as they were.
-
-    Attributes:
-        name: The heading's text.
-        line: Of the heading, counted from 1.
-        text: All of it, heading included.
-    """
+    """One `## name` (at `line`, counted from 1) and all text below it; parsed when first asked for."""
 
     name: str
     line: int
@@ -78,7 +71,6 @@ class Sheet:
     Attributes:
         view: Sequence number of the rendering it was made from, None where it does not say.
         head: Lines above the first section that are not blank; neither 'view' nor notes of refusals.
-        sections: In order.
     """
 
     view: int | None

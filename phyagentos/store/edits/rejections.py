@@ -1,7 +1,6 @@
 """SESSIONS.rejected.md: every edit that was not taken, word for word, with its place, the reason and what is possible.
 
-Upstream: the merge. Downstream: the person who wrote it. Only ever appended to, and on the disk before the edit is
-gone.
+It is only ever appended to, and durable before the edit is gone.
 """
 
 import hashlib
@@ -23,11 +22,7 @@ Nothing reads this file; delete it when you like.
 
 
 class Rejections:
-    """Appends to one SESSIONS.rejected.md.
-
-    Args:
-        path: The file; it appears with the first refusal.
-    """
+    """Appends to one SESSIONS.rejected.md, which appears with the first refusal."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -44,17 +39,7 @@ class Rejections:
         self._notes.clear()
 
     def append(self, refused: Sequence[Refused], source: str, at: str) -> list[Refused]:
-        """Write refusals down; durable when this returns.
-
-        Args:
-            refused: In the order of their lines; one that was written before (a second save of the same text) is not
-                written again.
-            source: Name of the edited file.
-            at: UTC wall time.
-
-        Returns:
-            Those that are new.
-        """
+        """Write refusals, in the order of their lines, durably; returns those that were not written before."""
         new = [each for each in refused if _hash(each) not in self._known]
         if not new:
             return []

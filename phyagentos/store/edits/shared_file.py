@@ -1,9 +1,8 @@
 """A file that we render and others edit at the same time: every version of another writer is found once.
 
-A rendering is swapped in, and what comes out is compared with what was put in last. It is kept, because an editor may
-still be writing to it; once none can, it is read a last time and deleted. What a killed process had in its hands lies
-in the folder `aside` and is adopted by the next, which also finds there what was put in last. Compare-then-rename was
-measured beside it (`benchmarks/edits.py`): it loses edits.
+A rendering is swapped in, and what comes out is compared with what was put in last. It is kept while an editor may
+still write to it, then read a last time and deleted. Versions that a killed process held stay in the folder `aside`,
+where the next process adopts them. Compare-then-rename loses edits (`benchmarks/edits.py`).
 """
 
 import contextlib
@@ -33,16 +32,7 @@ Swap = Callable[[Path, Path], None]
 
 @dataclass(slots=True)
 class _Kept:
-    """A version that came out.
-
-    Attributes:
-        path: Where it lies now.
-        since_s: When it came out.
-        digest: Of the contents that were dealt with.
-        stamp: Of the file when it was last read or put in; None before.
-        changed_s: When its stamp was last seen to change.
-        look_s: When it is to be looked at again.
-    """
+    """A version that came out: digest of the contents dealt with, last stamp, when it changed and is read next."""
 
     path: Path
     since_s: float
@@ -89,11 +79,7 @@ class TwoWayFile:
 
     @contextlib.contextmanager
     def hold(self, *, wait: bool) -> Iterator[bool]:
-        """Keep every other process from swapping; gives whether that succeeded.
-
-        Args:
-            wait: Until its holder lets go.
-        """
+        """Keep every other process from swapping, waiting for the lock if asked; yields whether that succeeded."""
         fd = self._open_lock()
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -112,11 +98,7 @@ class TwoWayFile:
             return os.open(self._lock_file, flags, 0o644)
 
     def put(self, text: str) -> bool:
-        """Swap a rendering in, unless another process holds the file or an editor is just replacing it.
-
-        Returns:
-            Whether it stands there now.
-        """
+        """Swap a rendering in, unless another process holds or replaces the file; whether it is in place."""
         with self.hold(wait=False) as is_ours:
             return is_ours and self._put(text.encode())
 
@@ -139,8 +121,7 @@ class TwoWayFile:
         Args:
             handle: Called with the contents and whether they have their end mark; what it raises leaves the version
                 where it is.
-            at_once: Give those who may be about to write no further time (at the end of a run); what is unfinished
-                stays aside for the next process.
+            at_once: Wait for no editor (at the end of a run); unfinished versions stay aside for the next process.
         """
         self._kept = [kept for kept in self._kept if self._examine(kept, handle, at_once=at_once)]
 

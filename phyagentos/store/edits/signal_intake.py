@@ -1,8 +1,4 @@
-"""Where RUNTIME_SIGNAL.md is put and edited: an added section `## Request` becomes a file of `signals/`.
-
-Upstream: people with an editor. Downstream: the reader of signals; an unreadable request is rejected there,
-with the reason, as every other. The rest of the document is a view, and what is changed in it is lost.
-"""
+"""Edits of RUNTIME_SIGNAL.md: an added section `## Request` becomes a file of `signals/`; other changes are lost."""
 
 import os
 import re
@@ -22,12 +18,7 @@ _AT = re.compile(r"^at: \S.*$", re.MULTILINE)
 
 
 class SignalDesk:
-    """Takes requests out of one RUNTIME_SIGNAL.md.
-
-    Args:
-        workspace: Whose.
-        clock: For waiting editors and for the names of files.
-    """
+    """Takes requests out of one RUNTIME_SIGNAL.md."""
 
     def __init__(self, workspace: Workspace, clock: Clock) -> None:
         self._file = TwoWayFile(workspace.runtime_signal, workspace.edits / "signals", clock)

@@ -11,12 +11,7 @@ _MARKS = {Truth.TRUE: "yes", Truth.FALSE: "**no**", Truth.UNKNOWN: "*unknown*"}
 
 
 def render_criteria(criteria: Sequence[Criterion], folder: str = "") -> str:
-    """What was asked for and what was seen, a row a criterion; empty without any.
-
-    Args:
-        criteria: As judged.
-        folder: Of the bundle, relative to the workspace; the evidence is then a link.
-    """
+    """Judged criteria, one row each; empty without any. Evidence links into the bundle `folder`, if given."""
     if not criteria:
         return ""
     rows = (

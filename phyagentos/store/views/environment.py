@@ -1,7 +1,4 @@
-"""ENVIRONMENT.md: the world as last observed, as tables for people and one block of data for programs.
-
-Upstream: the worker of the target. Downstream: people, and programs in any language.
-"""
+"""ENVIRONMENT.md: the world as last observed, as tables for people and one block of data for programs."""
 
 import msgspec
 

@@ -1,7 +1,7 @@
 """The fold behind a view, and the way back: what SESSIONS.md showed at an earlier record is the base of an edit.
 
-Upstream: a follower of the journal. Downstream: renderer and merge. The latest renderings are remembered, as the
-statuses they showed; an older one is folded anew from the journal, where that is small or its checkpoint older still.
+The latest renderings are remembered as the statuses they showed; an older one is folded anew from the journal, where
+that is small or its checkpoint older still.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,11 +24,8 @@ class History:
 
     Args:
         lane: Folder of the journal.
-        on_record: Told of each record, once it is applied.
+        on_record: Called with each record, once it is applied.
         statuses_kept: How many statuses the remembered renderings may show, all together.
-
-    Attributes:
-        ledger: As of the last record applied.
     """
 
     def __init__(
@@ -48,11 +45,11 @@ class History:
         self._statuses_kept, self._statuses = statuses_kept, 0
 
     def share(self, ledger: Ledger, follow: Callable[[], None]) -> None:
-        """From now on use the fold of another owner in this thread, so that no record is read and applied twice.
+        """Use the fold of another owner in this thread, so that no record is read and applied twice.
 
         Args:
             ledger: The fold.
-            follow: Brings it up to date; `take_in` is told of each record that is applied to it.
+            follow: Brings it up to date; calls `take_in` with each record it applies.
         """
         follow()
         self.read_new()  # at least as far as the fold of the other
@@ -65,11 +62,7 @@ class History:
             self._on_record(record, self.ledger)
 
     def read_new(self) -> int:
-        """Take in what was recorded since the last call; how many records there were.
-
-        Raises:
-            ExecutionError: `JOURNAL_DAMAGED`.
-        """
+        """Take in the records since the last call and return their number; raises `JOURNAL_DAMAGED`."""
         if self._follow is not None:
             before = self.ledger.seq
             self._follow()

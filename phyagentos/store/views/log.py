@@ -1,8 +1,4 @@
-"""LOG.md: what happened, one line a record that matters, in words.
-
-Upstream: records of a follower. Downstream: people. A record is put into words when it is shown: what a busy runtime
-records between two renderings, and no rendering shows, costs next to nothing.
-"""
+"""LOG.md: what happened, one line a record that matters, in words; a record becomes words only when it is shown."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -54,13 +50,7 @@ _CHILD_OF = GoalEvent.CHILD_OF.value
 
 
 class _Note(NamedTuple):
-    """A record that is to be told, and what the fold said when it was applied.
-
-    Attributes:
-        record: Which.
-        status: Of its session; None when it is about something else.
-        hint: What the fold adds to the words about a node.
-    """
+    """A record to show, the status of its session (None without one), and what the fold adds about a node."""
 
     record: Record
     status: SessionStatus | None
@@ -88,13 +78,7 @@ class LogTail:
 
 
 def render_log(lines: Sequence[LogLine], seq: int, *, older: int = 0) -> str:
-    """LOG.md.
-
-    Args:
-        lines: Oldest first.
-        seq: Sequence number of the last record.
-        older: How many records came before the first line.
-    """
+    """LOG.md from its lines, oldest first; `older` counts the records before the first line."""
     front = render_front(LogFront(phy=LOG.phy, view=seq, older=older))
     note = f"{older} older records are not told here; they are in `sessions/`.\n\n" if older else ""
     days = groupby(lines, key=lambda line: line.at[:10])

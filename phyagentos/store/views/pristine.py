@@ -1,7 +1,4 @@
-"""Every document as it is in a new workspace: what its renderer writes when there is nothing to tell.
-
-Upstream: the renderers. Downstream: `protocol/`, which holds these texts, and a test that compares.
-"""
+"""Every document as it is in a new workspace: what its renderer writes when nothing is recorded."""
 
 from phyagentos.protocol.capabilities.registries import render_skills, render_targets
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME

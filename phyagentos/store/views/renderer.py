@@ -1,9 +1,6 @@
 """The rendered documents of the runtime plane: SESSIONS.md and LOG.md, kept in step with the journal.
 
-Upstream: a follower of its own, so that it can run in any process, or the fold of that process. Downstream: people,
-who may also write into SESSIONS.md: a desk takes their edits in between two renderings (see `edits`).
-TASK.md is the agent's (`tasks`); SKILLRUNTIME.md and TARGETS.md are in `registries`, ENVIRONMENT.md in
-`environment_view`.
+It follows the journal itself, so it can run in any process, or shares that process's fold.
 """
 
 from collections.abc import Callable, Sequence
@@ -81,14 +78,7 @@ class Views:
         return self._history.ledger
 
     def refresh(self, *, at_once: bool = False) -> bool:
-        """Take in what changed since the last time, and publish it.
-
-        Args:
-            at_once: Even within the period (at the end of a run).
-
-        Returns:
-            Whether anything was written.
-        """
+        """Take in what changed and publish it, within the period only if `at_once`; whether anything was written."""
         self._history.read_new()
         is_edited = self._desk is not None and (
             self._desk.take(self._history, at_once=at_once) or self._desk.is_touched()

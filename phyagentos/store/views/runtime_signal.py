@@ -1,7 +1,6 @@
-"""RUNTIME_SIGNAL.md and the health in TARGETS.md: who is alive, what each worker does, what was asked for.
+"""RUNTIME_SIGNAL.md and the health in TARGETS.md: liveness, what each worker does, what was requested.
 
-Upstream: heartbeat files and stop requests. Downstream: people. Rendered by the process of the watchdog, at most twice
-a second, without fsync.
+Rendered by the process of the watchdog, at most twice a second, without fsync.
 """
 
 from collections.abc import Iterator
@@ -102,10 +101,7 @@ class Desk(Protocol):
 class RuntimeSignal:
     """Keeps RUNTIME_SIGNAL.md and the health in TARGETS.md in step with heartbeats and requests.
 
-    Args:
-        workspace: Where they are.
-        clock: For the rate, the time and the silence of a worker.
-        desk: Where edits of RUNTIME_SIGNAL.md are taken in; without one they are overwritten.
+    Without a desk, edits of RUNTIME_SIGNAL.md are overwritten.
     """
 
     def __init__(self, workspace: Workspace, clock: Clock, *, desk: Desk | None = None) -> None:

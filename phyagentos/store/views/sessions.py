@@ -1,7 +1,6 @@
 """SESSIONS.md: every live session and the latest finished ones, for people first and as one YAML block each.
 
-Upstream: the fold. Each block says what was asked, who did it, what was seen and why the verdict fell as it did. The
-same text is an input: what a person changes in it is merged by `edits`.
+The same text is an input: what a person changes in it is merged by `edits`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -43,14 +42,7 @@ write `state: cancelled` into a block, and a line `reason: ...` if you like, to 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What one rendering shows.
-
-    Attributes:
-        seq: Of the last record behind it.
-        shown: Sessions, in the order of the document.
-        total: How many there are.
-        notes: One line for each edit that was refused lately.
-    """
+    """What one rendering shows: of `total` sessions some, in order, and a note for each edit refused lately."""
 
     seq: int
     shown: Sequence[SessionStatus]
@@ -60,13 +52,7 @@ class Page:
 
 @dataclass(frozen=True, slots=True)
 class Rendered:
-    """A session as text, kept until its status changes.
-
-    Attributes:
-        status: What was rendered.
-        row: Its line of the overview.
-        block: Its section.
-    """
+    """A session as a row of the overview and a section, kept until its status changes."""
 
     status: SessionStatus
     row: str
@@ -77,12 +63,7 @@ Cache = dict[SessionId, Rendered]
 
 
 def build_page(ledger: Ledger, notes: Sequence[str] = ()) -> Page:
-    """What SESSIONS.md shows now: live sessions in the order of submission, then the last submitted of the finished.
-
-    Args:
-        ledger: The fold.
-        notes: One line for each edit that was refused lately.
-    """
+    """What SESSIONS.md shows now: live sessions in the order of submission, then the last submitted of the finished."""
     finished = (status for status in reversed(ledger.sessions.values()) if status.state in FINAL_STATES)
     shown = [*ledger.live_sessions(), *islice(finished, FINISHED_SHOWN)]
     return Page(ledger.seq, shown, ledger.session_count, notes)
@@ -94,12 +75,7 @@ def render_sessions(ledger: Ledger, cache: Cache | None = None) -> str:
 
 
 def render_page(page: Page, cache: Cache | None = None) -> str:
-    """SESSIONS.md.
-
-    Args:
-        page: What it shows.
-        cache: Texts of an earlier rendering; what did not change is taken from there.
-    """
+    """SESSIONS.md; texts of an earlier rendering that did not change come from `cache`."""
     known = cache if cache is not None else {}
     texts = []
     for status in page.shown:

@@ -1,7 +1,4 @@
-"""TASK.md: the goals of a workspace, the graph of each with the state of its nodes, and why its verdict fell.
-
-Upstream: the fold. Downstream: people, and programs in any language; the graph is Mermaid, which every forge draws.
-"""
+"""TASK.md: the goals of a workspace, the graph of each (Mermaid) with the state of its nodes, and its verdict."""
 
 from phyagentos.protocol.documents.document import FrontMatter
 from phyagentos.protocol.documents.markdown import (
