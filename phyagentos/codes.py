@@ -1,7 +1,6 @@
 """Every error code: in which phase it comes, what it means, who acts, and whether trying again can help.
 
-Upstream: nothing. Downstream: messages, `paos why`, `paos codes`, the generated page docs/error_codes.md. A code is
-stated in one place only; a test finds codes that are missing here, and entries that nothing raises.
+docs/error_codes.md is generated from it. A test finds codes that are missing here, and entries that no code raises.
 """
 
 from collections.abc import Mapping

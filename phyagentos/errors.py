@@ -19,8 +19,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         found: The offending value, as a person wrote it.
         expected: What would have been possible.
         hint: What to do next; often the nearest valid name.
-        triggered_by: Who asked for what is not there: a skill, a policy, a settings file; empty where the address says
-            it.
+        triggered_by: What requires the missing thing: a skill, policy, settings file; empty where the address is enough.
         subject: The predicate or name that the finding is about, for programs; the other texts are for people.
     """
 
@@ -58,11 +57,7 @@ class DefinitionError(PhyAgentOSError):
 
 
 class ExecutionError(PhyAgentOSError):
-    """A process, a target, a file system or a motor did not do what was asked.
-
-    Attributes:
-        code: Stable name of the failure, upper case (`TARGET_LOST`, `PLANNER_LOST`).
-    """
+    """A process, a target, a file system or a motor did not do what was asked; `code` is like `TARGET_LOST`."""
 
     def __init__(self, code: str, message: str) -> None:
         self.code = code

@@ -43,12 +43,7 @@ class MemoryUse(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Agent:
-    """An agent at work in one workspace.
-
-    Attributes:
-        mission: Pursues goals.
-        memory_version: Of its memory, as of the start.
-    """
+    """An agent at work in one workspace; `memory_version` is that of the start."""
 
     mission: Mission
     memory_version: str
@@ -76,8 +71,8 @@ def open_agent(
         memory: Folder of a memory that outlives the workspace, instead of its own.
         memory_use: Whether experience advises, and whether it grows.
         policy: Chooses what follows a miss; graph repair by default.
-        is_runtime_alive: Asked while waiting for a goal; False ends the mission. By default a goal waits for a watchdog
-            that may come later, and only the end of a cancelled one needs a watchdog that is there.
+        is_runtime_alive: Checked while waiting for a goal; False ends the mission. By default a goal waits for a
+            watchdog that may come later, and only the end of a cancelled one needs a watchdog that is there.
 
     Raises:
         DefinitionError: With every problem of the settings.

@@ -44,14 +44,9 @@ def _open_debug(site: DriverSite) -> "TargetDriver":
 
 
 def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreement | None") -> "list[MujocoDriver]":
-    """The robots of a world that several targets share.
+    """The robots of a world that several targets share; raises `WORLD_NOT_SHARED` for one that is no MuJoCo simulation.
 
-    Args:
-        sites: Of these targets.
-        read_agreement: What the runtime plane says of the sessions that run; None in real time.
-
-    Raises:
-        DefinitionError: `WORLD_NOT_SHARED` for a target that is no MuJoCo simulation.
+    `read_agreement` reports the sessions that run; None in real time.
     """
     for site in sites:
         if (driver := find_driver_name(site.profile)) != "mujoco":

@@ -1,7 +1,4 @@
-"""Sessions examined by the real processes of their targets, in a workspace of their own: what `paos preflight` does.
-
-Upstream: the command line. Downstream: `hire_worker`, as in a run; the worker is asked to check, never to run.
-"""
+"""Sessions checked by the real processes of their targets, in a temporary workspace: what `paos preflight` does."""
 
 import shutil
 import tempfile
@@ -40,12 +37,7 @@ class Examination:
     @classmethod
     @contextmanager
     def open(cls, library: Library, source: Workspace | None = None) -> Iterator["Examination"]:
-        """A fresh workspace.
-
-        Args:
-            library: Trees, skills, scenes and robots.
-            source: Whose documents and settings count instead of those that ship; it is only read.
-        """
+        """A fresh workspace with the documents and settings of `source` (only read), else with those that ship."""
         with tempfile.TemporaryDirectory(prefix="paos-") as folder:
             workspace = Workspace.create(Path(folder) / "workspace", library)
             if source is not None:
@@ -54,10 +46,7 @@ class Examination:
             yield cls(workspace)
 
     def examine(self, sessions: Sequence[Session]) -> Mapping[str, Checked]:
-        """Check sessions with a dry run, each in the world as its scene begins.
-
-        Returns:
-            What the worker of its target found, by session.
+        """Check sessions with a dry run, each in the world as its scene begins; findings by session.
 
         Raises:
             ExecutionError: `RUNNER_LOST` when a worker ends instead of answering.

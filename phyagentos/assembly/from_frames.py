@@ -1,7 +1,6 @@
-"""Perceives again what a session looked at: the runtime's perception on the looks of a bundle, without any world.
+"""Perceives again what a session observed: the runtime's perception on the looks of a bundle, without any world.
 
-Upstream: `paos verify --from-frames`. Downstream: the agent's verifier, which is given the snapshots. Neither a
-simulator nor ground truth is touched: the only model that is loaded is the robot's own, to leave it out of pictures.
+Neither a simulator nor ground truth is used: the only model loaded is the robot's own, to mask it in pictures.
 """
 
 from pathlib import Path

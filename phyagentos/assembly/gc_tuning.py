@@ -6,10 +6,7 @@ YOUNG = 50_000  # allocations; what a session makes is let go by reference count
 
 
 def collect_rarely() -> None:
-    """Leave what was loaded at the start out of every collection, and collect less often.
-
-    Records and sessions are trees without cycles, so a collection finds nothing, and walks all that is kept to find it.
-    """
+    """Freeze what was loaded at the start, and collect less often: records and sessions are trees without cycles."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(YOUNG, 20, 50)

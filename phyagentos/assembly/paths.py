@@ -26,10 +26,7 @@ def find_project(graph: Path) -> Path:
 
 
 def make_socket_folder(root: Path) -> Path:
-    """Where the sockets of a workspace lie, the same for every watchdog of it; only this user may enter.
-
-    Not below the workspace: the path of a UNIX socket has at most 107 bytes.
-    """
+    """The folder of a workspace's sockets, for this user alone; in TMPDIR, since a UNIX path has at most 107 bytes."""
     ours = Path(tempfile.gettempdir()) / f"paos-{os.getuid()}"
     folder = ours / hashlib.sha256(os.fsencode(root.resolve())).hexdigest()[:16]
     for each in (ours, folder):

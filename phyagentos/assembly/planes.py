@@ -1,7 +1,7 @@
 """The two planes as child processes: each in its own process group, with its own log.
 
-Upstream: `paos run`, and benchmarks. With `--with-parent` the kernel ends a plane when its parent dies. Rejected:
-threads or forks of the parent (planes must not share memory, and Ctrl-C in the terminal must reach only the parent).
+With `--with-parent` the kernel ends a plane when its parent dies. Rejected: threads or forks of the parent (planes must
+not share memory, and Ctrl-C in the terminal must reach only the parent).
 """
 
 import contextlib
@@ -20,13 +20,7 @@ STOP_S = 20.0  # a plane that is well ends within this
 
 
 class Plane:
-    """One plane, running.
-
-    Args:
-        name: `agent` or `watch`; also the name of the command and of the log.
-        arguments: What follows the command.
-        logs: Folder of the logs.
-    """
+    """One plane, running: `agent` or `watch`, which names the command and the log."""
 
     def __init__(self, name: str, arguments: Sequence[str], logs: Path) -> None:
         self.name = name
@@ -73,14 +67,7 @@ class Plane:
 def start_watch(
     workspace: Workspace, *, faults: Path | None = None, pictures: bool = True, sense: Sensing | None = None
 ) -> Plane:
-    """The runtime plane of a workspace.
-
-    Args:
-        workspace: Supervised by no other process.
-        faults: Fault file for the simulated worlds.
-        pictures: Whether evidence has pictures.
-        sense: Declared in perception.yaml; None leaves what stands there.
-    """
+    """The runtime plane of a workspace that no other process supervises; `faults` and `sense` as of `run_watch`."""
     arguments = ["--workspace", str(workspace.root)]
     arguments += ["--faults", str(faults)] if faults is not None else []
     arguments += ["--sense", sense] if sense is not None else []

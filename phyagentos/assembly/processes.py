@@ -1,7 +1,4 @@
-"""The runtime's own child processes: a world and a worker for each target.
-
-`python -m phyagentos.assembly.processes world|worker ...`; started by the watchdog, never by people.
-"""
+"""The runtime's own child processes, started by the watchdog: a world and a worker for each target."""
 
 import argparse
 import sys
@@ -42,7 +39,7 @@ WORLD_START_S = 60.0  # a cold machine imports and compiles once
 
 
 def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
-    """The process of one world, and of every target in it, until its supervisor is gone.
+    """The process of one world, and of every target in it, until its supervisor ends.
 
     Args:
         root: The workspace.
@@ -303,9 +300,9 @@ def open_handle(
     sees_truth: bool = False,
     on_wait: Callable[[], None] = lambda: None,
 ) -> "TargetSessionHandle":
-    """The worker's door to its target; its guard asks before every command whether the emergency stop is latched.
+    """The worker's access to its target; its guard checks the emergency stop before every command.
 
-    Postures are tested on the robot as its own `description` gives it; whether TARGETS.md agrees, preflight tells.
+    Postures are tested on the robot of its own `description`; preflight compares that with TARGETS.md.
     """
     from phyagentos.runtime.actions.collision import PostureCollision
     from phyagentos.runtime.actions.handle import TargetSessionHandle

@@ -23,12 +23,7 @@ SETTINGS = ("safety.yaml", "sensors.yaml", "perception.yaml", "runtime_contract.
 
 @dataclass(frozen=True, slots=True)
 class Rerun:
-    """A session, repeated.
-
-    Attributes:
-        workspace: Where the second bundle is.
-        differences: Where it differs from the first; empty when it is the same, bit for bit.
-    """
+    """A session, repeated: the workspace of the second bundle, and where it differs from the first, bit for bit."""
 
     session: str
     workspace: Path
@@ -38,10 +33,6 @@ class Rerun:
 
 def rerun_session(root: Path, session: str) -> Rerun:
     """Repeat one recorded session from its own workspace, and compare the two bundles bit by bit.
-
-    Args:
-        root: The workspace.
-        session: Which one; it must have left its evidence there.
 
     Raises:
         DefinitionError: `NOT_EXECUTED`; `WORLD_SHARED` for a session in a world of several targets.
@@ -104,11 +95,7 @@ def _order(worker: Worker, status: SessionStatus, folder: Path) -> Execution:
 
 
 def find_session(workspace: Workspace, session: str) -> SessionStatus:
-    """A session as the journal tells it.
-
-    Raises:
-        DefinitionError: `NOT_EXECUTED` when it is unknown or left no evidence.
-    """
+    """A recorded session; raises `NOT_EXECUTED` when it is unknown or left no evidence."""
     with Histories(workspace.sessions / choose_lane(workspace.sessions)) as histories:
         status = histories.find_status(SessionId(session))
     if status is None or status.execution is None:

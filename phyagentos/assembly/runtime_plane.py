@@ -53,7 +53,7 @@ def run_watch(
     sense: Sensing | None = None,
     outlived: bool = True,
 ) -> None:
-    """The runtime plane: supervise until interrupted.
+    """The runtime plane: supervise until interrupted; raises `WATCHED_ALREADY`.
 
     Args:
         root: The workspace.
@@ -63,9 +63,6 @@ def run_watch(
         sense: Declared in the workspace's perception.yaml; None leaves what stands there.
         once_idle: End when every goal has its verdict.
         outlived: Whether worlds wait for another watchdog when this one dies.
-
-    Raises:
-        ExecutionError: `WATCHED_ALREADY`.
     """
     workspace, clock = open_project(root), SystemClock()
     become_sole(workspace.root / WATCHDOG_LOCK, clock, "WATCHED_ALREADY", "another watchdog supervises this workspace")
@@ -81,11 +78,7 @@ def declare_world(
 ) -> None:
     """Write down how worlds are started from now on, and end those that an earlier watchdog started otherwise.
 
-    Args:
-        workspace: Supervised by this process only.
-        faults: Fault file; None leaves what stands there.
-        mode: World mode; None leaves what stands there.
-        sense: What perception.yaml says of sensing; None leaves what stands there.
+    None for `faults`, `mode` or `sense` (perception.yaml) leaves what is declared.
     """
     before = _read_terms(workspace)
     if sense is not None:
@@ -231,15 +224,7 @@ def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: b
 def hire_worker(
     workspace: Workspace, target: str, sockets: Path, *, pictures: bool, world: WorldProcess | None
 ) -> Worker:
-    """Start the worker of one target; without a driver it refuses every session.
-
-    Args:
-        workspace: With the documents that count.
-        target: Its name.
-        sockets: Folder for the socket of the target.
-        pictures: Whether evidence has pictures.
-        world: See `start_world`.
-    """
+    """Start the worker of one target; without a driver it refuses every session."""
     socket = sockets / f"{target}.world"
     place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(socket)]
     command = [*_MODULE, "worker", *place, *([] if pictures else ["--no-pictures"])]

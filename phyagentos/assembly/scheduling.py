@@ -1,13 +1,10 @@
-"""How soon a process runs once it is woken. Upstream: `paos watch`, world, worker. Downstream: the operating system.
+"""How soon a process runs once it is woken.
 
-A woken process may wait for the next tick of the scheduler, 4 ms, each time that a record, an answer or the disk wakes
-it, and longer on a busy machine; one with a real-time priority does not wait. The supervisor asks for the lowest one.
-It is the only process that does, since it sleeps nearly all the time: a worker runs skills that others wrote, a planner
-computes for seconds, and an agent is in no hurry. Its children begin with ordinary scheduling. It does not ask where
-there is one processor only, or where a world keeps real time, since it would then stand in front of that world.
-
-World and worker that keep real time ask for a larger share instead, which starves no process: a
-command that comes late, because something else computes, makes the target stop by itself.
+A woken process may wait for the next tick of the scheduler, 4 ms, and longer on a busy machine; one with a real-time
+priority does not. Only the supervisor asks for it, the lowest one, since it sleeps nearly all the time; not on a single
+processor, nor where a world keeps real time, which it would delay. Its children begin with ordinary scheduling.
+World and worker that keep real time ask for a larger share instead, which starves no process: a late command makes the
+target stop.
 """
 
 import os

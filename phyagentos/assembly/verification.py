@@ -26,10 +26,10 @@ def build_verifier(
     mode: VerificationMode | None = None,
     judges: Sequence[str] | None = None,
 ) -> SessionVerifier:
-    """The verifier that the workspace's settings describe.
+    """The verifier that the workspace's settings describe; without runtime_contract.yaml the strictest defaults hold.
 
     Args:
-        workspace: With runtime_contract.yaml; without one, the defaults hold, which are the strictest.
+        workspace: With its settings.
         clock: Bounds the wait for a model.
         mode: Instead of the one in the settings.
         judges: Instead of those in the settings, as `--with` names them.

@@ -1,7 +1,6 @@
-"""Many goals on the ordinary path: one warm runtime plane, one mission after the other. Paper section 4.4.
+"""Many goals on the ordinary path: one warm runtime plane in a process of its own, one mission after the other.
 
-Upstream: a benchmark. Downstream: the agent of `assembly.agent_plane`, as `paos run` builds it; the runtime plane is a
-process of its own, as in every run.
+Paper section 4.4.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,12 +19,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One goal of a suite, ended.
-
-    Attributes:
-        seed: Root of its random choices.
-        workspace: Where its evidence is.
-    """
+    """One goal of a suite, ended; its evidence is in `workspace`."""
 
     seed: int
     workspace: Workspace
@@ -43,17 +37,7 @@ def open_bench(
     memory_use: MemoryUse = MemoryUse.LEARN,
     policy: RepairPolicy | None = None,
 ) -> Iterator[Agent]:
-    """Both planes of a workspace: the runtime as a child process, the agent in this one.
-
-    Args:
-        workspace: With its settings.
-        clock: For waiting.
-        faults: Fault file for the simulated worlds.
-        pictures: Whether evidence has pictures.
-        sense: Declared in perception.yaml; None leaves what stands there.
-        memory_use: What the agent does with the memory of the workspace.
-        policy: Chooses what follows a miss; graph repair by default.
-    """
+    """Both planes of a workspace, the agent in this process; arguments as of `start_watch` and `open_agent`."""
     with (
         watching(workspace, clock, faults=faults, pictures=pictures, sense=sense) as plane,
         open_agent(

@@ -34,12 +34,7 @@ MARKS = {Truth.TRUE: ("✓", "green"), Truth.FALSE: ("✗", "red"), Truth.UNKNOW
 
 
 class RunConsole:
-    """Shows a run while it goes on; a context manager.
-
-    Args:
-        title: What is run.
-        quiet: Show nothing.
-    """
+    """Shows a run while it goes on; a context manager. When quiet, it shows nothing."""
 
     def __init__(self, title: str, *, quiet: bool = False) -> None:
         self._console = Console(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=not sys.stderr.isatty())

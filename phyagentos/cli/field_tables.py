@@ -1,7 +1,4 @@
-"""The fields of a kind of file as Markdown tables, made from its JSON Schema; the pages of `docs/documents/` hold them.
-
-Upstream: `schemas`. Downstream: the documentation; a test compares.
-"""
+"""The fields of a kind of file as Markdown tables, from its JSON Schema, for the pages of `docs/documents/`."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,11 +18,7 @@ _PLAIN = {
 
 
 def render_fields(kind: str) -> str:
-    """One table for each structure of a kind, the outermost first.
-
-    Raises:
-        DefinitionError: For an unknown kind.
-    """
+    """One table for each structure of a kind, the outermost first; raises DefinitionError for an unknown kind."""
     schema = build_schema(kind)
     definitions = schema.get("$defs", {})
     tables = []

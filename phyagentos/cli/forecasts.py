@@ -1,8 +1,4 @@
-"""A look-ahead for people: the forecast of a session, where one was requested.
-
-Upstream: `lookahead.json` of the session's evidence. Downstream: `paos preflight`, which shows it and makes nothing of
-it: what was foreseen then says nothing against what would be granted now.
-"""
+"""The forecast of a session (`lookahead.json` of its evidence) for people; `paos preflight` only shows it."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -12,11 +12,7 @@ from phyagentos.store.segments import list_all_segments
 
 
 def read_ledger(root: Path, about: str = "") -> Ledger:
-    """The state of every session and goal.
-
-    Args:
-        root: The workspace.
-        about: Whole id of a session: in a long journal, it and what belongs to it are enough.
+    """The state of every session and goal; for `about`, a whole session id, only of it and what belongs to it.
 
     Raises:
         DefinitionError: When the folder is no workspace.

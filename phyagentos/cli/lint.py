@@ -47,11 +47,7 @@ _FOLDERS = {
 
 
 def lint_paths(paths: list[Path]) -> tuple[list[Path], list[Problem]]:
-    """Check files and, recursively, folders.
-
-    Returns:
-        The files that were checked, and every problem, in the order of the arguments.
-    """
+    """Check files and, recursively, folders: the files checked, and every problem, in the order of `paths`."""
     checked: list[Path] = []
     problems: list[Problem] = []
     for path in paths:

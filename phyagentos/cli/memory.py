@@ -116,11 +116,7 @@ def _opened(root: Path) -> "Iterator[Memory]":
 
 
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
-    """The entry as it stands.
-
-    Raises:
-        DefinitionError: `UNKNOWN_ENTRY`.
-    """
+    """The entry as it is recorded; raises `UNKNOWN_ENTRY`."""
     from phyagentos.agent.memory import methodological, semantic
     from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 

@@ -1,7 +1,7 @@
 """`paos run`: lint, a workspace, both planes as child processes, a live view until the verdict, a report.
 
-This process commands nothing and judges nothing: it follows the journal like any reader, and on Ctrl-C it asks for an
-end by a signal file, as any tool could. Upstream: the command line. Downstream: `planes`, `console`, `report`.
+This process commands nothing and judges nothing: it follows the journal like any reader, and Ctrl-C becomes a signal
+file, as any tool could write.
 """
 
 import math
@@ -269,11 +269,7 @@ def ask_for_end(fold: RunFold, journal: Journal, workspace: Workspace, clock: Cl
 
 
 def raise_for(plane: Plane) -> None:
-    """A plane ended before the verdict: say why.
-
-    Raises:
-        Exit: With the plane's own code where it is one of ours.
-    """
+    """Raise Exit for a plane that ended before the verdict, with its own code where it is one of ours."""
     code = plane.find_exit_code()
     printed = plane.read_printed()
     if code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:

@@ -14,11 +14,7 @@ PREFIX = "targets."
 
 
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
-    """`["targets.arm=ur5e"]` as `{"targets.arm": "ur5e"}`.
-
-    Raises:
-        Exit: For anything else.
-    """
+    """`["targets.arm=ur5e"]` as `{"targets.arm": "ur5e"}`; raises Exit for anything else."""
     pairs = [text.partition("=") for text in texts or ()]
     wrong = [key for key, _, value in pairs if not key.startswith(PREFIX) or not value]
     if wrong:

@@ -1,7 +1,6 @@
 """`paos preflight`: what every session of a goal graph would be granted, or every reason why it would be refused.
 
-Upstream: the command line. Downstream: the compiler and the real worker and world of each target, in a workspace that
-is thrown away. Nothing moves.
+The real worker and world of each target check it, in a temporary workspace. Nothing moves.
 """
 
 import json
@@ -62,11 +61,9 @@ class _Order:
     """What is to be checked.
 
     Attributes:
-        library: Trees, skills, scenes, robots.
         source: Workspace whose documents and settings count; None for those that ship.
-        sessions: As they would be submitted.
         after: Session -> nodes that come before it.
-        forecasts: Session -> what its look-ahead foresaw, of those for which one was made.
+        forecasts: Session -> its forecast, for those that have one.
     """
 
     library: "Library"

@@ -1,7 +1,4 @@
-"""What `paos run` knows of a run: a fold of the journal and of the heartbeats into rows of sessions and nodes.
-
-Reads only what any reader may read, and asks no plane. Upstream: journal, heartbeats. Downstream: console, report.
-"""
+"""The state of a run: a fold of the journal and of the heartbeats into rows of sessions and nodes."""
 
 import datetime
 from collections.abc import Iterable, Mapping
@@ -65,11 +62,7 @@ class Row:
 
 
 class RunFold:
-    """The run so far; `apply` records as they come, then ask for rows.
-
-    Args:
-        heartbeats: Folder of the workspace.
-    """
+    """The run so far; `apply` records as they come, then read its rows."""
 
     def __init__(self, heartbeats: Path) -> None:
         self.ledger = Ledger(forgets=False)

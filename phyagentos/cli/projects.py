@@ -1,4 +1,4 @@
-"""Which library a command sees, and which file an argument means.
+"""Which library a command uses, and which file an argument means.
 
 A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
 comes first, then the working directory, then installed libraries and what ships.
@@ -27,11 +27,7 @@ def open_library(*paths: Path) -> Library:
 
 
 def get_file(argument: Path, folder: str) -> Path:
-    """The file that an argument means: a path, or a name or path inside a library (`tidy_table`).
-
-    Args:
-        argument: As typed.
-        folder: `goal_graphs` or `faults`.
+    """The file that an argument means: a path, or a name or path inside the libraries' `folder` (`tidy_table`).
 
     Raises:
         DefinitionError: With the names that would have been found.

@@ -1,7 +1,4 @@
-"""How a run ended: one report, as JSON for programs and as a table for people.
-
-Upstream: the fold of the run. Every figure is in the journal or the evidence; nothing is measured here.
-"""
+"""How a run ended: one report, as JSON for programs and as a table for people, from journal and evidence alone."""
 
 from pathlib import Path
 from typing import Any

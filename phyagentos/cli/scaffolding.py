@@ -26,11 +26,7 @@ def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder th
 
 
 def copy_scaffold(folder: Path) -> None:
-    """Copy the templates.
-
-    Raises:
-        DefinitionError: `WOULD_OVERWRITE` when the folder holds anything.
-    """
+    """Copy the templates; raises `WOULD_OVERWRITE` when the folder holds anything."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise DefinitionError(
             Problem(

@@ -81,20 +81,12 @@ def names_of_schemas() -> list[str]:
 
 
 def render_schema(kind: str) -> str:
-    """The schema as indented JSON.
-
-    Raises:
-        DefinitionError: For an unknown kind.
-    """
+    """The schema as indented JSON."""
     return json.dumps({"$schema": BASE, **build_schema(kind)}, indent=2, ensure_ascii=False) + "\n"
 
 
 def build_schema(kind: str) -> dict[str, Any]:
-    """The schema as data.
-
-    Raises:
-        DefinitionError: For an unknown kind.
-    """
+    """The schema as data; raises DefinitionError for an unknown kind."""
     builders = _builders()
     if kind not in builders:
         raise DefinitionError(

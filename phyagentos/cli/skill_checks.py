@@ -1,7 +1,4 @@
-"""What can be wrong with a SKILL.md beyond its form: predicates, references to parameters, the tree.
-
-Upstream: `lint`. The runtime checks the same again in preflight, against the session that is about to run.
-"""
+"""Problems of a SKILL.md beyond its form (predicates, parameters, the tree); preflight checks them again."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,11 +14,7 @@ TARGET_WORD = "target"  # `${target}` is the session's own target
 
 
 def check_skill(path: Path, library: Library) -> None:
-    """Check one SKILL.md.
-
-    Raises:
-        DefinitionError: With every problem.
-    """
+    """Check one SKILL.md; raises DefinitionError with every problem."""
     skill, located = read_skill(path)
     problems = [*_check_predicates(skill, located), *_check_tree(skill, located, library)]
     if problems:

@@ -1,6 +1,6 @@
-"""Commands that stop: `cancel`, `pause`, `resume`, `estop`. Each is a file that any tool could have dropped.
+"""Commands that stop: `cancel`, `pause`, `resume`, `estop`; each drops a file as any tool could.
 
-Only the end of a goal is a record: whichever agent takes the goal up must see it.
+Only the end of a goal is a record: every agent that continues the goal must read it.
 """
 
 import contextlib

@@ -1,7 +1,4 @@
-"""A behaviour tree as a picture: in the terminal, as Mermaid, as SVG.
-
-Pictures need no leaf to be instantiated: the file and the declared ports are enough.
-"""
+"""A behaviour tree in the terminal, as Mermaid, as SVG, from its file and the declared ports alone."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -35,9 +32,8 @@ class Drawing:
 
     Attributes:
         kind: `sequence`, `fallback`, ..., `subtree`, or the name of a leaf.
-        name: What the author called it; may equal the kind.
+        name: As authored; may equal the kind.
         ports: `port = value` texts.
-        children: In order.
     """
 
     kind: str
@@ -61,10 +57,7 @@ class Drawing:
 
 
 def read_drawing(argument: str) -> Drawing:
-    """Read a tree and the subtrees it names.
-
-    Args:
-        argument: A YAML file, or the name of a tree in the library.
+    """Read a tree (a YAML file, or a name in the library) and the subtrees it names.
 
     Raises:
         DefinitionError: With every problem of the first file that has any; `CYCLE` when a tree contains itself.

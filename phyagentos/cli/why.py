@@ -1,6 +1,6 @@
-"""`paos why`: a verdict explained from the records alone, down to the layer, the leaf and the number that decided it.
+"""`paos why`: a verdict explained from ledger and evidence, down to the layer, the leaf and the number that decided it.
 
-Upstream: ledger and evidence bundle. It judges nothing again: the diagnosis is the agent's own, over the same evidence.
+Nothing is judged again: the diagnosis is the agent's own, over the same evidence.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,8 +1,8 @@
 """The archive: sealed segments that no live session or open goal needs, moved but never deleted.
 
 A segment moves from `sessions/<lane>/` to `sessions/archive/<yyyy-mm>/<lane>/`, month of its name, by one rename,
-oldest first: archived segments always precede those in the lane. Folders are made durable first, then the new name, then the
-absence of the old one. After a power cut a name may stand in both places (the archived file counts), never in none.
+oldest first: archived segments always precede those in the lane. Folders are made durable first, then the new
+name, then the absence of the old one. After a power cut a name may stand in both places (the archived file counts), never in none.
 """
 
 from itertools import pairwise

@@ -41,12 +41,7 @@ def examine_machine(
 
 
 def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
-    """Every check, one after the other.
-
-    Args:
-        folder: Where workspaces will stand; scratch files are made and removed there.
-        clock: For spans and for comparison with the folder's.
-    """
+    """Every check, one after the other; scratch files are made and removed in `folder`."""
     yield software.check_python()
     yield software.check_packages()
     yield software.check_graphics()

@@ -17,14 +17,7 @@ class Grade(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line of the report.
-
-    Attributes:
-        subject: What was looked at.
-        grade: How good it is.
-        found: What was found, with units.
-        fix: What to do about it; empty where it is fine.
-    """
+    """One line of the report; `fix` is empty where all is fine."""
 
     subject: str
     grade: Grade
