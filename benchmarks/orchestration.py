@@ -23,8 +23,8 @@ from rich.console import Console
 from rich.table import Table
 
 from phyagentos.assembly.agent_plane import MemoryUse
-from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.paths import open_project
+from phyagentos.assembly.process_tuning import collect_rarely
 from phyagentos.bench.report import Ask, Spread, format_outcome
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock

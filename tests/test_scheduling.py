@@ -5,11 +5,11 @@ import os
 import subprocess
 import sys
 
-from phyagentos.assembly.scheduling import ask_for_precedence, ask_for_prompt_wakeups
+from phyagentos.assembly.process_tuning import ask_for_precedence, ask_for_prompt_wakeups
 
 ASK = """
 import json, os, subprocess, sys
-from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
+from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups
 granted = ask_for_prompt_wakeups()
 child = subprocess.run([sys.executable, "-c", "import os; print(os.sched_getscheduler(0))"], capture_output=True)
 own = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
@@ -17,7 +17,7 @@ print(json.dumps([granted, own == os.SCHED_FIFO, int(child.stdout) == os.SCHED_O
 """
 ASK_FOR_SHARE = """
 import json, os, subprocess, sys
-from phyagentos.assembly.scheduling import PRECEDENCE, ask_for_precedence
+from phyagentos.assembly.process_tuning import PRECEDENCE, ask_for_precedence
 before = os.getpriority(os.PRIO_PROCESS, 0)
 granted = ask_for_precedence()
 look = "import os; print(os.getpriority(os.PRIO_PROCESS, 0))"

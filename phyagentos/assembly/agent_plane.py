@@ -17,8 +17,8 @@ from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
-from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.paths import find_project, open_project
+from phyagentos.assembly.process_tuning import collect_rarely
 from phyagentos.assembly.verification import build_verifier
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side

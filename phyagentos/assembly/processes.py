@@ -1,6 +1,7 @@
-"""The runtime's own child processes, started by the watchdog: a world and a worker for each target."""
+"""The runtime's own child processes, started by the watchdog: a world, a worker and a rehearsal for each target."""
 
 import argparse
+import os
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -11,9 +12,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from phyagentos.assembly.drivers import build_driver_registry, choose_graphics
-from phyagentos.assembly.gc_tuning import collect_rarely
-from phyagentos.assembly.rehearsal import make_command
-from phyagentos.assembly.scheduling import ask_for_precedence
+from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
@@ -36,6 +35,12 @@ if TYPE_CHECKING:
     from phyagentos.runtime.targets.server import Door
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
+
+
+def make_command(process: str, root: Path, target: str, *options: str) -> list[str]:
+    """Arguments of the interpreter that start one of these processes."""
+    place = ["--workspace", str(root), "--target", target]
+    return ["-m", "phyagentos.assembly.processes", process, *place, *options]
 
 
 def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
@@ -221,7 +226,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         clock=clock,
         sampling_hz=settings.contract.sampling_hz,
     )
-    oracle = RehearsalProcess(make_command(workspace.root, target))
+    oracle = RehearsalProcess([sys.executable, *make_command("rehearsal", workspace.root, target)])
     gate = LookaheadGate(oracle=oracle, world=world, evidence=workspace.evidence)
     collect_rarely()
     if settings.contract.world_mode is WorldMode.REALTIME:
@@ -246,6 +251,38 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     ).run()
     gate.close()
     planner.close()
+
+
+def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
+    """Answer the worker until it is gone."""
+    from phyagentos.runtime.execution.leaf_registry import build_registry
+    from phyagentos.runtime.lookahead.forecast import Forecaster
+    from phyagentos.runtime.lookahead.process import serve
+    from phyagentos.runtime.lookahead.rehearsal import Rehearser
+    from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.motion.planner import MotionPlanner
+    from phyagentos.runtime.motion.process import LocalPlanner
+    from phyagentos.runtime.preflight.settings import read_settings
+    from phyagentos.runtime.supervision.workers import end_with_parent
+
+    end_with_parent()
+    workspace = Workspace.open(root)
+    library = workspace.library()
+    path = library.get_target(target)
+    profile, folder = read_profile(path)
+    planner = MotionPlanner.open(path)
+    planner.warm_up()
+    rehearser = Rehearser(
+        profile=profile,
+        folder=folder,
+        limits=read_settings(workspace, target).limits,
+        library=library,
+        registry=build_registry(library),
+        planner=LocalPlanner(planner),
+        clock=SystemClock(),
+    )
+    forecaster = Forecaster(rehearser=rehearser, threads=len(os.sched_getaffinity(0)))
+    serve(forecaster, Connection(descriptor))
 
 
 def open_world_model(
@@ -361,17 +398,20 @@ def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
 def main(argv: Sequence[str] | None = None) -> None:
     """Entry point of the runtime's own child processes."""
     parser = argparse.ArgumentParser(prog="phyagentos.assembly.processes")
-    parser.add_argument("process", choices=("world", "worker"))
+    parser.add_argument("process", choices=("world", "worker", "rehearsal"))
     parser.add_argument("--workspace", type=Path, required=True)
     parser.add_argument("--target", required=True, help="of a worker; for a world its name")
-    parser.add_argument("--socket", required=True)
+    parser.add_argument("--socket", default="")
     parser.add_argument("--control", type=int, default=-1)
+    parser.add_argument("--descriptor", type=int, default=-1)
     parser.add_argument("--no-pictures", action="store_true")
     parser.add_argument("--outlives", action="store_true")
     given = parser.parse_args(argv)
     try:
         if given.process == "world":
             run_world(given.workspace, given.target, given.socket, outlives=given.outlives)
+        elif given.process == "rehearsal":
+            run_rehearsal(given.workspace, given.target, given.descriptor)
         else:
             run_worker(given.workspace, given.target, given.socket, given.control, pictures=not given.no_pictures)
     except (DefinitionError, ExecutionError) as error:

@@ -9,10 +9,9 @@ from pathlib import Path
 from types import FrameType
 
 from phyagentos.assembly.drivers import build_driver_registry
-from phyagentos.assembly.gc_tuning import collect_rarely
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project
-from phyagentos.assembly.processes import reads_truth
-from phyagentos.assembly.scheduling import ask_for_prompt_wakeups
+from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups, collect_rarely
+from phyagentos.assembly.processes import make_command, reads_truth
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import read_target_registry
@@ -39,8 +38,6 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.turn_marks import TurnMarks
 from phyagentos.store.views.renderer import Views
 from phyagentos.store.views.runtime_signal import RuntimeSignal
-
-_MODULE = ("-m", "phyagentos.assembly.processes")
 
 
 def run_watch(
@@ -216,8 +213,8 @@ def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: b
     except DefinitionError:  # the worker refuses
         return None
     world = profile.world or target
-    place = ["--workspace", str(workspace.root), "--target", world, "--socket", str(sockets / f"{world}.world")]
-    command = [*_MODULE, "world", *place, *(["--outlives"] if outlives else [])]
+    options = ["--socket", str(sockets / f"{world}.world"), *(["--outlives"] if outlives else [])]
+    command = make_command("world", workspace.root, world, *options)
     return WorldProcess(command, get_lock(workspace.root, world), workspace.logs / f"world-{world}.log")
 
 
@@ -226,6 +223,6 @@ def hire_worker(
 ) -> Worker:
     """Start the worker of one target; without a driver it refuses every session."""
     socket = sockets / f"{target}.world"
-    place = ["--workspace", str(workspace.root), "--target", target, "--socket", str(socket)]
-    command = [*_MODULE, "worker", *place, *([] if pictures else ["--no-pictures"])]
+    options = ["--socket", str(socket), *([] if pictures else ["--no-pictures"])]
+    command = make_command("worker", workspace.root, target, *options)
     return Worker(target, world=world, worker=command, logs=workspace.logs, socket=socket)

@@ -1,15 +1,17 @@
-"""`paos`: the commands, assembled. Every group registers itself on one typer app; `main` maps outcomes to exit codes.
+"""`paos`: the commands, assembled. One table names them all; `main` maps outcomes to exit codes.
 
 Commands import their planes when they run, so that `paos --help` loads no solver and `paos agent` no simulator.
 """
 
 import os
 import sys
+from collections.abc import Callable
 
 import typer
 
 from phyagentos.cli import (
     authoring,
+    doctor,
     editing,
     error_codes,
     evidence,
@@ -23,7 +25,6 @@ from phyagentos.cli import (
     store,
     verification,
 )
-from phyagentos.cli.doctor import command as doctor
 from phyagentos.cli.outcome import ExitCode, is_debugging, report_exception
 
 app = typer.Typer(
@@ -55,23 +56,47 @@ def _root(
         os.environ["PAOS_DEBUG"] = "1"  # both planes inherit it
 
 
-for group in (
-    running,
-    preflight,
-    authoring,
-    scaffolding,
-    showing,
-    explaining,
-    stopping,
-    editing,
-    evidence,
-    doctor,
-    error_codes,
-    store,
-    verification,
-    memory,
-):
-    group.register(app)
+COMMANDS: dict[str, Callable[..., object]] = {
+    "run": running.run,
+    "agent": running.agent,
+    "watch": running.watch,
+    "preflight": preflight.preflight,
+    "lint": authoring.lint,
+    "compile": authoring.compile_graph,
+    "init": scaffolding.init,
+    "list": showing.list_names,
+    "schema": showing.show_schema,
+    "lifecycle": showing.show_lifecycle,
+    "why": explaining.why,
+    "graph": explaining.show_graph,
+    "rerun": explaining.rerun,
+    "cancel": stopping.cancel,
+    "pause": stopping.pause,
+    "resume": stopping.resume,
+    "estop": stopping.estop,
+    "edit": editing.edit,
+    "judge": editing.judge,
+    "doctor": doctor.examine_machine,
+    "codes": error_codes.show_codes,
+    "verify": verification.verify,
+}
+GROUPS: dict[str, tuple[str, tuple[tuple[str, Callable[..., object]], ...]]] = {
+    "tree": ("Behaviour trees.", (("show", showing.show_tree),)),
+    "evidence": ("Evidence bundles.", (("verify", evidence.verify), ("prune", evidence.prune))),
+    "store": (
+        "The journal of a workspace.",
+        (("check", store.check), ("repair", store.repair), ("compact", store.compact), ("stats", store.stats)),
+    ),
+    "memory": ("What verdicts taught.", (("show", memory.show), ("why", memory.why), ("forget", memory.forget))),
+}
+
+for name, command in COMMANDS.items():
+    app.command(name)(command)
+for name, (help_text, commands) in GROUPS.items():
+    group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode=None)
+    for each, command in commands:
+        group.command(each)(command)
+    app.add_typer(group, name=name)
 
 
 def main() -> None:

@@ -13,12 +13,6 @@ if TYPE_CHECKING:
     from phyagentos.agent.goals.graph import GoalGraph
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("lint")(lint)
-    app.command("compile")(compile_graph)
-
-
 def lint(paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")]) -> int:
     """Check authored files and report every problem with file, line and column."""
     from phyagentos.cli.lint import lint_paths

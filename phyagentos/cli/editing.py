@@ -4,6 +4,7 @@ import os
 import shlex
 import subprocess
 import tempfile
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,12 +18,6 @@ if TYPE_CHECKING:
     from phyagentos.store.views.history import History
 
 DEFAULT_EDITOR = "vi"
-
-
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("edit")(edit)
-    app.command("judge")(judge)
 
 
 def edit(
@@ -41,13 +36,9 @@ def edit(
     place = Workspace.open(workspace)
     lane = place.sessions / choose_lane(place.sessions)
     lane.mkdir(parents=True, exist_ok=True)
-    desk, history = EditIntake(place, SystemClock(), adopts=False), History(lane)
-    try:
+    with closing(EditIntake(place, SystemClock(), adopts=False)) as desk, closing(History(lane)) as history:
         merged = _edit_copy(desk, history, place.sessions_document.name, _choose_editor(editor))
         _publish(desk, history)
-    finally:
-        history.close()
-        desk.close()
     return int(_report(merged, place.sessions_document.name, place.rejected_document))
 
 
@@ -63,11 +54,8 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
 
     place, clock = Workspace.open(workspace), SystemClock()
     verifier = build_verifier(place, clock)
-    journal = Journal(place.root, side=Side.AGENT, by="paos judge", clock=clock)
-    try:
+    with closing(Journal(place.root, side=Side.AGENT, by="paos judge", clock=clock)) as journal:
         judged = judge_goalless_sessions(place, journal, verifier)
-    finally:
-        journal.close()
     for id, attempt in judged:
         print_result(f"{id}: {attempt.verdict}  {attempt.reason}")
     if not judged:
@@ -78,6 +66,8 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
 
 def _edit_copy(desk: "EditIntake", history: "History", name: str, command: list[str]) -> "Merge":
     """Let a person change a fresh rendering; the file is not replaced meanwhile."""
+    from phyagentos.store.edits.reading import decode
+
     with desk.file.hold(wait=False) as is_free:
         if not is_free:
             print_note(f"{name} is being edited or rendered elsewhere; waiting")
@@ -93,16 +83,12 @@ def _edit_copy(desk: "EditIntake", history: "History", name: str, command: list[
             ) from error
         if code != 0:
             raise Exit(ExitCode.INVALID_INPUT, f"{command[0]} ended with {code}; nothing was changed")
-        return desk.take_text(_read(copy), history)
-
-
-def _read(copy: Path) -> str:
-    from phyagentos.store.edits.reading import decode
-
-    try:
-        return decode(copy.read_bytes())
-    except OSError as error:
-        raise Exit(ExitCode.INVALID_INPUT, f"the editor left no file: {error.strerror}; nothing was changed") from error
+        try:
+            text = decode(copy.read_bytes())
+        except OSError as error:
+            why = f"the editor left no file: {error.strerror}; nothing was changed"
+            raise Exit(ExitCode.INVALID_INPUT, why) from error
+        return desk.take_text(text, history)
 
 
 def _publish(desk: "EditIntake", history: "History") -> None:

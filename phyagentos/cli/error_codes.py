@@ -31,11 +31,6 @@ _RETRIES = {
 }
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("codes")(show_codes)
-
-
 def show_codes(
     name: Annotated[str | None, typer.Argument(help="One code; without it, all.")] = None,
     write: Annotated[Path | None, typer.Option(help="Write the page of the docs instead.")] = None,

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from msgspec.structs import asdict
 
 from phyagentos.cli.outcome import ExitCode, print_problems, print_result
 
@@ -18,21 +19,13 @@ Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the ru
 AsJson = Annotated[bool, typer.Option("--json", help="The report as JSON on stdout.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    group = typer.Typer(help="Evidence bundles.", no_args_is_help=True, rich_markup_mode=None)
-    group.command("verify")(verify)
-    group.command("prune")(prune)
-    app.add_typer(group, name="evidence")
-
-
 def verify(workspace: Space, as_json: AsJson = False) -> int:
     """Hash every bundle of an ended session again, and follow what its snapshots point at."""
     from phyagentos.protocol.workspace.workspace import Workspace
 
     checked, problems = _verify(Workspace.open(workspace))
     if as_json:
-        print_result(json.dumps({"bundles": checked, "problems": [_to_plain(problem) for problem in problems]}))
+        print_result(json.dumps({"bundles": checked, "problems": [asdict(problem) for problem in problems]}))
     else:
         print_problems(problems)
         found = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}" if problems else "as recorded"
@@ -119,12 +112,6 @@ def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem |
         return None
     expected = f"the bundle of {status.contract.id}"
     return Problem(code="MISSING", address=str(folder), found="no such folder", expected=expected)
-
-
-def _to_plain(problem: "Problem") -> dict[str, str]:
-    from msgspec.structs import asdict
-
-    return asdict(problem)
 
 
 def _describe(report: "RetentionReport", *, dry_run: bool) -> list[str]:

@@ -16,13 +16,6 @@ Id = Annotated[str, typer.Argument(metavar="SESSION", help="A session id; the pa
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("why")(why)
-    app.command("graph")(show_graph)
-    app.command("rerun")(rerun)
-
-
 def why(session: Id, workspace: Space) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it."""
     from phyagentos.cli.history import read_ledger

@@ -3,7 +3,7 @@
 There is no second parser: each kind is checked by the module that owns it, so that lint and run cannot disagree.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def lint_file(path: Path) -> list[Problem]:
         kind = find_kind(path)
         if kind is None:
             return [_unknown_kind(path)]
-        _CHECKS[kind](path, open_library(path))
+        _check(kind, path, open_library(path))
     except DefinitionError as error:
         return list(error.problems)
     return []
@@ -116,66 +116,42 @@ def _unknown_kind(path: Path) -> Problem:
     )
 
 
-def _check_document(path: Path, _: Library) -> None:
-    """Front matter and every fenced block, as the readers of the document check them."""
-    check_document(read_text(path), path.name, str(path))
+def _check(kind: FileKind, path: Path, library: Library) -> None:
+    """Check a file as its reader does; raises DefinitionError with every problem."""
+    problems: Sequence[Problem] = ()
+    match kind:
+        case FileKind.DOCUMENT:
+            check_document(read_text(path), path.name, str(path))
+        case FileKind.SETTINGS:
+            check_settings(path)
+        case FileKind.GOAL_GRAPH:
+            from phyagentos.agent.goals.catalogue import Catalogue
+            from phyagentos.agent.goals.graph import check_goal_graph
 
+            problems = check_goal_graph(path, Catalogue.read(library))
+        case FileKind.SKILL:
+            from phyagentos.cli.skill_checks import check_skill
 
-def _check_settings(path: Path, _: Library) -> None:
-    check_settings(path)
+            check_skill(path, library)
+        case FileKind.TREE:
+            from phyagentos.protocol.capabilities.trees import load_tree
+            from phyagentos.runtime.execution.leaf_registry import build_registry
+            from phyagentos.runtime.execution.tree_check import check_loaded_tree
 
+            tree, problems = load_tree(path)
+            found = check_loaded_tree(tree, library, build_registry(library)) if tree is not None else ()
+            problems = [*problems, *found]
+        case FileKind.SCENE:
+            from phyagentos.protocol.world.scenes import read_scene
 
-def _check_goal_graph(path: Path, library: Library) -> None:
-    from phyagentos.agent.goals.catalogue import Catalogue
-    from phyagentos.agent.goals.graph import check_goal_graph
+            read_scene(path)
+        case FileKind.TARGET:
+            from phyagentos.protocol.capabilities.registries import read_target
 
-    problems = check_goal_graph(path, Catalogue.read(library))
+            read_target(path)
+        case FileKind.FAULTS:
+            from phyagentos.protocol.world.faults import read_faults
+
+            read_faults(path)
     if problems:
         raise DefinitionError(problems)
-
-
-def _check_skill(path: Path, library: Library) -> None:
-    from phyagentos.cli.skill_checks import check_skill
-
-    check_skill(path, library)
-
-
-def _check_tree(path: Path, library: Library) -> None:
-    from phyagentos.protocol.capabilities.trees import load_tree
-    from phyagentos.runtime.execution.leaf_registry import build_registry
-    from phyagentos.runtime.execution.tree_check import check_loaded_tree
-
-    tree, problems = load_tree(path)
-    found = [*problems, *(check_loaded_tree(tree, library, build_registry(library)) if tree is not None else ())]
-    if found:
-        raise DefinitionError(found)
-
-
-def _check_scene(path: Path, _: Library) -> None:
-    from phyagentos.protocol.world.scenes import read_scene
-
-    read_scene(path)
-
-
-def _check_target(path: Path, _: Library) -> None:
-    from phyagentos.protocol.capabilities.registries import read_target
-
-    read_target(path)
-
-
-def _check_faults(path: Path, _: Library) -> None:
-    from phyagentos.protocol.world.faults import read_faults
-
-    read_faults(path)
-
-
-_CHECKS: dict[FileKind, Callable[[Path, Library], None]] = {
-    FileKind.GOAL_GRAPH: _check_goal_graph,
-    FileKind.TREE: _check_tree,
-    FileKind.SKILL: _check_skill,
-    FileKind.SCENE: _check_scene,
-    FileKind.TARGET: _check_target,
-    FileKind.FAULTS: _check_faults,
-    FileKind.SETTINGS: _check_settings,
-    FileKind.DOCUMENT: _check_document,
-}

@@ -20,15 +20,6 @@ Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.m
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON on stdout.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    group = typer.Typer(help="What verdicts taught.", no_args_is_help=True, rich_markup_mode=None)
-    group.command("show")(show)
-    group.command("why")(why)
-    group.command("forget")(forget)
-    app.add_typer(group, name="memory")
-
-
 def show(
     workspace: Space,
     words: Annotated[list[str] | None, typer.Argument(help="Kinds of things, causes, scenes; all without any.")] = None,

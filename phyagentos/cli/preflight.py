@@ -5,6 +5,7 @@ The real worker and world of each target check it, in a temporary workspace. Not
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,11 +24,6 @@ if TYPE_CHECKING:
 
 OPEN = "${"  # begins a reference to an output that does not exist yet
 OF_THE_MOMENT = frozenset({"PRECONDITION_UNMET", "NO_FREE_SITE", "OUT_OF_REACH"})  # earlier sessions may change it
-
-
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("preflight")(preflight)
 
 
 def preflight(
@@ -97,6 +93,8 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
     from phyagentos.cli.explaining import get_session
     from phyagentos.cli.forecasts import find_forecast
     from phyagentos.cli.history import read_ledger
+    from phyagentos.cli.projects import get_file
+    from phyagentos.errors import DefinitionError
     from phyagentos.protocol.workspace.workspace import Workspace
 
     if root is None:
@@ -105,7 +103,8 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
     try:
         id = get_session(subject, known)
     except Exit:
-        if _is_graph(subject):
+        with suppress(DefinitionError):
+            get_file(Path(subject), "goal_graphs")
             return None
         raise
     source, session = Workspace.open(root), known[id].contract
@@ -114,17 +113,6 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
     return _Order(
         library=source.library(), source=source, sessions=(session,), after={str(id): ()}, forecasts=forecasts
     )
-
-
-def _is_graph(subject: str) -> bool:
-    from phyagentos.cli.projects import get_file
-    from phyagentos.errors import DefinitionError
-
-    try:
-        get_file(Path(subject), "goal_graphs")
-    except DefinitionError:
-        return False
-    return True
 
 
 def _settle(session: "Session") -> "Session":

@@ -44,13 +44,6 @@ SharedMemory = Annotated[
 PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("run")(run)
-    app.command("agent")(agent)
-    app.command("watch")(watch)
-
-
 def run(
     graph: Graph,
     seed: Seed = 0,

@@ -12,11 +12,6 @@ from phyagentos.errors import DefinitionError, Problem
 TEMPLATES = Path(__file__).with_name("scaffold")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("init")(init)
-
-
 def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is missing or empty.")]) -> None:
     """Make a place of your own: a goal graph, a scene and a skill that run at once."""
     copy_scaffold(folder)

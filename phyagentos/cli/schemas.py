@@ -16,65 +16,6 @@ from phyagentos.protocol.documents.schema import Authored
 BASE = "https://json-schema.org/draft/2020-12/schema"
 
 
-def _goal_graph() -> type[Authored]:
-    from phyagentos.agent.goals.spec import GoalSpec
-
-    return GoalSpec
-
-
-def _tree() -> type[Authored]:
-    from phyagentos.protocol.capabilities.trees import TreeHeader
-
-    return TreeHeader
-
-
-def _scene() -> type[Authored]:
-    from phyagentos.protocol.world.scenes import SceneSpec
-
-    return SceneSpec
-
-
-def _faults() -> type[Authored]:
-    from phyagentos.protocol.world.faults import FaultFile
-
-    return FaultFile
-
-
-def _skill() -> type[Authored]:
-    from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-
-    return SkillRuntime
-
-
-def _target() -> type[Authored]:
-    from phyagentos.protocol.capabilities.targets import TargetProfile
-
-    return TargetProfile
-
-
-def _setting(name: str) -> Callable[[], type[Authored]]:
-    def model() -> type[Authored]:
-        from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
-
-        return SETTINGS_FILES[f"{name}.yaml"]
-
-    return model
-
-
-_MODELS: dict[str, Callable[[], type[Authored]]] = {
-    "faults": _faults,
-    "goal_graph": _goal_graph,
-    "perception": _setting("perception"),
-    "runtime_contract": _setting("runtime_contract"),
-    "safety": _setting("safety"),
-    "scene": _scene,
-    "sensors": _setting("sensors"),
-    "skill": _skill,
-    "target": _target,
-    "tree": _tree,
-}
-
-
 def names_of_schemas() -> list[str]:
     """Every kind that has a schema, sorted."""
     return sorted(_builders())
@@ -125,16 +66,32 @@ def write_documents(folder: Path) -> list[Path]:
 
 
 def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
+    from phyagentos.agent.goals.spec import GoalSpec
+    from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+    from phyagentos.protocol.capabilities.targets import TargetProfile
+    from phyagentos.protocol.capabilities.trees import TreeHeader
     from phyagentos.protocol.documents.document import build_schema as build_document_schema
+    from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
+    from phyagentos.protocol.world.faults import FaultFile
+    from phyagentos.protocol.world.scenes import SceneSpec
     from phyagentos.store.document_registry import FORMATS
 
-    authored = {kind: partial(_build_authored, model) for kind, model in _MODELS.items()}
+    models: dict[str, type[Authored]] = {
+        "faults": FaultFile,
+        "goal_graph": GoalSpec,
+        "scene": SceneSpec,
+        "skill": SkillRuntime,
+        "target": TargetProfile,
+        "tree": TreeHeader,
+        **{Path(name).stem: model for name, model in SETTINGS_FILES.items()},
+    }
+    authored = {kind: partial(_build_authored, model) for kind, model in models.items()}
     documents = {each.name: partial(build_document_schema, each) for each in FORMATS.values()}
     return {**authored, **documents}
 
 
-def _build_authored(model: Callable[[], type[Authored]]) -> dict[str, Any]:
+def _build_authored(model: type[Authored]) -> dict[str, Any]:
     from phyagentos.protocol.documents.struct_schema import build_authored_schema
 
-    schema, definitions = build_authored_schema(model())
+    schema, definitions = build_authored_schema(model)
     return {"$defs": definitions, **schema} if definitions else schema

@@ -1,6 +1,5 @@
 """Commands that show what there is: `list`, `schema`, `lifecycle`, `tree show`."""
 
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -22,19 +21,9 @@ class Listing(StrEnum):
     TREES = "trees"
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("list")(list_names)
-    app.command("schema")(show_schema)
-    app.command("lifecycle")(show_lifecycle)
-    trees = typer.Typer(help="Behaviour trees.", no_args_is_help=True, rich_markup_mode=None)
-    trees.command("show")(show_tree)
-    app.add_typer(trees, name="tree")
-
-
 def list_names(kind: Listing) -> None:
     """Print the names that can be used here, one a line."""
-    for name in _NAMES[kind]():
+    for name in _find_names(kind):
         print_result(name)
 
 
@@ -102,36 +91,27 @@ def show_tree(
         tree_drawing.print_tree(root)
 
 
-def _names_of_leaves() -> list[str]:
+def _find_names(kind: Listing) -> list[str]:
     from phyagentos.protocol.capabilities.library import Library
-    from phyagentos.runtime.execution.leaf_registry import build_registry
 
-    return build_registry(Library.open(Path.cwd())).names()
+    library = Library.open(Path.cwd())
+    match kind:
+        case Listing.GRAPHS:
+            return library.names_of_goal_graphs()
+        case Listing.LEAVES:
+            from phyagentos.runtime.execution.leaf_registry import build_registry
 
+            return build_registry(library).names()
+        case Listing.PREDICATES:
+            from phyagentos.protocol.world.predicates.library import get_predicate_library
 
-def _names_of_predicates() -> list[str]:
-    from phyagentos.protocol.world.predicates.library import get_predicate_library
-
-    library = get_predicate_library()
-    return [definition.signature for name in library.names() if (definition := library.find(name))]
-
-
-def _from_library(method: str) -> Callable[[], list[str]]:
-    def names() -> list[str]:
-        from phyagentos.protocol.capabilities.library import Library
-
-        found: list[str] = getattr(Library.open(Path.cwd()), method)()
-        return found
-
-    return names
-
-
-_NAMES: dict[Listing, Callable[[], list[str]]] = {
-    Listing.GRAPHS: _from_library("names_of_goal_graphs"),
-    Listing.LEAVES: _names_of_leaves,
-    Listing.PREDICATES: _names_of_predicates,
-    Listing.SCENES: _from_library("names_of_scenes"),
-    Listing.SKILLS: _from_library("names_of_skills"),
-    Listing.TARGETS: _from_library("names_of_targets"),
-    Listing.TREES: _from_library("names_of_trees"),
-}
+            known = get_predicate_library()
+            return [definition.signature for name in known.names() if (definition := known.find(name))]
+        case Listing.SCENES:
+            return library.names_of_scenes()
+        case Listing.SKILLS:
+            return library.names_of_skills()
+        case Listing.TARGETS:
+            return library.names_of_targets()
+        case Listing.TREES:
+            return library.names_of_trees()

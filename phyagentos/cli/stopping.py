@@ -28,12 +28,6 @@ Which = Annotated[str, typer.Argument(metavar="SESSION|all")]
 Reason = Annotated[str, typer.Option(help="Why; it is recorded.", callback=clean)]
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    for command in (cancel, pause, resume, estop):
-        app.command(command.__name__)(command)
-
-
 def cancel(
     session: Annotated[str, typer.Argument(metavar="SESSION|GOAL|all")], workspace: Space, reason: Reason = ""
 ) -> None:

@@ -23,16 +23,6 @@ Lane = Annotated[str | None, typer.Option(help="Which lane, where a workspace ha
 Json = Annotated[bool, typer.Option("--json", help="As one JSON object.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    group = typer.Typer(help="The journal of a workspace.", no_args_is_help=True, rich_markup_mode=None)
-    group.command("check")(check)
-    group.command("repair")(repair)
-    group.command("compact")(compact)
-    group.command("stats")(stats)
-    app.add_typer(group, name="store")
-
-
 def check(workspace: Space, lane: Lane = None, as_json: Json = False) -> int:
     """Read every byte, archive included, and tell every problem; changes nothing. Exit code 1 when there is damage."""
     from phyagentos.clock import SystemClock

@@ -1,5 +1,6 @@
 """`paos verify`: another judgement of a session that has its verdict, by judges of one's choice."""
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,11 +13,6 @@ if TYPE_CHECKING:
     from phyagentos.agent.judging.verifier import SessionVerifier
     from phyagentos.protocol.sessions.session import SessionStatus
     from phyagentos.protocol.workspace.workspace import Workspace
-
-
-def register(app: typer.Typer) -> None:
-    """Add this group's commands."""
-    app.command("verify")(verify)
 
 
 def verify(
@@ -56,11 +52,8 @@ def verify(
     status = sessions[get_session(session, sessions)]
     if from_frames:
         return _verify_from_frames(place, status, verifier, as_json=as_json)
-    journal = Journal(place.root, side=Side.AGENT, by="paos verify", clock=clock)
-    try:
+    with closing(Journal(place.root, side=Side.AGENT, by="paos verify", clock=clock)) as journal:
         attempt = review_session(place, journal, status, verifier)
-    finally:
-        journal.close()
     if as_json:
         print_result(msgspec.json.encode(attempt).decode())
     else:

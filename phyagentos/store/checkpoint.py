@@ -31,9 +31,8 @@ from phyagentos.store.segments import (
     damage,
     open_segment,
     read_front,
-    sync_file,
     sync_folder,
-    write_all,
+    write_file,
 )
 
 NAME = "checkpoint.md"
@@ -64,10 +63,7 @@ def write_checkpoint(folder: Path, ledger: Ledger, position: Position, file_io: 
     """Publish a checkpoint of all records up to `position` (which must be durable): fsync, rename, fsync."""
     temporary = folder / _TEMPORARY
     data = render_checkpoint(folder.name, ledger.take_image(), position, _read_tail_crc(folder, position))
-    with temporary.open("wb", buffering=0) as file:
-        write_all(file_io, file.fileno(), data)
-        if durable:
-            sync_file(file.fileno(), file_io.fsync)
+    write_file(temporary, data, file_io, durable=durable)
     file_io.replace(temporary, folder / NAME)
     if durable:
         sync_folder(folder, file_io)

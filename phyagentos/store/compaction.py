@@ -9,11 +9,11 @@ from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.archive import archive_segments
 from phyagentos.store.checkpoint import start_reading, write_checkpoint
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Journal
 from phyagentos.store.maintenance import LOCK_NAME as UPKEEP_LOCK
+from phyagentos.store.maintenance import archive_segments
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import Tail
 from phyagentos.store.segments import FileIO, Front, choose_next_name, create_segment, sync_folder
@@ -66,7 +66,7 @@ def keep_still(folder: Path) -> Iterator[PartitionLock]:
 
 def _compact(folder: Path, lock: PartitionLock, today: str, file_io: FileIO) -> Compaction:
     ledger, follower = start_reading(folder)
-    try:
+    with contextlib.closing(follower):
         for record in follower.advance():
             ledger.apply(record)
         if follower.tail is not Tail.CLEAN or follower.position is None:
@@ -80,8 +80,6 @@ def _compact(folder: Path, lock: PartitionLock, today: str, file_io: FileIO) -> 
         write_checkpoint(folder, ledger, follower.position, file_io, durable=True)
         archived = archive_segments(folder, horizon_seq, ledger.seq, file_io, durable=True)
         return Compaction(seq=ledger.seq, sealed=sealed, archived=archived)
-    finally:
-        follower.close()
 
 
 def _seal(folder: Path, follower: Follower, lock: PartitionLock, today: str, file_io: FileIO) -> None:

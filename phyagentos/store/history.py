@@ -5,6 +5,7 @@ Sealed segments are found by the index, the open one is searched; every record i
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -13,6 +14,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, list_triggers
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.store.admission import GOAL_PREFIX, NODE_PREFIX, GoalEvent
+from phyagentos.store.follower import Follower
 from phyagentos.store.index import HistoryIndex, RecordPosition
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import HEADER_BYTES, Record, read_record, scan_records
@@ -24,6 +26,7 @@ from phyagentos.store.segments import (
     locate,
     open_segment,
     read_front,
+    read_segment,
 )
 
 KIN = ("parent", "child")  # in the body of `child_of`
@@ -128,11 +131,7 @@ class Histories:
         names = [] if name else list_all_segments(self._folder)
         following = find_next_segment(self._folder, name) if name else next(iter(names), None)
         while following is not None:
-            fd = open_segment(self._folder, following)
-            try:
-                data = os.pread(fd, os.fstat(fd).st_size, 0)
-            finally:
-                os.close(fd)
+            data = read_segment(self._folder, following)
             yield data, read_front(locate(self._folder, following), data)
             following = find_next_segment(self._folder, following)
 
@@ -148,9 +147,17 @@ def _is_closed(latest: Record) -> bool:
     return is_final or latest.ev == GoalEvent.GOAL_VERDICT
 
 
-def fold(records: list[Record]) -> Ledger:
-    """What some records alone tell."""
+def fold(records: Sequence[Record]) -> Ledger:
+    """The state that some records alone lead to."""
     ledger = Ledger(forgets=False)
     for record in records:
         ledger.apply(record)
     return ledger
+
+
+def fold_lane(folder: Path) -> Ledger:
+    """The state of every session and goal of a lane; empty where there is no such folder."""
+    if not folder.is_dir():
+        return fold(())
+    with closing(Follower(folder)) as follower:
+        return fold(follower.read_new())

@@ -21,6 +21,7 @@ from phyagentos.store.segments import (
     locate,
     open_segment,
     read_front,
+    read_segment,
 )
 
 _CRC_MASK = 0xFFFFFFFF
@@ -178,11 +179,7 @@ class HistoryIndex:
         return name if name is not None and find_next_segment(self._folder, name) is not None else None
 
     def _read_in(self, connection: sqlite3.Connection, name: str, number: int) -> _Segment:
-        fd = open_segment(self._folder, name)
-        try:
-            data = os.pread(fd, os.fstat(fd).st_size, 0)
-        finally:
-            os.close(fd)
+        data = read_segment(self._folder, name)
         spots: dict[str, list[str]] = {}
         front = read_front(self._folder / f"{name}.md", data)
         last_seq = front.first_seq - 1

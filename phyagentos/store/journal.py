@@ -34,12 +34,11 @@ from phyagentos.store.checkpoint import (
 from phyagentos.store.consumer_offset import ConsumerOffset
 from phyagentos.store.follower import Follower
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.log_partition import choose_lane
 from phyagentos.store.maintenance import Upkeep
 from phyagentos.store.memory import Cold, Memory
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_batch
-from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_next_name, sync_folder
+from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_lane, choose_next_name, sync_folder
 from phyagentos.store.writer import SegmentWriter
 
 __all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_lane"]
@@ -114,12 +113,10 @@ class Journal:
         Checkpoints are made of this ledger now and then. Raises ExecutionError `JOURNAL_DAMAGED`.
         """
         ledger, follower = start_reading(self.folder)
-        try:
+        with contextlib.closing(follower):
             for record in follower.read_new():
                 ledger.apply(record)
             self._reading.begin_at(follower.position)
-        finally:
-            follower.close()
         self._ledger = ledger
         return ledger
 

@@ -2,21 +2,35 @@
 
 The truth needs none of it, so what fails is left for the next time. Due every two thousand records, every minute with
 new records, and with every new segment; never more than a small share of the time, however much is live.
+
+The archive holds sealed segments that no live session or open goal needs. A segment moves from `sessions/<lane>/` to
+`sessions/archive/<yyyy-mm>/<lane>/`, month of its name, by one rename, oldest first: archived segments always precede
+those in the lane. Folders are made durable first, then the new name, then the absence of the old one. After a power cut
+a name may stand in both places (the archived file counts), never in none.
 """
 
 import contextlib
 import fcntl
 import os
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.store.archive import archive_segments
 from phyagentos.store.checkpoint import find_checkpoint_seq, start_reading, write_checkpoint
 from phyagentos.store.follower import Position
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.segments import FileIO, SyncFailedError, open_segment, sync_file
+from phyagentos.store.segments import (
+    FileIO,
+    SyncFailedError,
+    list_segments,
+    locate_archived,
+    open_segment,
+    read_front,
+    sync_file,
+    sync_folder,
+)
 
 PERIOD_RECORDS = 2000  # read by a start behind a checkpoint: some 25 ms
 PERIOD_S = 60.0
@@ -24,6 +38,7 @@ SHARE = 0.01  # of the time at most, for many live sessions make a long checkpoi
 WORTH_RECORDS = 100  # at the end: fewer are read faster than a checkpoint is made durable
 READ_AGAIN_RECORDS = 20_000  # at the end, by a process without a ledger: at most some half a second
 LOCK_NAME = ".upkeep.lock"
+_FRONT_BYTES = 4096
 
 
 class Upkeep:
@@ -85,13 +100,11 @@ class Upkeep:
 
     def _read_and_tidy(self) -> None:
         ledger, follower = start_reading(self._folder)
-        try:
+        with contextlib.closing(follower):
             for record in follower.read_new():
                 ledger.apply(record)
             if follower.position is not None:
                 self.tidy(ledger, follower.position)
-        finally:
-            follower.close()
 
     def _make_durable(self, position: Position) -> None:
         """A checkpoint may never be ahead of what the disk holds."""
@@ -121,3 +134,41 @@ def _leave_for_next_time() -> Iterator[None]:
         raise
     except (OSError, ExecutionError):
         pass
+
+
+def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: FileIO, *, durable: bool) -> list[str]:
+    """Move every segment whose records all come before `horizon_seq`; the names moved, oldest first.
+
+    Args:
+        folder: Of the lane.
+        horizon_seq: First record of anything that is live or not over (`Ledger.find_horizon`).
+        known_seq: Last record that the horizon takes into account.
+        file_io: The calls that change the disk.
+        durable: Whether to wait for the disk.
+    """
+    moved: list[str] = []
+    names = list_segments(folder)
+    for name, later in pairwise(names):  # never the last: it is being written
+        last_seq = _read_first_seq(folder / f"{later}.md") - 1
+        if last_seq >= horizon_seq or last_seq > known_seq:
+            break
+        _move(folder / f"{name}.md", locate_archived(folder, name), file_io, durable=durable)
+        moved.append(name)
+    return moved
+
+
+def _move(source: Path, destination: Path, file_io: FileIO, *, durable: bool) -> None:
+    place = destination.parent
+    place.mkdir(parents=True, exist_ok=True)
+    if durable:  # their creator may have died before their names reached the disk
+        for parent in (place.parent, place.parent.parent, place.parent.parent.parent):
+            sync_folder(parent, file_io)
+    file_io.replace(source, destination)
+    if durable:
+        sync_folder(place, file_io)
+        sync_folder(source.parent, file_io)
+
+
+def _read_first_seq(path: Path) -> int:
+    with path.open("rb") as file:
+        return read_front(path, file.read(_FRONT_BYTES)).first_seq

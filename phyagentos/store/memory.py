@@ -6,6 +6,7 @@ first asked for, which a process that submits nothing never does.
 """
 
 from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,11 +82,8 @@ class Memory:
         except ExecutionError as error:
             if error.code != "INDEX_UNAVAILABLE":
                 raise
-            follower = Follower(self._folder)  # a cache that cannot be written: everything stays in memory
-            try:
+            with closing(Follower(self._folder)) as follower:  # no index: everything stays in memory
                 self._learn(follower.read_new())
-            finally:
-                follower.close()
             self._is_whole = True
         else:
             self._learn(self.histories.iter_unsealed(self._passed_seq))

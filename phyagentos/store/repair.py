@@ -24,7 +24,7 @@ from phyagentos.store.inspection import LOST
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, MAX_PAYLOAD_BYTES, Record, encode_batch, encode_record
 from phyagentos.store.salvage import Gap, Kept, Survey, iter_surveys
-from phyagentos.store.segments import NONE, FileIO, Front, choose_next_name, sync_folder, write_all
+from phyagentos.store.segments import NONE, FileIO, Front, choose_next_name, sync_folder, write_file
 
 _LISTED_AT_ONCE = 1000  # entries of one `repair` record, so that it stays far below the largest payload
 _NAMED = re.compile(rb'^- \{"id":"([^"\\\n]{1,200})","ev":"([a-z_]{1,40})"', re.MULTILINE)
@@ -152,7 +152,7 @@ class _Plan:
                 data = front.encode() + b"".join(self._iter_bytes(survey.pieces, first_seq))
                 after = hashlib.sha256(data).hexdigest()
                 staged = survey.path.with_name(f".{survey.name}.repair.tmp")
-                self._write(staged, data)
+                write_file(staged, data, self._io, durable=True)
                 self._changed.append(
                     Changed(
                         survey.name,
@@ -255,15 +255,10 @@ class _Plan:
         name = choose_next_name(self._before if self._before != NONE else None, self._at[:10])
         front = Front(self._folder.name, name, self._seq + 1, self._before, self._sealed)
         staged = self._folder / f".{name}.tmp"
-        self._write(staged, front.encode() + encode_batch(records))
+        write_file(staged, front.encode() + encode_batch(records), self._io, durable=True)
         lock.announce(name)
         self._io.replace(staged, self._folder / f"{name}.md")
         sync_folder(self._folder, self._io)
-
-    def _write(self, path: Path, data: bytes) -> None:
-        with path.open("wb", buffering=0) as file:
-            write_all(self._io, file.fileno(), data)
-            self._io.fsync(file.fileno())
 
 
 def forget_shortcuts(folder: Path) -> None:

@@ -31,9 +31,8 @@ from phyagentos.protocol.sessions.looks import PREFIX
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention, read_runtime_contract
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.follower import Follower
+from phyagentos.store.history import fold_lane
 from phyagentos.store.journal import choose_lane
-from phyagentos.store.ledger import Ledger
 
 GRACE_S = 60.0  # a worker may still be sealing the bundle of a session that was judged at once
 _DAY_S = 86_400.0
@@ -247,15 +246,7 @@ class _Cleaning:
 
 def _find_ended(workspace: Workspace, now: str) -> dict[SessionId, SessionStatus]:
     """Sessions that are final, for more than a moment, and whose goal has ended too."""
-    ledger = Ledger(forgets=False)
-    lane = workspace.sessions / choose_lane(workspace.sessions)
-    if lane.is_dir():
-        follower = Follower(lane)
-        try:
-            for record in follower.read_new():
-                ledger.apply(record)
-        finally:
-            follower.close()
+    ledger = fold_lane(workspace.sessions / choose_lane(workspace.sessions))
     running = {id for id, goal in ledger.goals.items() if not goal.verdict and not goal.is_cancelled}
     return {
         id: status

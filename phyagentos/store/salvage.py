@@ -5,14 +5,13 @@ It finds the next record whose frame proves it and reports the bytes between, on
 
 import bisect
 import hashlib
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store.records import HEADER_BYTES, Record, Tail, find_header, read_record, scan_records
-from phyagentos.store.segments import NONE, Front, list_all_segments, locate, open_segment, read_front
+from phyagentos.store.segments import NONE, Front, list_all_segments, locate, read_front, read_segment
 
 _SMALLEST_RECORD_BYTES = HEADER_BYTES + 5
 
@@ -88,9 +87,9 @@ def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
     files = list_segment_files(folder)
     seq, before, sealed = 0, NONE, NONE
     for index, (name, path) in enumerate(files):
-        later = (_find_first_seq(_read(folder, name), path) for name, path in files[index + 1 :])
+        later = (_find_first_seq(read_segment(folder, name), path) for name, path in files[index + 1 :])
         distance, limit = next(((n, first) for n, first in enumerate(later) if first is not None), (-1, None))
-        data = _read(folder, name)
+        data = read_segment(folder, name)
         front, head = _read_head(data, path)
         expected = Front(folder.name, name, seq + 1, before, sealed)
         pieces = _split(data, head, seq, limit, is_next=distance == 0)
@@ -100,12 +99,6 @@ def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
         seq = _count(pieces, seq)
         before, sealed = name, hashlib.sha256(data).hexdigest()
         yield Survey(name=name, path=path, sha256=sealed, front=front, expected=expected, pieces=pieces, last_seq=seq)
-
-
-def _read(folder: Path, name: str) -> bytes:
-    """A whole segment, wherever it lies by now: a running process may have archived it meanwhile."""
-    with os.fdopen(open_segment(folder, name), "rb") as file:
-        return file.read()
 
 
 def _read_head(data: bytes, path: Path) -> tuple[Front | None, int]:

@@ -1,6 +1,6 @@
 """Segments: the files of one lane of the journal, `<date>.<number>.md`, each naming and hashing the one before.
 
-A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede those in the lane, see `archive`.
+A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede those in the lane, see `maintenance`.
 """
 
 import os
@@ -19,6 +19,7 @@ _FRONT = re.compile(
 )
 _FRONT_MAX_BYTES = 2048
 ARCHIVE = "archive"  # beside the lanes
+_NO_LANES = frozenset({ARCHIVE, "claims", "inbox"})  # other folders beside them
 NONE = "none"  # in place of the segment before the first
 
 
@@ -100,6 +101,20 @@ class Front:
         ).encode()
 
 
+def choose_lane(folder: Path) -> str:
+    """Name of the lane below `sessions/` to use: the only one, else this host's; raises `LANE_UNCLEAR`."""
+    host = re.sub(r"[^A-Za-z0-9._-]", "-", os.uname().nodename) or "host"
+    found = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
+    lanes = [name for name in found if name not in _NO_LANES]
+    if host in lanes or not lanes:
+        return host
+    if len(lanes) == 1:
+        return lanes[0]
+    raise ExecutionError(
+        "LANE_UNCLEAR", f"{folder}: found {', '.join(lanes)}, none of this host ({host}); name a lane."
+    )
+
+
 def list_segments(folder: Path) -> list[str]:
     """Names of the segments that lie in the lane, without suffix, oldest first."""
     return _sort(_list_names(folder))
@@ -138,6 +153,12 @@ def open_segment(folder: Path, name: str) -> int:
         return os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
         return os.open(locate_archived(folder, name), os.O_RDONLY | os.O_CLOEXEC)
+
+
+def read_segment(folder: Path, name: str) -> bytes:
+    """A whole segment, in the lane or the archive: a running process may archive it meanwhile."""
+    with os.fdopen(open_segment(folder, name), "rb") as file:
+        return file.read()
 
 
 def _list_names(folder: Path) -> list[str]:
@@ -186,11 +207,16 @@ def create_segment(folder: Path, front: Front, file_io: FileIO, *, durable: bool
         OSError: Nothing appeared.
     """
     temporary = folder / f".{front.name}.tmp"
-    with temporary.open("wb", buffering=0) as file:
-        write_all(file_io, file.fileno(), front.encode())
+    write_file(temporary, front.encode(), file_io, durable=durable)
+    file_io.replace(temporary, folder / f"{front.name}.md")
+
+
+def write_file(path: Path, data: bytes, file_io: FileIO, *, durable: bool) -> None:
+    """Write a new file, and wait for the disk if asked; raises OSError."""
+    with path.open("wb", buffering=0) as file:
+        write_all(file_io, file.fileno(), data)
         if durable:
             sync_file(file.fileno(), file_io.fsync)
-    file_io.replace(temporary, folder / f"{front.name}.md")
 
 
 def write_all(file_io: FileIO, fd: int, data: bytes) -> None:

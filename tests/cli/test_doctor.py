@@ -7,9 +7,8 @@ import sys
 
 import pytest
 
-from phyagentos.cli.doctor import disk, software
-from phyagentos.cli.doctor.command import iter_findings
-from phyagentos.cli.doctor.finding import Grade
+from phyagentos.cli import doctor
+from phyagentos.cli.doctor import Grade, iter_findings
 from phyagentos.clock import ManualClock, SystemClock
 
 pytestmark = pytest.mark.fast
@@ -35,7 +34,7 @@ def test_a_folder_that_does_not_exist_is_a_mistake_of_the_caller(tmp_path, paos)
 def test_packages_that_are_missing_or_too_old_are_all_named(monkeypatch):
     wanted = ["no-such-package>=1", "PyYAML>=999", "numpy>=2", "other; extra == 'dev'"]
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: wanted)
-    finding = software.check_packages()
+    finding = doctor.check_packages()
 
     assert finding.grade is Grade.BROKEN
     assert "no-such-package is missing" in finding.found
@@ -46,7 +45,7 @@ def test_packages_that_are_missing_or_too_old_are_all_named(monkeypatch):
 
 def test_a_machine_without_graphics_is_told_which_packages_help(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    finding = software.check_graphics()
+    finding = doctor.check_graphics()
 
     assert finding.grade is Grade.WEAK
     assert "apt-get install" in finding.fix
@@ -60,16 +59,16 @@ def test_a_slow_disk_and_a_foreign_clock_are_seen(tmp_path):
             self.spent_s += 0.05
             return self.spent_s
 
-    assert disk.check_syncs(tmp_path, SlowClock()).grade is Grade.WEAK
-    assert disk.check_clock(tmp_path, ManualClock()).grade is Grade.WEAK
+    assert doctor.check_syncs(tmp_path, SlowClock()).grade is Grade.WEAK
+    assert doctor.check_clock(tmp_path, ManualClock()).grade is Grade.WEAK
 
 
 def test_a_full_disk_and_a_shared_file_system_are_seen(tmp_path, monkeypatch):
-    monkeypatch.setattr(disk, "FREE_MIN_BYTES", 1 << 62)
-    monkeypatch.setattr(disk, "LOCAL", frozenset())
+    monkeypatch.setattr(doctor, "FREE_MIN_BYTES", 1 << 62)
+    monkeypatch.setattr(doctor, "LOCAL", frozenset())
 
-    assert disk.check_space(tmp_path, ManualClock()).grade is Grade.WEAK
-    assert disk.check_file_system(tmp_path, ManualClock()).grade is Grade.WEAK
+    assert doctor.check_space(tmp_path, ManualClock()).grade is Grade.WEAK
+    assert doctor.check_file_system(tmp_path, ManualClock()).grade is Grade.WEAK
 
 
 def test_a_folder_that_cannot_be_written_is_broken_and_the_other_checks_go_on(tmp_path, monkeypatch):

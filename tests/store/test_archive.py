@@ -8,12 +8,11 @@ from hypothesis import strategies as st
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
-from phyagentos.store.archive import archive_segments
 from phyagentos.store.checkpoint import NAME, start_reading
 from phyagentos.store.follower import Follower
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
-from phyagentos.store.maintenance import Upkeep
+from phyagentos.store.maintenance import Upkeep, archive_segments
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
 
 from .histories import STEPS, Story, fold

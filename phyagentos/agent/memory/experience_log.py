@@ -15,10 +15,9 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.memory_entries import Scope
 from phyagentos.store.follower import Follower, Position
-from phyagentos.store.log_partition import choose_lane
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import Record, Tail, encode_batch
-from phyagentos.store.segments import SystemIO, choose_next_name, locate
+from phyagentos.store.segments import SystemIO, choose_lane, choose_next_name, locate
 from phyagentos.store.writer import SegmentWriter
 
 SEGMENT_BYTES = 16 << 20

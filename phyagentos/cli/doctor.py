@@ -1,0 +1,300 @@
+"""`paos doctor`: whether this machine can run what the project promises, and what to do where it cannot."""
+
+import fcntl
+import importlib.metadata
+import os
+import platform
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from packaging.requirements import Requirement
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from phyagentos.cli.outcome import Exit, ExitCode, print_result
+from phyagentos.clock import Clock, SystemClock
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.store.edits.exchange import exchange
+from phyagentos.store.watch import Watch
+
+FREE_MIN_BYTES = 1 << 30
+SYNCS = 100
+SYNC_P99_MAX_MS = 20.0  # beyond it, a claim takes longer than a control period
+SKEW_MAX_S = 2.0
+EVENT_WAIT_S = 2.0
+LOCAL = frozenset({"ext2", "ext3", "ext4", "xfs", "btrfs", "zfs", "f2fs", "overlay", "tmpfs"})
+PRIORITY = 10
+PYTHON_MIN = (3, 11)
+RENDER_TIMEOUT_S = 60.0
+PACKAGES_OF_DEBIAN = "libegl1 libegl-mesa0 libgl1-mesa-dri"
+_RENDER = """
+import mujoco
+model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><light/></worldbody></mujoco>")
+with mujoco.Renderer(model, 32, 32) as renderer:
+    renderer.update_scene(mujoco.MjData(model))
+    renderer.render()
+"""
+
+
+class Grade(StrEnum):
+    """How good it is."""
+
+    FINE = "fine"
+    """As it should be."""
+    WEAK = "weak"
+    """All works, something is slower or missing."""
+    BROKEN = "broken"
+    """A promise cannot be kept here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line of the report; `fix` is empty where all is fine."""
+
+    subject: str
+    grade: Grade
+    found: str
+    fix: str = ""
+
+
+STYLES = {Grade.FINE: "green", Grade.WEAK: "yellow", Grade.BROKEN: "bold red"}
+
+
+def examine_machine(
+    folder: Annotated[Path, typer.Argument(help="Where workspaces will stand.")] = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON list on stdout.")] = False,
+) -> None:
+    """Check this machine: graphics, locks, file events, clock, versions, ports, disk; tell each fix."""
+    if not folder.is_dir():
+        raise DefinitionError(Problem(code="UNKNOWN_FOLDER", address=str(folder), expected="a folder that exists"))
+    findings = list(iter_findings(folder, SystemClock()))
+    if as_json:
+        print_result(msgspec.json.format(msgspec.json.encode(findings)).decode())
+    else:
+        Console(highlight=False).print(_build_table(findings))
+    if any(each.grade is Grade.BROKEN for each in findings):
+        raise Exit(ExitCode.GOAL_NOT_MET)
+
+
+def iter_findings(folder: Path, clock: Clock) -> Iterator[Finding]:
+    """Every check, one after the other; scratch files are made and removed in `folder`."""
+    yield check_python()
+    yield check_packages()
+    yield check_graphics()
+    for check in CHECKS:
+        try:
+            yield check(folder, clock)
+        except OSError as error:
+            subject = check.__name__.removeprefix("check_").replace("_", " ")
+            yield Finding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder that you may write to.")
+    yield check_scheduling()
+    yield check_ports()
+
+
+def _build_table(findings: list[Finding]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    for column in ("subject", "grade", "found", "what to do"):
+        table.add_column(column, overflow="fold")
+    for each in findings:
+        table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
+    return table
+
+
+def check_python() -> Finding:
+    """Version and processors."""
+    count = len(os.sched_getaffinity(0))
+    found = f"Python {platform.python_version()}, {count} processors"
+    if sys.version_info < PYTHON_MIN:
+        return Finding("python", Grade.BROKEN, found, "Install Python 3.11 or newer.")
+    if count < 2:
+        return Finding("python", Grade.WEAK, found, "Two processors let the world and the planner work side by side.")
+    return Finding("python", Grade.FINE, found)
+
+
+def check_packages() -> Finding:
+    """Every requirement of this project, extras excepted."""
+    bad: list[str] = []
+    wanted = [Requirement(text) for text in importlib.metadata.requires("phyagentos") or ()]
+    core = [each for each in wanted if each.marker is None or each.marker.evaluate({"extra": ""})]
+    for requirement in core:
+        try:
+            version = importlib.metadata.version(requirement.name)
+        except importlib.metadata.PackageNotFoundError:
+            bad.append(f"{requirement.name} is missing")
+            continue
+        if not requirement.specifier.contains(version, prereleases=True):
+            bad.append(f"{requirement.name} {version}, needs {requirement.specifier}")
+    if bad:
+        return Finding("packages", Grade.BROKEN, "; ".join(bad), "Install the project again: pip install phyagentos.")
+    return Finding("packages", Grade.FINE, f"{len(core)} packages as required")
+
+
+def check_graphics() -> Finding:
+    """Whether a picture can be rendered without a screen, tried in a process of its own."""
+    failures = []
+    for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", "egl"), "egl", "osmesa")):
+        try:
+            tried = subprocess.run(
+                [sys.executable, "-c", _RENDER],
+                env={**os.environ, "MUJOCO_GL": backend},
+                capture_output=True,
+                text=True,
+                timeout=RENDER_TIMEOUT_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            failures.append(f"{backend}: no picture within {RENDER_TIMEOUT_S:.0f} s")
+            continue
+        if tried.returncode == 0:
+            return Finding("graphics", Grade.FINE, f"pictures by {backend}")
+        failures.append(f"{backend}: {(tried.stderr.strip().splitlines() or ['no message'])[-1]}")
+    fix = f"Runs work without pictures. On Debian: apt-get install {PACKAGES_OF_DEBIAN}."
+    return Finding("graphics", Grade.WEAK, "; ".join(failures)[:200], fix)
+
+
+def check_space(folder: Path, clock: Clock) -> Finding:
+    """Free bytes."""
+    del clock
+    free = shutil.disk_usage(folder).free
+    found = f"{free / 1e9:.1f} GB free"
+    if free < FREE_MIN_BYTES:
+        return Finding("space", Grade.WEAK, found, "A goal leaves some megabytes of evidence: make room.")
+    return Finding("space", Grade.FINE, found)
+
+
+def check_file_system(folder: Path, clock: Clock) -> Finding:
+    """Whether it is a local one, on which locks and appends are what they promise."""
+    del clock
+    kind = find_file_system(folder)
+    if kind in LOCAL:
+        return Finding("file system", Grade.FINE, kind)
+    fix = "Put workspaces on a local disk: on shared file systems two writers were measured to corrupt a log."
+    return Finding("file system", Grade.WEAK, kind or "unknown", fix)
+
+
+def check_syncs(folder: Path, clock: Clock) -> Finding:
+    """How long a record needs to reach the disk."""
+    spans_ms = []
+    with tempfile.NamedTemporaryFile(dir=folder) as file:
+        for _ in range(SYNCS):
+            begin_s = clock.now_s()
+            os.write(file.fileno(), b"x" * 512)
+            os.fdatasync(file.fileno())
+            spans_ms.append(1e3 * (clock.now_s() - begin_s))
+    p99_ms = statistics.quantiles(spans_ms, n=100)[98]
+    found = f"append and fdatasync: median {statistics.median(spans_ms):.2f} ms, p99 {p99_ms:.2f} ms"
+    if p99_ms > SYNC_P99_MAX_MS:
+        return Finding("durability", Grade.WEAK, found, "Every transition waits for the disk: use a faster one.")
+    return Finding("durability", Grade.FINE, found)
+
+
+def check_locks(folder: Path, clock: Clock) -> Finding:
+    """Whether flock keeps a second holder out."""
+    del clock
+    with tempfile.NamedTemporaryFile(dir=folder) as first, Path(first.name).open("rb") as second:
+        fcntl.flock(first.fileno(), fcntl.LOCK_EX)
+        try:
+            fcntl.flock(second.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return Finding("locks", Grade.FINE, "flock excludes")
+    return Finding("locks", Grade.BROKEN, "flock lets two in", "Put workspaces on a local disk.")
+
+
+def check_exchange(folder: Path, clock: Clock) -> Finding:
+    """Whether two names can be exchanged in one step, which keeps a person's edit from being lost."""
+    del clock
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        one, two = Path(scratch) / "one", Path(scratch) / "two"
+        one.touch()
+        two.touch()
+        try:
+            exchange(one, two)
+        except OSError as error:
+            fix = "Edit documents with `paos edit`, which takes the lock."
+            return Finding("exchange", Grade.WEAK, str(error.strerror), fix)
+    return Finding("exchange", Grade.FINE, "names are exchanged in one step")
+
+
+def check_events(folder: Path, clock: Clock) -> Finding:
+    """Whether a new file wakes a waiting process."""
+    with tempfile.TemporaryDirectory(dir=folder) as scratch, Watch([Path(scratch)], clock=clock) as watch:
+        (Path(scratch) / "new").touch()
+        if watch.is_event_driven and watch.wait(EVENT_WAIT_S):
+            return Finding("file events", Grade.FINE, "inotify wakes")
+    fix = "Sessions are noticed by polling. Raise fs.inotify.max_user_instances and max_user_watches (sysctl)."
+    return Finding("file events", Grade.WEAK, "inotify is not to be had here", fix)
+
+
+def check_clock(folder: Path, clock: Clock) -> Finding:
+    """Whether the folder's clock is the machine's."""
+    with tempfile.NamedTemporaryFile(dir=folder) as file:
+        written_s = os.fstat(file.fileno()).st_mtime
+        skew_s = abs(datetime.fromisoformat(clock.wall_iso()).timestamp() - written_s)
+    if skew_s > SKEW_MAX_S:
+        fix = "The file server's clock differs from this machine's: synchronise both (chrony, systemd-timesyncd)."
+        return Finding("clock", Grade.WEAK, f"{skew_s:.1f} s between files and machine", fix)
+    return Finding("clock", Grade.FINE, "files are stamped with this machine's time")
+
+
+def find_file_system(folder: Path) -> str:
+    """Kind of the file system that holds `folder`, empty where the system does not tell."""
+    best, kind = "", ""
+    try:
+        lines = Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return ""
+    for line in lines:
+        _, mount, found, *_ = line.split()
+        mount = mount.encode().decode("unicode_escape")
+        if folder.resolve().is_relative_to(mount) and len(mount) >= len(best):
+            best, kind = mount, found
+    return kind
+
+
+def check_scheduling() -> Finding:
+    """Whether a supervisor may ask to be woken first."""
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        fix = (
+            "Wake-ups may come a scheduler tick late. Allow it: 'rtprio 10' for this user in /etc/security/limits.conf."
+        )
+        return Finding("scheduling", Grade.WEAK, "real-time priority is not granted", fix)
+    os.sched_setscheduler(0, policy, parameters)
+    return Finding("scheduling", Grade.FINE, "real-time priority is granted")
+
+
+def check_ports() -> Finding:
+    """Whether a server can listen on this machine, as policy servers do."""
+    try:
+        with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()[:2], 2.0):
+            return Finding("ports", Grade.FINE, "a local server can be reached")
+    except OSError as error:
+        return Finding(
+            "ports", Grade.WEAK, str(error), "Policy servers need the loopback interface: ip link set lo up."
+        )
+
+
+CHECKS: tuple[Callable[[Path, Clock], Finding], ...] = (
+    check_space,
+    check_file_system,
+    check_syncs,
+    check_locks,
+    check_exchange,
+    check_events,
+    check_clock,
+)
