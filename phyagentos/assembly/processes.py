@@ -171,8 +171,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.targets.server import Loopback
     from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
     from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
+    from phyagentos.runtime.worker.orders import serve_refusals
     from phyagentos.runtime.worker.recorder import Bundles
-    from phyagentos.runtime.worker.refusal import serve_refusals
     from phyagentos.runtime.worker.runner import SessionRunner
     from phyagentos.runtime.worker.worker import WorkerLoop
 

@@ -11,7 +11,7 @@ import socket
 import struct
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Generic, Protocol, TypeVar
@@ -98,15 +98,11 @@ class Link:
     """
 
     def __init__(self, connection: "Connection[Any, Any]", *, spin_s: float = SPIN_S) -> None:
-        self._connection = connection
-        self._spin_s = spin_s
+        self._connection, self._spin_s = connection, spin_s
+        self.send_bytes: Callable[[bytes], None] = connection.send_bytes
         self._poller, self._end = select.poll(), select.poll()
         self._poller.register(connection.fileno(), select.POLLIN)
         self._end.register(connection.fileno(), 0)  # an end is always reported
-
-    def send_bytes(self, message: bytes, /) -> None:
-        """Send one message."""
-        self._connection.send_bytes(message)
 
     def recv_bytes(self) -> bytes:
         """Receive one message; raises EOFError when the other side is gone."""

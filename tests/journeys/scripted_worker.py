@@ -15,7 +15,17 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
-from phyagentos.runtime.worker.orders import Check, Checked, Finished, Ready, Reconcile, Run, Stop, receive_order, send
+from phyagentos.runtime.worker.orders import (
+    Check,
+    Checked,
+    Finished,
+    Ready,
+    Reconcile,
+    Run,
+    Stop,
+    encode,
+    receive_order,
+)
 
 CLOCK = SystemClock()
 SLOW_S = 0.1  # longer than a check is hidden
@@ -74,18 +84,18 @@ def main() -> None:
     control = Connection(int(sys.argv[3]))
     if entry.get("start") == "die":
         os._exit(1)
-    send(control, Ready())
+    control.send_bytes(encode(Ready()))
     while True:
         match receive_order(control):
             case Check() as order:
-                send(control, check(control, order, entry.get("check", "")))
+                control.send_bytes(encode(check(control, order, entry.get("check", ""))))
                 if entry.get("check") == "refuse and leave":
                     CLOCK.sleep(SLOW_S)
                     return
             case Run() as order:
-                send(control, run(control, order, entry.get("run", "")))
+                control.send_bytes(encode(run(control, order, entry.get("run", ""))))
             case Reconcile() as order:
-                send(control, reconcile(order, entry.get("reconcile", "")))
+                control.send_bytes(encode(reconcile(order, entry.get("reconcile", ""))))
 
 
 if __name__ == "__main__":

@@ -23,8 +23,8 @@ from phyagentos.runtime.worker.orders import (
     Renew,
     Run,
     Stop,
+    encode,
     receive_answer,
-    send,
 )
 from phyagentos.runtime.worker.worker import WorkerLoop
 from phyagentos.store.journal import Entry, Journal
@@ -69,9 +69,11 @@ class Employed:
     def start(self) -> None:
         bench, session = self.bench, self.session
         bench.handle.load(session.scene)
-        send(self.ours, Check(session=session, epoch=1))
+        self.ours.send_bytes(encode(Check(session=session, epoch=1)))
         assert isinstance(self.hear(), Checked)
-        send(self.ours, Run(session=session, epoch=1, evidence="evidence/s", until_s=self.clock.now_s() + LEASE_S))
+        self.ours.send_bytes(
+            encode(Run(session=session, epoch=1, evidence="evidence/s", until_s=self.clock.now_s() + LEASE_S))
+        )
         self.wait_for(bench.target.commands)
 
     def wait_for_a_renewal(self) -> None:
@@ -114,11 +116,11 @@ def test_a_worker_whose_lease_nobody_renews_brings_its_target_to_rest_and_says_w
 def test_a_worker_whose_lease_is_renewed_goes_on_until_it_is_asked_to_stop(employed):
     employed.start()
     for _ in range(5):
-        send(employed.ours, Renew(until_s=employed.clock.now_s() + 1.5 * LEASE_S))
+        employed.ours.send_bytes(encode(Renew(until_s=employed.clock.now_s() + 1.5 * LEASE_S)))
         employed.wait_for_a_renewal()
         employed.clock.advance(LEASE_S)
     assert not employed.ours.poll(0.1)
-    send(employed.ours, Stop(session=employed.session.id, reason="stalled"))
+    employed.ours.send_bytes(encode(Stop(session=employed.session.id, reason="stalled")))
 
     execution = employed.hear().execution
 

@@ -26,11 +26,18 @@ from phyagentos.runtime.motion.requests import (
     Timing,
     World,
 )
-from phyagentos.runtime.preflight.dry_run import ANSWER_S, DryRun, Grasp, Home, Place, find_motions
-from phyagentos.runtime.preflight.reach import Reach, compute_reach
+from phyagentos.runtime.preflight.dry_run import (
+    ANSWER_S,
+    DryRun,
+    Grasp,
+    Home,
+    Place,
+    Reach,
+    compute_reach,
+    find_motions,
+)
 from phyagentos.runtime.targets.wire import Kinematics
-from phyagentos.runtime.worker.orders import Check, Checked, Ready, Reconcile, receive_answer, send
-from phyagentos.runtime.worker.refusal import serve_refusals
+from phyagentos.runtime.worker.orders import Check, Checked, Ready, Reconcile, encode, receive_answer, serve_refusals
 
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
 WAY = Approach(label="yaw+000", tcp_end=Pose((0.5, 0.0, 0.02)), line_rad=np.tile(HOME, (3, 1)))
@@ -242,12 +249,14 @@ def test_a_worker_whose_settings_cannot_be_read_refuses_every_session_with_the_r
     thread.start()
 
     assert isinstance(receive_answer(control), Ready)
-    send(control, Check(session=SESSION, epoch=1))
+    control.send_bytes(encode(Check(session=SESSION, epoch=1)))
     answer = receive_answer(control)
     assert isinstance(answer, Checked)
     assert answer.plan is None
     assert answer.problems[0].address == "g.a: safety.yaml:9:5"
-    send(control, Reconcile(session=SESSION, epoch=2, evidence="e", reason="r"))  # nothing that it could do
+    control.send_bytes(
+        encode(Reconcile(session=SESSION, epoch=2, evidence="e", reason="r"))
+    )  # nothing that it could do
     thread.join(5.0)
     assert not thread.is_alive()
 

@@ -6,7 +6,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.world.scenes import Body, Joint, SceneSpec, Solid
-from phyagentos.runtime.preflight.payload import iter_payload_problems
+from phyagentos.runtime.preflight.needs import iter_payload_problems
 
 PROFILE = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")
 SLIDE = Joint(kind="slide", axis=(1.0, 0.0, 0.0), travel=0.1)

@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
 from phyagentos.runtime.supervision.watchdog import Watchdog
-from phyagentos.runtime.worker.orders import Check, Checked, Finished, Ready, Reconcile, Renew, Run, Stop, send
+from phyagentos.runtime.worker.orders import Check, Checked, Finished, Ready, Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from tests.contracts import make_contract
@@ -40,7 +40,7 @@ class ScriptedWorker:
     def _open(self) -> None:
         self.connection, self._theirs = Pipe()
         if self._starts:
-            send(self._theirs, Ready())
+            self._theirs.send_bytes(encode(Ready()))
         else:
             self._theirs.close()
 
@@ -53,7 +53,7 @@ class ScriptedWorker:
         if answer == "die":
             self._theirs.close()
         elif answer is not None and not self._theirs.closed:
-            send(self._theirs, answer)
+            self._theirs.send_bytes(encode(answer))
 
     def _on_stop(self, order: Stop):
         return Finished(session=order.session, execution=Execution(ended=Ended(order.reason), evidence=""))
@@ -311,7 +311,7 @@ def test_a_check_that_takes_long_shows_as_preflight(stand):
     stand.watch(worker := ScriptedWorker(on_check=lambda order: None))
     stand.submit(make_session())
     stand.wait_for("g.a", "preflight")
-    send(worker._theirs, Checked(session="g.a", plan=PLAN, tools=TOOLS))
+    worker._theirs.send_bytes(encode(Checked(session="g.a", plan=PLAN, tools=TOOLS)))
     stand.wait_for("g.a", "awaiting_verification")
 
     assert stand.events("g.a") == ["submit", "claim", "check", "start", "halt", "finish"]

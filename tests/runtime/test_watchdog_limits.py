@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.runtime.supervision import liveness, watchdog
 from phyagentos.runtime.supervision import operator_signals as requests
-from phyagentos.runtime.worker.orders import Reconcile, Renew, Run, Stop, send
+from phyagentos.runtime.worker.orders import Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
 
 from .test_watchdog import ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
@@ -132,7 +132,9 @@ def test_two_targets_that_share_a_tray_run_in_turn_and_a_third_beside_them(stand
     stand.wait_for("g.c", "running")
     assert stand.ledger.sessions["g.b"].state == "pending"
 
-    send(workers["left"]._theirs, finish(Ended.COMPLETED)(Run(stand.ledger.sessions["g.a"].contract, 1, "")))
+    workers["left"]._theirs.send_bytes(
+        encode(finish(Ended.COMPLETED)(Run(stand.ledger.sessions["g.a"].contract, 1, "")))
+    )
 
     stand.wait_for("g.b", "running")
     assert stand.ledger.sessions["g.a"].state == "awaiting_verification"
@@ -155,7 +157,7 @@ def test_the_tray_of_a_lost_session_is_free_only_when_somebody_has_looked(stand)
     stand.wait_for("g.c", "rejected")
     assert stand.ledger.sessions["g.b"].state == "pending"
 
-    send(left._theirs, finish(Ended.RUNNER_LOST)(left.orders[-1]))
+    left._theirs.send_bytes(encode(finish(Ended.RUNNER_LOST)(left.orders[-1])))
 
     stand.wait_for("g.b", "awaiting_verification")
 

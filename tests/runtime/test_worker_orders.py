@@ -26,8 +26,8 @@ from phyagentos.runtime.worker.orders import (
     Ready,
     Reconcile,
     Run,
+    encode,
     receive_answer,
-    send,
 )
 from phyagentos.runtime.worker.worker import WorkerLoop
 
@@ -100,7 +100,7 @@ class Place:
 
     def ask(self, *orders) -> None:
         for order in orders:
-            send(self.ours, order)
+            self.ours.send_bytes(encode(order))
 
     def hear(self):
         assert self.ours.poll(10.0)

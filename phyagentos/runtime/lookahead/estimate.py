@@ -1,8 +1,7 @@
-"""The imagined world: the scene's inventory, put where the estimate says, and nothing that only the true world knows.
+"""The imagined world: the scene's inventory at the poses of the estimate.
 
-Upstream: an `Environment` and the scene file. Downstream: `rehearsal`. What an episode's seed decides (where things
-stand, what they weigh, how they slip) is never read: poses and shapes come from the estimate, weight and grip are the
-middle of what the inventory declares.
+What an episode's seed decides (poses, weights, friction) is never read: poses and shapes come from the estimate, weight
+and grip are the middle of the declared spans.
 """
 
 from collections.abc import Callable
@@ -15,7 +14,7 @@ from typing_extensions import override
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import Entity, Environment, Status
+from phyagentos.protocol.world.environment import Entity, Environment, Shape, Status
 from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec, Solid
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.physics import Physics
@@ -24,17 +23,11 @@ from phyagentos.runtime.lookahead.resolve_penetration import stand_up_sunk
 
 Array = NDArray[np.float64]
 
-SETTLE_S = 0.3  # what was put a millimetre into its support has come to rest by then; simulated time
+SETTLE_S = 0.3  # of simulated time, within which a thing a millimetre inside its support comes to rest
 
 
 class BelievedWorld(SimulatedWorld):
-    """A world whose one scene is the estimate.
-
-    Args:
-        library: Where scenes are found.
-        believed: The scene.
-        faults: See `SimulatedWorld`.
-    """
+    """A world whose one scene is the estimate."""
 
     def __init__(self, library: Library, believed: SceneSpec, faults: Callable[[str, int], FaultInjector]) -> None:
         super().__init__(library, faults=faults)
@@ -46,12 +39,7 @@ class BelievedWorld(SimulatedWorld):
 
 
 def believe_scene(spec: SceneSpec, environment: Environment) -> SceneSpec:
-    """The scene as believed: what is not in the estimate, or gone, is left out.
-
-    Args:
-        spec: The scene's inventory: kinds, colours, weights and frictions as far as they are known.
-        environment: The estimate.
-    """
+    """The scene as believed: what is not in the estimate, or gone, is left out."""
     bodies = {
         name: _believe_body(body, environment.entities[name])
         for name, body in spec.bodies.items()
@@ -67,7 +55,7 @@ def _believe_body(body: Body, entity: Entity) -> Body:
     return body.model_copy(
         update={
             "place": Placement(position_m=entity.pose.position_m, yaw_rad=(yaw, yaw)),
-            "shapes": _believe_shapes(body, entity),
+            "shapes": tuple(map(_believe_shape, entity.shapes)) or body.shapes,  # else nothing was measured
             "stretch_z": None,
             "mass_span_kg": _narrow(body.mass_span_kg),
             "grip_span": _narrow(body.grip_span),
@@ -75,37 +63,22 @@ def _believe_body(body: Body, entity: Entity) -> Body:
     )
 
 
-def _believe_shapes(body: Body, entity: Entity) -> tuple[Solid, ...]:
-    """The solids as they were seen; those of the inventory where nothing was measured."""
-    if not entity.shapes:
-        return body.shapes
-    return tuple(
-        Solid(
-            kind=shape.kind,
-            size_m=shape.size_m,
-            position_m=shape.pose.position_m,
-            euler_rad=_compute_euler(shape.pose.quaternion_wxyz),
-        )
-        for shape in entity.shapes
-    )
-
-
-def _compute_euler(quaternion_wxyz: tuple[float, float, float, float]) -> tuple[float, float, float]:
-    """Intrinsic x-y-z angles of a quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion_wxyz
-    if (w, x, y, z) == (1.0, 0.0, 0.0, 0.0):
-        return (0.0, 0.0, 0.0)
-    roll, pitch, yaw = Rotation.from_quat((x, y, z, w)).as_euler("XYZ").tolist()
-    return (roll, pitch, yaw)
+def _believe_shape(shape: Shape) -> Solid:
+    w, x, y, z = shape.pose.quaternion_wxyz
+    euler_rad = (0.0, 0.0, 0.0)
+    if (w, x, y, z) != (1.0, 0.0, 0.0, 0.0):
+        roll, pitch, yaw = Rotation.from_quat((x, y, z, w)).as_euler("XYZ").tolist()
+        euler_rad = (roll, pitch, yaw)
+    return Solid(kind=shape.kind, size_m=shape.size_m, position_m=shape.pose.position_m, euler_rad=euler_rad)
 
 
 def _narrow(span: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The middle of what is known."""
+    """The middle of a span."""
     return None if span is None else (0.5 * (span[0] + span[1]),) * 2
 
 
 def settle_estimate(physics: Physics, environment: Environment, profile: TargetProfile) -> Array:
-    """Put everything where the estimate says, or could only be, let it settle for a moment, and return the state.
+    """Put everything at its believed pose, without penetrations, and let it come to rest.
 
     Args:
         physics: Of the believed scene; its state is written.

@@ -1,7 +1,6 @@
-"""The forecast of one session: rehearsed as it is and, where that looks bad, in a few other ways.
+"""The forecast of one session: rehearsed as it is and, where that looks bad, with a few other strategies.
 
-Upstream: the worker, through `process`. Downstream: preflight's verdict, the evidence, the agent's revision. Every way
-is judged in the same imagined worlds, so that two ways differ by what they do and not by their luck.
+Every strategy is judged in the same imagined worlds, so that two of them differ by their effect and not by chance.
 """
 
 from collections import Counter
@@ -30,7 +29,6 @@ class Forecaster:
     """Forecasts sessions of one target.
 
     Attributes:
-        rehearser: Carries them out in the imagination.
         threads: Of the rollouts.
     """
 
@@ -40,29 +38,21 @@ class Forecaster:
     def forecast(
         self, session: Session, request: LookaheadRequest, tree: str, environment: Environment
     ) -> LookaheadResult:
-        """How a session is likely to end, from the estimate on.
-
-        Args:
-            session: The contract.
-            request: How often at most, how sure, from which seed.
-            tree: Of its skill.
-            environment: The estimate.
-        """
+        """How a session is likely to end from the estimate on, carried out by the tree of its skill."""
         clock = self.rehearser.clock
         began_s = clock.now_s()
         spec = read_scene(self.rehearser.library.get_scene(environment.scene))
         stage = self.rehearser.open_stage(environment)
         worlds = _Worlds(stage, spec, environment, self.rehearser.profile, request)
         first, rehearsal = self._try_out(session, worlds, tree)
-        results, tried = [first], [_tell(first, rehearsal)]
+        results, tried = [first], [_describe(first, rehearsal)]
         while results[-1].share < request.threshold and len(tried) <= ALTERNATIVES_MAX:
-            strategy = propose(tried)
-            if strategy is None:
+            if (strategy := propose(tried)) is None:
                 break
             other = msgspec.structs.replace(session, strategy=strategy)
             result, attempt = self._try_out(other, worlds, tree, is_other=True)
             results.append(result)
-            tried.append(_tell(result, attempt))
+            tried.append(_describe(result, attempt))
         return LookaheadResult(
             samples=first.samples,
             succeeded=first.succeeded,
@@ -76,10 +66,9 @@ class Forecaster:
     def _try_out(
         self, session: Session, worlds: "_Worlds", tree: str, *, is_other: bool = False
     ) -> tuple[Alternative, Rehearsal]:
-        """One strategy, in so many worlds as it takes to be sure.
+        """One strategy, in as many worlds as the decision takes.
 
-        What cannot be carried out even in the world as believed needs no rollouts, and another way than the contract's
-        that fails there is not worth any.
+        A strategy that fails even in the world as believed needs no rollouts; nor does an alternative that fails there.
         """
         rehearsal = self.rehearser.rehearse(worlds.stage, session, tree)
         if rehearsal.outcome.ended is not Ended.COMPLETED:
@@ -96,15 +85,7 @@ class Forecaster:
 
 
 class _Worlds:
-    """The worlds that an estimate could be, drawn when they are wanted; every way meets the same ones.
-
-    Args:
-        stage: Of the estimate.
-        spec: The inventory, with its spans.
-        environment: The estimate.
-        profile: The robot.
-        request: How many there are, and from which seed.
-    """
+    """Worlds that agree with an estimate, drawn on demand and shared by all strategies."""
 
     def __init__(
         self,
@@ -119,7 +100,7 @@ class _Worlds:
         self._drawn: list[ImaginedStart] = []
 
     def get(self, first: int, end: int) -> list[ImaginedStart]:
-        """Those from number `first` up to `end`, as far as there are so many."""
+        """Those from number `first` up to `end`, as far as the request allows."""
         end, drawn = min(end, self.request.samples), len(self._drawn)
         if end > drawn:
             self._drawn += draw_starts(
@@ -136,7 +117,7 @@ class _Worlds:
 
 
 def _count(session: Session, causes: list[str]) -> Alternative:
-    """What the rollouts of one strategy came to; an empty cause is a success."""
+    """Rollouts of one strategy, counted; an empty cause is a success."""
     failures = Counter(cause for cause in causes if cause)
     return Alternative(
         strategy=session.strategy,
@@ -146,7 +127,7 @@ def _count(session: Session, causes: list[str]) -> Alternative:
     )
 
 
-def _tell(result: Alternative, rehearsal: Rehearsal) -> Tried:
+def _describe(result: Alternative, rehearsal: Rehearsal) -> Tried:
     return Tried(
         strategy=result.strategy,
         share=result.share,

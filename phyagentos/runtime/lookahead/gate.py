@@ -1,7 +1,7 @@
-"""The last gate of preflight: a session that asks for a look-ahead starts only when enough of its rollouts succeeded.
+"""The last gate of preflight: a session with a look-ahead starts only when enough of its rollouts succeeded.
 
-Upstream: the worker, once everything else has been granted. Downstream: an oracle; the result lies in the session's
-evidence as `lookahead.json`, also when the session was refused and left nothing else.
+The result stands in the session's evidence as `lookahead.json`, also when the session was refused and left nothing
+else.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ LOOKAHEAD_LOW = "LOOKAHEAD_LOW"
 
 
 class LookaheadGate:
-    """Asks for a forecast, and refuses by it.
+    """Requests a forecast, and refuses by it.
 
     Args:
         oracle: Answers.
@@ -32,12 +32,12 @@ class LookaheadGate:
         self._result: LookaheadResult | None = None
 
     def find_problems(self, session: Session, tree: str, should_stop: Callable[[], bool]) -> Sequence[Problem]:
-        """What speaks against starting a session; nothing when it asks for no look-ahead.
+        """Why a session must not start; nothing when it requires no look-ahead.
 
         Args:
             session: The contract.
-            tree: That its plan names; empty for a policy, which nobody can rehearse.
-            should_stop: Asked several times a second.
+            tree: Of its plan; empty for a policy, which cannot be rehearsed.
+            should_stop: Called several times a second.
         """
         self._result = None
         if session.lookahead is None:
@@ -62,12 +62,7 @@ class LookaheadGate:
         return (_explain(result, address),)
 
     def file_result(self, folder: Path, *, new: bool = False) -> None:
-        """Leave the latest forecast in a bundle, if there was one.
-
-        Args:
-            folder: Of the bundle.
-            new: Whether the folder may be missing.
-        """
+        """Write the latest forecast into the folder of a bundle, if there was one; a `new` folder may be missing."""
         if self._result is None:
             return
         if new:
@@ -76,7 +71,7 @@ class LookaheadGate:
             write_json(folder / LOOKAHEAD, self._result)
 
     def close(self) -> None:
-        """Let go of the oracle."""
+        """Close the oracle."""
         self._oracle.close()
 
 

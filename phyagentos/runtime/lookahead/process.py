@@ -1,7 +1,7 @@
 """The rehearsal process, and the port through which a worker asks it.
 
-Upstream: the worker, in preflight. Downstream: `forecast`. A process of its own, started at the first question and kept
-warm: imagined worlds never share a process with the real one, and what goes wrong in the imagination stays there.
+It is started at the first question and kept warm: imagined worlds never share a process with the real one, and their
+errors stay there.
 """
 
 import signal
@@ -26,14 +26,7 @@ CLOSE_GRACE_S = 1.0
 
 
 class Rehearse(msgspec.Struct, frozen=True, tag=True):
-    """One question.
-
-    Attributes:
-        session: The contract.
-        request: How often, how sure, from which seed.
-        tree: Of its skill.
-        environment: The estimate.
-    """
+    """One question: how often, how sure, from which seed, with which tree, from which estimate."""
 
     session: Session
     request: LookaheadRequest
@@ -48,7 +41,7 @@ class Forecast(msgspec.Struct, frozen=True, tag=True):
 
 
 class Unforeseen(msgspec.Struct, frozen=True, tag=True):
-    """There is no answer, and why."""
+    """Why there is no answer."""
 
     message: str
 
@@ -58,10 +51,10 @@ _ANSWERS = Codec[Forecast | Unforeseen](Forecast | Unforeseen, "forecast")
 
 
 class ForecastService(Protocol):
-    """Something that answers."""
+    """Answers questions about sessions."""
 
     def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
-        """The forecast; None when `should_stop` said so first.
+        """The forecast; None once `should_stop` is true, which is called several times a second.
 
         Raises:
             ExecutionError: `LOOKAHEAD_FAILED`.
@@ -69,7 +62,7 @@ class ForecastService(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of processes and files."""
+        """Close processes and files."""
         ...
 
 
@@ -85,7 +78,7 @@ class RehearsalProcess:
         self._child: Child | None = None
 
     def ask(self, question: Rehearse, should_stop: Callable[[], bool]) -> LookaheadResult | None:
-        """Have it rehearsed; `should_stop` is asked several times a second."""
+        """See `ForecastService`."""
         child = self._child = self._child or Child(self._command)
         try:
             child.channel.send_bytes(_QUESTIONS.encode(question))
@@ -109,7 +102,7 @@ class RehearsalProcess:
 
 
 def serve(forecaster: "Forecaster", connection: "Connection[Any, Any]") -> None:
-    """Answer until the other side is gone."""
+    """Answer until the connection ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends it
     while True:
         try:

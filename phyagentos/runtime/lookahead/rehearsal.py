@@ -1,9 +1,10 @@
-"""A rehearsal: the session's own skill, carried out once in the imagined world, with its servo inputs on tape.
+"""A rehearsal: the session's own skill, carried out once in the imagined world, with its servo inputs recorded.
 
-Upstream: `forecast`. Downstream: `rollouts`, which plays the tape in other imagined worlds. Planner, leaves, guard and
-conditions are those of a real session and draw the same seeds, so that what is rehearsed is what would be done.
+Planner, leaves, guard and conditions are those of a real session and draw the same seeds, so that the rehearsal does
+what the session would do.
 """
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,14 +40,14 @@ from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import Loopback
 from phyagentos.runtime.targets.wire import RecordedFault
 
-STATE_STEPS = 25  # between two states on tape
-REST_S = 0.3  # as a session is observed: released things come to rest within this; simulated time
+STATE_STEPS = 25  # between two recorded states
+REST_S = 0.3  # of simulated time, within which released things come to rest
 
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 class ControlRecording(FaultInjector):
-    """Takes down the servo inputs of every physics step, and now and then the state; nothing strikes.
+    """Records the servo inputs of every physics step, and now and then the state; injects no fault.
 
     Attributes:
         rows: (n_servos,) inputs of each step.
@@ -75,16 +76,13 @@ class ControlRecording(FaultInjector):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rehearsal:
-    """What came of a rehearsal.
+    """Result of a rehearsal.
 
     Attributes:
         session: With the strategy that was rehearsed.
-        outcome: How it ended.
-        trace: What the tree did.
         start: mjSTATE_INTEGRATION at its beginning.
         controls: (n, n_servos) servo inputs, one row per physics step, the last ones at rest.
         states: (m, n_state) mjSTATE_FULLPHYSICS before every `STATE_STEPS`-th of these steps.
-        stage: Where it was played.
     """
 
     session: Session
@@ -97,20 +95,13 @@ class Rehearsal:
 
 
 class Stage:
-    """The imagined world of one estimate.
-
-    Args:
-        robot: Of a believed world; its scene is loaded here.
-        environment: The estimate.
-        profile: The robot.
-        limits: Of the robot, from safety.yaml.
-    """
+    """The imagined world of one estimate; its scene is loaded into the robot of a believed world."""
 
     def __init__(
         self, robot: MujocoDriver, environment: Environment, profile: TargetProfile, limits: TargetLimits
     ) -> None:
         self._robot, self._profile = robot, profile
-        self._epoch = 0
+        self.epochs = itertools.count(1)  # fencing tokens: the same session is rehearsed several times
         self.scene = Scene(name=environment.scene, seed=0, episode="imagined")
         self.handle = TargetSessionHandle(Loopback(ServedTarget(robot, ReceiveLog(None))), limits, sees_truth=True)
         self.handle.load(self.scene)
@@ -120,13 +111,8 @@ class Stage:
 
     @property
     def physics(self) -> Physics:
-        """What is simulated at present."""
+        """The present simulation."""
         return self._robot.physics
-
-    def open_epoch(self) -> int:
-        """A new fencing token: the same session is rehearsed several times."""
-        self._epoch += 1
-        return self._epoch
 
     def reset(self) -> None:
         """Back to the estimate."""
@@ -143,12 +129,8 @@ class Rehearser:
     """Rehearses sessions of one target.
 
     Attributes:
-        profile: The robot.
-        folder: Where its model lies.
-        limits: Of the robot, from safety.yaml.
-        library: Where scenes and trees are.
-        registry: Where leaves are.
-        planner: Its own, so that the worker's is left alone.
+        folder: Of the robot's model.
+        planner: Its own, apart from the worker's.
         clock: Bounds thinking.
     """
 
@@ -159,7 +141,7 @@ class Rehearser:
     registry: LeafRegistry
     planner: Planner
     clock: Clock
-    tape: ControlRecording | None = None
+    recording: ControlRecording | None = None
 
     def open_stage(self, environment: Environment) -> Stage:
         """The imagined world of an estimate.
@@ -168,14 +150,14 @@ class Rehearser:
             ExecutionError: `SCENE_OVERFULL` and others of building a scene.
         """
         believed = believe_scene(read_scene(self.library.get_scene(environment.scene)), environment)
-        robot = MujocoDriver(BelievedWorld(self.library, believed, self._make_tape), self.profile, self.folder)
+        robot = MujocoDriver(BelievedWorld(self.library, believed, self._make_recording), self.profile, self.folder)
         return Stage(robot, environment, self.profile, self.limits)
 
     def rehearse(self, stage: Stage, session: Session, tree: str) -> Rehearsal:
         """Carry out a session's tree on a stage, from the estimate on."""
         stage.reset()
         handle = stage.handle
-        handle.begin(session.id, stage.open_epoch())
+        handle.begin(session.id, next(stage.epochs))
         initial = stage.observe()
         context = open_context(
             session,
@@ -187,8 +169,10 @@ class Rehearser:
             world=stage.world,
         )
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
-        tape = self._get_tape()
-        tape.rewind()
+        recording = self.recording
+        if recording is None:
+            raise ExecutionError("NO_SCENE", "no stage is open; call open_stage() first")
+        recording.rewind()
         loop = SessionLoop(
             handle=handle,
             context=context,
@@ -212,16 +196,11 @@ class Rehearser:
             outcome=outcome,
             trace=trace,
             start=stage.start,
-            controls=np.array(tape.rows),
-            states=np.array(tape.states),
+            controls=np.array(recording.rows),
+            states=np.array(recording.states),
             stage=stage,
         )
 
-    def _make_tape(self, _episode: str, _seed: int) -> ControlRecording:
-        self.tape = ControlRecording()
-        return self.tape
-
-    def _get_tape(self) -> ControlRecording:
-        if self.tape is None:
-            raise ExecutionError("NO_SCENE", "no stage is open; call open_stage() first")
-        return self.tape
+    def _make_recording(self, _episode: str, _seed: int) -> ControlRecording:
+        self.recording = ControlRecording()
+        return self.recording

@@ -1,9 +1,8 @@
-"""Solids do not go through each other: what is believed to be sunk into its support is stood on it.
+"""Resolves penetrations before simulation: a body believed inside its support is stood on it.
 
-Upstream: `estimate`, before an imagined world is let settle; a solver would throw such a thing away. A small thing that
-lies and one that stands on its rim look nearly alike, but only one of the two fits between its support and the height
-at which it was seen. So it is stood on each of its sides in turn; the side that leaves it nearest to where it was seen
-is believed.
+A solver would throw such a body away. A small thing that lies and one that stands on its rim look nearly alike, but
+only one of the two fits between its support and the height at which it was seen. So it is stood on each of its sides
+in turn; the side that leaves it nearest to where it was seen is believed.
 """
 
 import mujoco
@@ -15,20 +14,20 @@ Array = NDArray[np.float64]
 
 SUNK_M = 0.004  # depths and calibration err by less than this
 REACH_M = 0.1  # how far above its place a side is tried
-CLIMB_M = 0.015  # what would have to rise by more stands beside the other thing and not on it
+CLIMB_M = 0.015  # a thing that would have to rise by more stands beside the other one
 HALVINGS = 12  # of that: a fortieth of a millimetre
 
 
 def stand_up_sunk(model: mujoco.MjModel, data: mujoco.MjData, names: list[str]) -> list[str]:
-    """Move the free bodies that are sunk into others onto what carries them, the lowest first.
+    """Move the free bodies that are sunk into others onto their support, the lowest first.
 
     Args:
         model: Of the world.
         data: Its state; `qpos` is written.
-        names: Of bodies with a free joint that nobody holds.
+        names: Of bodies with a free joint that no gripper holds.
 
     Returns:
-        Names of those that were moved.
+        Names of the moved ones.
     """
     moved = []
     above = sorted(names, key=lambda each: float(data.qpos[_find_start(model, each) + 2]))

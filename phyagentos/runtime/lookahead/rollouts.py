@@ -1,8 +1,8 @@
-"""A rehearsal's tape, played open-loop in many imagined worlds at once, each judged by the contract at its end.
+"""A rehearsal's recording, played open-loop in many imagined worlds at once, each judged by the contract at its end.
 
-Upstream: `rehearsal`, `uncertainty`. Downstream: `forecast`. The raw states become snapshots by the code that also
-makes the observation of a real session. The tape is not corrected on the way: a leaf that would have measured anew how
-a thing lies in the hand does not, so a chance is estimated rather too low than too high.
+The raw states become snapshots by the code that also makes the observation of a real session. The recording is not
+corrected on the way: a leaf that would have measured a held thing anew does not, so a chance is estimated rather too
+low than too high.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """What happened in one imagined world.
+    """Samples of one imagined world.
 
     Attributes:
         held: Names of what was held, at each sample.
@@ -45,14 +45,13 @@ class Course:
 
 
 class Playback:
-    """One tape, for as many worlds as are wanted.
+    """One recording, for any number of worlds.
 
     Args:
-        rehearsal: Whose tape.
-        threads: Of `mujoco.rollout`; they change no bit of what comes out.
+        threads: Of `mujoco.rollout`; they change no bit of the result.
 
     Attributes:
-        nominal: What happened in the rehearsal, sampled as every world is.
+        nominal: The rehearsal itself, sampled as every world is.
     """
 
     def __init__(self, rehearsal: Rehearsal, threads: int = 1) -> None:
@@ -69,13 +68,13 @@ class Playback:
         self.nominal = _watch(self._read_nominal(rest_steps), rehearsal, rehearsal.stage)
 
     def _read_nominal(self, rest_steps: int) -> Array:
-        """(n, n_state) states of the rehearsal itself, at the moments at which every world is sampled."""
+        """(n, n_state) states of the rehearsal itself, at the sampled moments of every world."""
         states, first = self._rehearsal.states, self._head.steps or -rest_steps
         moments = [round((first + index + 1) / STATE_STEPS) for index in self._chosen]
         return states[[min(moment, len(states) - 1) for moment in moments]]
 
     def play(self, starts: Sequence[ImaginedStart]) -> list[Course]:
-        """What happens in every one of these worlds."""
+        """The course of every one of these worlds."""
         begins = np.array([self._head.put(start.state) for start in starts])
         models = [start.model for start in starts]
         states, _ = rollout.rollout(models, self._data, begins, self._controls[None])
@@ -108,18 +107,13 @@ def _look(state: Array, stage: Stage) -> Environment:
 
 
 def find_cause(course: Course, nominal: Course, rehearsal: Rehearsal) -> str:
-    """Coded cause why a world's end is not what the contract asks; empty when it is.
+    """Coded cause why a world's end does not meet the contract; empty when it does.
 
-    A grasp is judged by comparison with the rehearsal: where that held the thing, this world should.
-
-    Args:
-        course: Of the world in question.
-        nominal: Of the same tape in the world as believed.
-        rehearsal: With the contract.
+    A grasp is judged by comparison with the nominal course: where that held the thing, this world should.
     """
     session = rehearsal.session
     view = View(now=course.terminal, initial=course.initial, target=session.target)
-    foreseeable = [text for text in session.accept if not has_metric(text)]  # nobody measures on the way here
+    foreseeable = [text for text in session.accept if not has_metric(text)]  # nothing is measured on the way here
     failed = [text for text in foreseeable if parse_predicate(text).evaluate(view).truth is not Truth.TRUE]
     if course.violated:
         return "CONSTRAINT_VIOLATED"

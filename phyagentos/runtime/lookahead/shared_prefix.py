@@ -1,7 +1,6 @@
-"""Where on a tape the robot first comes near a thing: what is before it would be the same in every imagined world.
+"""The shared beginning of all imagined worlds: the recording until the robot first comes near a thing.
 
-Upstream: `rollouts`, which begins there. Until then worlds differ in where things lie and not in what becomes of them;
-so a world is put together out of the robot on the tape and the things as they were drawn.
+Until then worlds differ only in where things are. So a world is composed of the recorded robot and the drawn things.
 """
 
 import copy
@@ -19,14 +18,14 @@ _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 class HeadStart:
-    """The beginning that all worlds of a tape share.
+    """The beginning that all worlds of a recording share.
 
     Args:
-        rehearsal: Whose tape; with conditions that must hold all through, nothing of it is left out.
+        rehearsal: With the recording; with conditions that must hold all through, nothing of it is left out.
         settle_steps: Physics steps that drawn things take to come to rest, before anything is near them.
 
     Attributes:
-        steps: Physics steps of the tape that need not be played.
+        steps: Physics steps of the recording that need not be played.
     """
 
     def __init__(self, rehearsal: Rehearsal, settle_steps: int) -> None:
@@ -39,11 +38,7 @@ class HeadStart:
         self._joints: list[int] = joints.tolist()
 
     def put(self, state: Array) -> Array:
-        """The mjSTATE_FULLPHYSICS of a world after the head start.
-
-        Args:
-            state: Of that world at the beginning of the tape.
-        """
+        """The mjSTATE_FULLPHYSICS of a world after the head start, from that at its beginning."""
         if self._state is None:
             return state
         model = self._model
@@ -73,7 +68,7 @@ class HeadStart:
 
 
 def _touches_both(of_things: NDArray[np.bool_], geoms: NDArray[np.int32]) -> bool:
-    """Whether one of these pairs (n, 2) is of a thing and of what is none."""
+    """Whether one of these pairs (n, 2) joins a thing and something else."""
     return bool((of_things[geoms[:, 0]] != of_things[geoms[:, 1]]).any())
 
 

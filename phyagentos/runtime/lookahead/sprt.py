@@ -1,8 +1,8 @@
 """When enough rollouts have been seen: Wald's sequential probability ratio test on their successes.
 
-Upstream: `forecast`, after every batch. A. Wald, "Sequential Tests of Statistical Hypotheses" (1945),
-doi:10.1214/aoms/1177731118. Two chances are told apart, one below the threshold and one above it; what lies between is
-decided by the share when the rollouts that were asked for are used up. Clear cases take a few.
+A. Wald, "Sequential Tests of Statistical Hypotheses" (1945), doi:10.1214/aoms/1177731118. Two chances are
+distinguished, one below the threshold and one above it; in between the share decides when the requested rollouts are
+used up. Clear cases take a few.
 """
 
 import math
@@ -18,7 +18,7 @@ def is_decided(successes: int, trials: int, threshold: float, most: int) -> bool
     Args:
         successes: So far.
         trials: So far, at least one.
-        threshold: Least share that is asked for, 0..1.
+        threshold: Least share of successes, 0..1.
         most: Rollouts after which it is decided in any case.
     """
     is_enough = successes >= threshold * trials

@@ -1,7 +1,6 @@
-"""What could be done differently, by the cause that most rollouts failed of: the few ways that a rehearsal tries out.
+"""Remedies for a failed rehearsal, by its most frequent cause, in the terms of a contract's `strategy`.
 
-Upstream: `forecast`. The words are those of a contract's `strategy`, so that a child session can say the same. The
-search is greedy: the next way is a remedy for the best one so far.
+The search is greedy: the next strategy is a remedy for the best one so far.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,14 +13,13 @@ SLOWEST = 0.125  # a session that creeps meets its time limit instead
 
 
 class Tried(NamedTuple):
-    """A way that was rehearsed.
+    """A strategy that was rehearsed.
 
     Attributes:
-        strategy: What was done differently.
         share: Of its rollouts, that met the contract, 0..1.
-        cause: Coded, of most of the others; empty when there was none.
-        grasp: Label of the grasp that it led to, empty for none.
-        site: Label of the way to its site, empty for none.
+        cause: Coded, most frequent of its failures; empty when there was none.
+        grasp: Label of the planned grasp, empty for none.
+        site: Label of the planned site, empty for none.
     """
 
     strategy: Strategy
@@ -32,11 +30,7 @@ class Tried(NamedTuple):
 
 
 def propose(tried: Sequence[Tried]) -> Strategy | None:
-    """The next way worth a rehearsal; None when nothing is left to try.
-
-    Args:
-        tried: So far; the first is the contract's own.
-    """
+    """The next strategy worth a rehearsal; None when nothing is left to try."""
     known = {each.strategy for each in tried}
     for each in sorted(tried, key=lambda each: -each.share):
         for remedy in _REMEDIES.get(each.cause, ()):

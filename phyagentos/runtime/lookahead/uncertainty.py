@@ -1,8 +1,7 @@
-"""What is not known of a world, as distributions: the one place where they are stated, each with its reason.
+"""Distributions of the unknown properties of a world, all stated here, each with its reason.
 
-Upstream: the believed scene and the estimate. Downstream: `rollouts`. The inventory's declared spans come first; where
-it declares none, a thing is nearly what its entry says. How a payload hangs in the fingers is no draw of its own: it
-follows from where the thing lay when they closed.
+The inventory's declared spans come first; without one, a thing is nearly what its entry says. How a payload hangs in
+the fingers is no draw of its own: it follows from where the thing was when they closed.
 """
 
 import copy
@@ -33,7 +32,7 @@ STIFFNESS_SHARE = 0.05  # of the arm's servos
 
 @dataclass(frozen=True, slots=True)
 class ImaginedStart:
-    """One of the worlds that the estimate could be.
+    """One of the worlds that agree with the estimate.
 
     Attributes:
         model: With its own weights, frictions and gains.
@@ -55,7 +54,7 @@ def draw_starts(
     seed: int,
     first: int = 0,
 ) -> list[ImaginedStart]:
-    """Worlds drawn from what is not known; the same seed gives the same worlds, each by its number alone.
+    """Draw worlds; the same seed gives the same worlds, each by its number alone.
 
     Args:
         physics: Of the believed world; its model is copied.
@@ -124,7 +123,7 @@ def _compute_deviation(entity: Entity, sensing: str) -> Array:
 
 
 def _displace(model: mujoco.MjModel, data: mujoco.MjData, name: str, offset: Array, shift: Array) -> None:
-    """Move along the ground and turn about the vertical: height and tilt are what the support makes them."""
+    """Move along the ground and turn about the vertical: height and tilt follow from the support."""
     start = int(model.jnt_qposadr[model.body(name).jntadr[0]])
     data.qpos[start : start + 2] += offset[:2] + shift
     data.qpos[start + 3 : start + 7] = multiply(convert_euler((0.0, 0.0, offset[2])), data.qpos[start + 3 : start + 7])
@@ -133,12 +132,7 @@ def _displace(model: mujoco.MjModel, data: mujoco.MjData, name: str, offset: Arr
 def _weigh(model: mujoco.MjModel, name: str, body: Body, shares: Array, ranks: Array) -> None:
     """Mass and friction of one thing.
 
-    Args:
-        model: Of the world that is drawn.
-        name: Of the thing.
-        body: Its entry in the inventory.
-        shares: (2,) in -1..1: of the nominal mass and friction, where no span is declared.
-        ranks: (2,) in 0..1: where in its declared spans the thing lies.
+    `shares` (2,) in -1..1 scale the nominal ones without a declared span; `ranks` (2,) in 0..1 are places in its spans.
     """
     index = model.body(name).id
     nominal = float(model.body_mass[index])

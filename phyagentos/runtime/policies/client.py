@@ -1,7 +1,4 @@
-"""One session's conversation with its policy server, beside the loop of the session.
-
-Upstream: `policy_runtime`, which must never block; so every request is made in a thread, and asked for with `poll`.
-"""
+"""Requests of one session to its policy server, in a thread, since the session's loop must never block."""
 
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,13 +12,13 @@ from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.transport import Transport, open_transport
 
-ASK_S = 3.0  # a server that cannot say within this time what it is will not keep a control rate
+ASK_S = 3.0  # a server that needs longer for its descriptor will not keep a control rate
 
 Expected = TypeVar("Expected", wire.Introduction, wire.Started, wire.Chunk)
 
 
 def ask_policy(endpoint: str) -> PolicyDescriptor:
-    """What listens at an endpoint; the handshake of preflight.
+    """The descriptor of the server at an endpoint; the handshake of preflight.
 
     Raises:
         ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST` or `POLICY_FAULT`.
@@ -38,7 +35,7 @@ def ask_policy(endpoint: str) -> PolicyDescriptor:
 
 
 class PolicyClient:
-    """Asks for chunks, one request at a time.
+    """Requests chunks, one at a time.
 
     Args:
         endpoint: Of the server; connected to with the first request.
@@ -46,8 +43,7 @@ class PolicyClient:
     """
 
     def __init__(self, endpoint: str, timeout_s: float) -> None:
-        self._endpoint = endpoint
-        self._timeout_s = timeout_s
+        self._endpoint, self._timeout_s = endpoint, timeout_s
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="policy")
         self._transport: Transport | None = None
         self._pending: Future[wire.Chunk] | None = None
@@ -79,7 +75,7 @@ class PolicyClient:
             wait_for((self._pending,), timeout_s)
 
     def close(self) -> None:
-        """Hang up; a request that is out ends in its thread and is not listened to."""
+        """Close the connection; the reply to an outstanding request is dropped."""
         self._closed.set()
         self._pending = None
         self._thread.shutdown(wait=False, cancel_futures=True)
@@ -103,6 +99,5 @@ class PolicyClient:
 def _exchange(transport: Transport, request: wire.Request, kind: type[Expected], timeout_s: float) -> Expected:
     reply = wire.decode_reply(transport.exchange(wire.encode(request), timeout_s))
     if not isinstance(reply, kind):
-        message = f"{type(request).__name__} was answered by {type(reply).__name__}"
-        raise ExecutionError("POLICY_FAULT", message)
+        raise ExecutionError("POLICY_FAULT", f"{type(request).__name__} was answered by {type(reply).__name__}")
     return reply

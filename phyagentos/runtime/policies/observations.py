@@ -1,7 +1,6 @@
-"""What a policy is shown: the streams of its descriptor, each from the sensor that provides it.
+"""Observations of a policy: the streams of its descriptor, each from the sensor that provides it.
 
-Upstream: the target's own state and its cameras. Downstream: `policy_runtime`. Simulator truth is no stream, and a
-camera that does not show the present, as `sensor_health` judges it, shows nothing.
+Simulator truth is no stream, and a camera that does not show the present, as `sensor_health` judges it, is refused.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,11 +30,8 @@ class Observer:
     """Collects one observation after the other, for one session.
 
     Attributes:
-        streams: What the policy takes.
-        sensors: Where it comes from.
-        handle: Asks the target and its cameras.
         late_max_s: How much older than one period of its stream a frame may be: its latency, and a few lost ones [s].
-        health: Of the cameras when they were last looked at.
+        health: Of the cameras at the latest observation.
     """
 
     streams: Mapping[str, Stream]
@@ -45,12 +41,11 @@ class Observer:
     health: Mapping[str, SensorHealth]
 
     def observe(self) -> tuple[float, dict[str, np.ndarray]]:
-        """When it was, in the target's own time [s], and every stream as an array of its declared type.
+        """Time of the target [s], and every stream as an array of its declared type.
 
         Raises:
-            ExecutionError: `OBSERVATION_UNAVAILABLE` when a camera gives no frame, or one that is old, dark, dated
-                ahead, seen before or of another size; when what the target tells is no number, or nothing measures a
-                stream.
+            ExecutionError: `OBSERVATION_UNAVAILABLE` when a frame is missing, old, dark, dated ahead, repeated or of
+                another size; when a value of the target is not finite, or nothing measures a stream.
         """
         cameras = {
             name: self._find_camera(name, each) for name, each in self.streams.items() if not _is_own(name, each)
@@ -66,7 +61,7 @@ class Observer:
                 shown[name] = _read(name, now.target, stream)
         return now.time_s, shown
 
-    def tell_time(self) -> float:
+    def read_time(self) -> float:
         """The target's own time [s]."""
         return self.handle.observe().time_s
 
@@ -100,5 +95,5 @@ def _hold_to_form(name: str, picture: np.ndarray, stream: Stream) -> np.ndarray:
 
 
 def _is_own(name: str, stream: Stream) -> bool:
-    """Whether the target says it of itself."""
+    """Whether the target measures it itself."""
     return stream.modality == "proprioception" and name in _OF_STATE

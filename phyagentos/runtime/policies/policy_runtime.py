@@ -1,8 +1,8 @@
 """Carries out a policy as a skill: observe, infer, convert, command, again. Paper section 4.3 (PolicySkillRuntime).
 
-Upstream: the session loop. Downstream: a policy server, action bridges. While the server infers there is no command,
-and in lockstep simulated time stands: a slow server gives the same trajectory as a fast one. Where time goes on by
-itself the next chunk is asked for ahead, and rows that are too old by the time it comes are left out.
+While the server infers there is no command, and in lockstep simulated time stands: a slow server gives the same
+trajectory as a fast one. Where time goes on by itself the next chunk is requested ahead, and rows that are too old by
+the time it comes are left out.
 """
 
 from collections import deque
@@ -29,21 +29,16 @@ from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.observations import Observer
 
 LEAF = "policy"
-OVERLAP = (
-    4  # rows that only shape the end of a spline: an error of its end velocity is 0.27^4 as large so far before it
-)
+OVERLAP = 4  # rows that only shape the end of a spline: so far before it an error of its end velocity is 0.27^4
 EMPTY_MAX = 20  # chunks in a row without a row that could be carried out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyParts:
-    """What one execution of a policy is made of.
+    """Parts of one execution of a policy.
 
     Attributes:
-        descriptor: As declared.
         chain: From the policy's action space to the target's; one row per control period comes out.
-        observer: Collects what the policy is shown.
-        client: To its server.
         is_realtime: Whether time goes on while the server infers.
     """
 
@@ -55,12 +50,7 @@ class PolicyParts:
 
 
 class PolicySkillRuntime:
-    """A `SkillRuntime` made of a policy server.
-
-    Args:
-        parts: What it is made of.
-        context: Services of the session; it plans nothing and sets no channels.
-    """
+    """A `SkillRuntime` over a policy server; it plans nothing and sets no channels of its context."""
 
     def __init__(self, parts: PolicyParts, context: SkillContext) -> None:
         self._parts = parts
@@ -103,7 +93,7 @@ class PolicySkillRuntime:
         self._parts.client.wait(timeout_s)
 
     def halt(self) -> None:
-        """Carry out nothing of what was answered, and hang up."""
+        """Drop the remaining rows and close the connection."""
         self._periods.clear()
         self._parts.client.close()
 
@@ -120,22 +110,20 @@ class PolicySkillRuntime:
         return tuple(self._events)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._parts.client.close()
 
     def _converse(self) -> None:
-        """Take an answer that has come; ask when there is soon nothing to do."""
+        """Take an answer that has come; ask when the rows run out."""
         client = self._parts.client
         if client.is_waiting:
-            chunk = client.poll()
-            if chunk is not None:
+            if (chunk := client.poll()) is not None:
                 self._take(chunk)
-            return
-        if not self._is_last and self._failure is None and len(self._periods) <= self._count_ahead():
+        elif not self._is_last and self._failure is None and len(self._periods) <= self._count_ahead():
             self._ask()
 
     def _count_ahead(self) -> int:
-        """Control periods that should be left when the next chunk is asked for."""
+        """Control periods that should be left when the next chunk is requested."""
         if not self._parts.is_realtime:
             return 0
         return int(np.ceil(self._parts.descriptor.inference_s / self._context.profile.control_period_s))
@@ -155,7 +143,7 @@ class PolicySkillRuntime:
         self._parts.client.ask(request, None if self._chunks else start)
 
     def _take(self, chunk: wire.Chunk) -> None:
-        """Convert a chunk; what is too old, or follows from what is, is left out, be it all of it."""
+        """Convert a chunk; rows that are too old are left out, be it all of them."""
         self._chunks += 1
         self._is_last = chunk.done
         if not (chunk.done and not chunk.rows.size):
@@ -175,11 +163,11 @@ class PolicySkillRuntime:
         if self._periods:
             return False  # there was something to do meanwhile
         lasts_s = n_rows * self._context.profile.control_period_s
-        waited_s = self._parts.observer.tell_time() - self._asked_at_s
+        waited_s = self._parts.observer.read_time() - self._asked_at_s
         return waited_s > max(lasts_s, self._parts.descriptor.inference_s)
 
     def _convert(self, rows: Array) -> Array | None:
-        """Rows of the target, from the set-point that stood when they were asked for; None when they are refused."""
+        """Rows of the target, from the set-point at their request; None when they are refused."""
         bridged = self._parts.chain.apply(np.asarray(rows, dtype=np.float64), self._asked_before)
         if isinstance(bridged, Violation):
             where = f"{self._parts.descriptor.policy}, chunk {self._chunks}"
@@ -191,14 +179,14 @@ class PolicySkillRuntime:
         return bridged.rows
 
     def _leave_out(self, rows: Array, late: int) -> Array:
-        """Without what is too old; changes go on from the set-point that stands, wherever the chunk before led."""
+        """Without late rows; relative ones go on from the present set-point, wherever the chunk before led."""
         left = rows[late:]
         if late and len(left) and self._parts.chain.source.delta:
             left[:, :-1] += self._before[:-1] - rows[late - 1, :-1]
         return left
 
     def _queue(self, rows: Array, late: int, overlap: int) -> None:
-        """Let a chunk take the place of the one before, up to the rows that the next one will say again."""
+        """Replace the chunk before, up to the rows that the next one will repeat."""
         self._note(Status.RUNNING.value, rows=len(rows), late=late, sequence=self._chunks - 1)
         if not len(rows):
             return

@@ -1,7 +1,4 @@
-"""Opens policies as skills of one target: what the runner asks when an adapter plan names a policy.
-
-Upstream: SKILLRUNTIME.md, sensors.yaml, perception.yaml, the profile. Downstream: `policy_runtime`, one a session.
-"""
+"""Opens policies as skills of one target."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,9 +24,6 @@ class Policies:
 
     Attributes:
         skills: SKILLRUNTIME.md, by name.
-        profile: Of the target.
-        sensors: What can be shown to a policy.
-        handle: Asks the target and its cameras.
         late_max_s: How late a camera's frame may come; `embedded.max_age_s` of perception.yaml [s].
         is_realtime: Whether the world keeps real time.
     """

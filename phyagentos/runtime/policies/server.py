@@ -1,7 +1,4 @@
-"""A policy served to sessions: what a person wraps their model in. Over tcp, one session at a time.
-
-Upstream: `PolicyClient`. Downstream: a `Policy` of one's own; examples/03_policy_server has a small one.
-"""
+"""Serves a policy to sessions, over tcp, one session at a time; examples/03_policy_server has a small one."""
 
 import contextlib
 from collections.abc import Callable
@@ -35,8 +32,7 @@ def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callabl
 
     Args:
         policy: Answers.
-        descriptor: What it says of itself; `endpoint` is where it listens (`tcp://127.0.0.1:5555`; port 0 takes a free
-            one).
+        descriptor: Its `endpoint` is where it listens (`tcp://127.0.0.1:5555`; port 0 takes a free one).
         on_ready: Called with the endpoint once clients can connect.
     """
     parts = urlsplit(descriptor.endpoint)
@@ -49,7 +45,7 @@ def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callabl
 
 
 def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor) -> wire.Reply:
-    """The reply to one request; what the model raises, and what is no chunk, becomes a `Fault`."""
+    """The reply to one request; an error of the model, and an invalid chunk, becomes a `Fault`."""
     try:
         if isinstance(request, wire.Introduce):
             return wire.Introduction(descriptor=descriptor.model_dump(mode="json"))

@@ -1,7 +1,7 @@
-"""How bytes reach a policy server: `tcp://host:port`, `http://...` or `https://...`.
+"""Transports to a policy server: `tcp://host:port`, `http://...` or `https://...`.
 
-Upstream: `client`. Over tcp a message is its length (4 bytes, big-endian) and then its bytes; over HTTP it is the body
-of a POST, and the reply is the body of the answer.
+Over tcp a message is its length (4 bytes, big-endian) and then its bytes; over HTTP it is the body of a POST, and the
+reply is the body of the answer.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ _LENGTH = struct.Struct(">I")
 
 
 class Transport(Protocol):
-    """A way to one server."""
+    """A connection to one server."""
 
     def exchange(self, message: bytes, timeout_s: float) -> bytes:
         """Send one message and wait for the whole reply, at most `timeout_s` [s].
@@ -31,7 +31,7 @@ class Transport(Protocol):
         ...
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         ...
 
 

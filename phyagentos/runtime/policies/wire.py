@@ -1,7 +1,7 @@
-"""What travels between a session and a policy server: msgpack, one request, one reply. Paper section 4.3.
+"""Messages between a session and a policy server: msgpack, one request, one reply. Paper section 4.3.
 
-Arrays travel in C order with their shape (`runtime.array_codec`). Any language with msgpack can serve a policy;
-docs/policies.md has the fields. The version of this wire is `protocol.capabilities.policy_descriptors.POLICY_PROTOCOL`.
+Arrays are in C order with their shape (`runtime.array_codec`). Any language with msgpack can serve a policy;
+docs/policies.md has the fields. The version is `protocol.capabilities.policy_descriptors.POLICY_PROTOCOL`.
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Introduce(msgspec.Struct, frozen=True, tag=True):
-    """Ask what listens here. Reply: `Introduction`."""
+    """Ask for the descriptor. Reply: `Introduction`."""
 
     protocol: int = POLICY_PROTOCOL
 
@@ -56,11 +56,7 @@ class Infer(msgspec.Struct, frozen=True, tag=True):
 
 
 class Introduction(msgspec.Struct, frozen=True, tag=True):
-    """What listens here.
-
-    Attributes:
-        descriptor: The fields of a `PolicyDescriptor`.
-    """
+    """The descriptor: the fields of a `PolicyDescriptor`."""
 
     descriptor: dict[str, Any]
 
@@ -75,7 +71,7 @@ class Chunk(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         sequence: Of the request that it answers.
         rows: (k, width) actions, one after the other at the space's rate; none are needed with `done`.
-        done: Whether the policy has nothing to do after these. It says so of itself; verdicts do not listen.
+        done: Whether the policy has nothing to do after these; no verdict relies on it.
     """
 
     sequence: int
@@ -101,7 +97,7 @@ def decode_reply(data: bytes) -> Reply:
     """One reply.
 
     Raises:
-        ExecutionError: `POLICY_FAULT` when the policy says that it cannot answer, or says what is no reply.
+        ExecutionError: `POLICY_FAULT` for a `Fault`, and for bytes that are no reply.
     """
     try:
         reply = _REPLIES.decode(data)

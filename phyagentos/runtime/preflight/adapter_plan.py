@@ -1,25 +1,36 @@
-"""What preflight grants: how a session will be executed, with which operations of the target. Paper section 3.4.
+"""The grant of preflight: a session's execution path and the operations of the target. Paper sections 3.4 and 4.2."""
 
-Upstream: preflight. Downstream: the runner, the handle, the journal's start record and the evidence bundle.
-"""
-
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Literal
 
 import msgspec
+
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.settings.operations import Operation
+from phyagentos.runtime.targets.wire import Description
+
+_SAYS: dict[Operation, str] = {
+    "apply": "Carry out one control period of set-points.",
+    "observe": "Look; time does not move.",
+    "halt": "Come to rest by the target's own means, and hold.",
+    "settle": "Hold still for some time of the target.",
+    "render": "Take a picture; time does not move.",
+    "reset": "Begin the scene anew.",
+    "home": "Go to the home posture.",
+}
 
 
 class AdapterPlan(msgspec.Struct, frozen=True, kw_only=True):
     """The resolved execution path of one session.
 
     Attributes:
-        target_adapter: Who encodes commands for the target (`target_adapter://simulation/panda`).
-        skill_runtime: Who produces them (`skillruntime://pick_and_place`).
+        target_adapter: Encodes commands for the target (`target_adapter://simulation/panda`).
+        skill_runtime: Produces them (`skillruntime://pick_and_place`).
         tree: Behaviour tree of a builtin skill; empty for a policy.
-        observation_path: What is sensed, in the order it travels.
-        action_path: What is commanded, in the order it travels.
-        action_bridges: Conversions between the two; empty when skill and target speak the same language.
-        policy_adapter: Who speaks with the policy server; empty for a tree.
+        observation_path: From the target on.
+        action_path: Towards the target.
+        action_bridges: Conversions between action spaces; empty when skill and target share one.
+        policy_adapter: Talks to the policy server; empty for a tree.
         validation_mode: `strict`: nothing is repaired silently.
     """
 
@@ -33,7 +44,6 @@ class AdapterPlan(msgspec.Struct, frozen=True, kw_only=True):
     validation_mode: str = "strict"
 
     def __str__(self) -> str:
-        """One line each: who, what is seen, what is commanded, over which bridges."""
         return "\n".join(
             (
                 f"skill    {self.skill_runtime}" + (f" (tree {self.tree})" if self.tree else ""),
@@ -50,7 +60,6 @@ class Tool(msgspec.Struct, frozen=True, kw_only=True):
     """One operation of the target.
 
     Attributes:
-        name: Of the operation.
         description: One sentence.
         arguments: JSON Schema (2020-12) of its arguments, an object.
     """
@@ -64,8 +73,7 @@ class TargetToolManifest(msgspec.Struct, frozen=True, kw_only=True):
     """The operations of the target that the session may use; the handle refuses every other one.
 
     Attributes:
-        expose: Their names.
-        tools: The same with the schemas of their arguments.
+        tools: The exposed ones with the schemas of their arguments.
     """
 
     expose: tuple[str, ...]
@@ -73,7 +81,6 @@ class TargetToolManifest(msgspec.Struct, frozen=True, kw_only=True):
     validation_mode: str = "strict"
 
     def __str__(self) -> str:
-        """One line for each tool: name, arguments, what it does."""
         return "\n".join(
             f"{tool.name}({', '.join(_describe_arguments(tool))}): {tool.description}" for tool in self.tools
         )
@@ -106,3 +113,53 @@ def _describe_arguments(tool: Tool) -> Iterator[str]:
         choices = f" of {', '.join(map(str, schema['enum']))}" if "enum" in schema else ""
         optional = "" if name in tool.arguments["required"] else "?"
         yield f"{name}{optional}{f' [{chr(215).join(shape)}]' if shape else ''}{choices}"
+
+
+def make_tools(granted: Iterable[Operation], profile: TargetProfile, live: Description) -> tuple[Tool, ...]:
+    """One tool for each operation, in this order; shapes and ranges are those of the live target."""
+    schemas: dict[Operation, dict[str, Any]] = {
+        "apply": _make_apply(profile, live),
+        "halt": _make_object({"category": {"enum": [1, 2]}}, required=()),
+        "settle": _make_object({"duration_s": {"type": "number", "exclusiveMinimum": 0}}),
+        "render": _make_object(
+            {
+                "camera": {"enum": list(live.cameras)},
+                "width": {"type": "integer", "minimum": 1},
+                "height": {"type": "integer", "minimum": 1},
+            },
+            required=("camera",),
+        ),
+    }
+    return tuple(
+        Tool(name=each, description=_SAYS[each], arguments=schemas.get(each, _make_object({}))) for each in granted
+    )
+
+
+def _make_apply(profile: TargetProfile, live: Description) -> dict[str, Any]:
+    rows = live.steps_per_command
+    joints = [
+        {"title": name, "type": "number", "minimum": low, "maximum": high}
+        for name, low, high in zip(profile.arm.joints, live.q_min_rad, live.q_max_rad, strict=False)
+    ]
+    speeds = [{"type": "number", "minimum": -each, "maximum": each} for each in profile.arm.velocity_rad_s]
+    opening = {"type": "number", "minimum": 0, "maximum": profile.gripper.max_width_m}
+    return _make_object(
+        {
+            "q_rad": _make_rows(
+                rows, {"type": "array", "prefixItems": joints, "minItems": len(joints), "items": False}
+            ),
+            "qd_rad_s": _make_rows(
+                rows, {"type": "array", "prefixItems": speeds, "minItems": len(speeds), "items": False}
+            ),
+            "gripper_width_m": _make_rows(rows, opening),
+        }
+    )
+
+
+def _make_rows(count: int, each: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": each, "minItems": count, "maxItems": count}
+
+
+def _make_object(properties: dict[str, Any], required: Iterable[str] | None = None) -> dict[str, Any]:
+    needed = list(properties if required is None else required)
+    return {"type": "object", "properties": properties, "required": needed, "additionalProperties": False}

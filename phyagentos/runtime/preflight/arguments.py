@@ -1,7 +1,4 @@
-"""The contract itself: arguments, time limits, predicates, and the names that they mention.
-
-Upstream: the session. Downstream: `compatibility`. Nothing here asks the target.
-"""
+"""The contract itself: arguments, time limits, predicates, and the names in them. Independent of the live target."""
 
 import math
 from collections.abc import Iterator
@@ -19,7 +16,7 @@ _CONDITIONS = ("requires", "hold", "accept")
 
 
 def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[Problem]:
-    """Arguments that the skill does not know, that it needs, or that do not fit."""
+    """Arguments that are unknown to the skill, missing, or invalid."""
     by = f"skill {skill.skill}: parameters"
     for name in session.parameters:
         if name not in skill.parameters:
@@ -65,7 +62,7 @@ def iter_predicate_problems(session: Session) -> Iterator[Problem]:
 def iter_name_problems(
     session: Session, skill: SkillRuntime | None, now: Environment, *, is_fresh: bool
 ) -> Iterator[Problem]:
-    """Arguments that name what is not in the world; in a fresh world conditions too, since nothing is gone from it."""
+    """Arguments that name what is not in the world; in a fresh world, from which nothing is gone, conditions too."""
     known = {"entity": now.entities.keys(), "place": now.entities.keys() | now.regions.keys()}
     reported: set[str] = set()
     for name, parameter in skill.parameters.items() if skill is not None else ():

@@ -1,8 +1,4 @@
-"""Which sessions fit which target: the checks in order, and what is granted. Paper sections 3.4 and 4.5.
-
-Upstream: the documents of a workspace. Downstream: `examination`, which asks the live target and its world; an adapter
-plan for the runner, or every problem at once.
-"""
+"""Whether a session fits a target: the checks in order, and the grant. Paper sections 3.4 and 4.5."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -17,7 +13,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
-from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, make_tools
 from phyagentos.runtime.preflight.arguments import (
     iter_limit_problems,
     iter_name_problems,
@@ -26,7 +22,7 @@ from phyagentos.runtime.preflight.arguments import (
     iter_predicate_problems,
 )
 from phyagentos.runtime.preflight.findings import make_problem
-from phyagentos.runtime.preflight.live import iter_handshake_problems, iter_live_ability_problems
+from phyagentos.runtime.preflight.live import iter_handshake_problems, iter_live_ability_problems, iter_timing_problems
 from phyagentos.runtime.preflight.needs import (
     find_exposed,
     iter_ability_problems,
@@ -43,8 +39,6 @@ from phyagentos.runtime.preflight.safety_limits import (
 )
 from phyagentos.runtime.preflight.sensing import iter_frame_problems, iter_sensing_problems
 from phyagentos.runtime.preflight.settings import Settings
-from phyagentos.runtime.preflight.timing import iter_timing_problems
-from phyagentos.runtime.preflight.tools import make_tools
 from phyagentos.runtime.targets.wire import Description
 
 RUNNABLE = ("builtin", "policy")
@@ -52,16 +46,13 @@ RUNNABLE = ("builtin", "policy")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preflight:
-    """The documents against which sessions are checked.
-
-    What does not change while a worker lives is checked once for each skill.
+    """The documents against which sessions are checked; lasting results are kept for each skill.
 
     Attributes:
         skills: SKILLRUNTIME.md, by name.
-        profile: Of the one target this worker commands.
-        settings: What people have set.
+        profile: Of the one target of this worker.
         kinds: Kinds of skills that this runtime can run.
-        ask_policy: Asks a policy server what it is; None where no client is installed.
+        ask_policy: Asks a policy server for its descriptor; None where no client is installed.
     """
 
     skills: dict[str, SkillRuntime]
@@ -78,7 +69,7 @@ class Preflight:
     _seen: dict[str, tuple[Description, tuple[Problem, ...]]] = field(default_factory=dict, init=False, repr=False)
 
     def find_contract_problems(self, session: Session) -> list[Problem]:
-        """What is wrong on paper, without asking the target."""
+        """Problems on paper, without the live target."""
         problems: list[Problem] = []
         if session.target != self.profile.target:
             problems.append(make_problem("TARGET_UNKNOWN", "target", repr(session.target), self.profile.target))
@@ -96,7 +87,7 @@ class Preflight:
         return locate(session, problems)
 
     def find_target_problems(self, session: Session, live: Description) -> list[Problem]:
-        """Where the live target differs from the documents; looked for again when it has described itself anew."""
+        """Differences between the live target and the documents; kept until it describes itself anew."""
         settings = self.settings
         if not self._met or self._met[0][0] is not live:
             problems = (
@@ -107,7 +98,7 @@ class Preflight:
         return locate(session, self._met[0][1])
 
     def find_scene_problems(self, session: Session, live: Description) -> list[Problem]:
-        """What a skill needs of the scene that is loaded: frames and cameras; looked for again as the target's are."""
+        """Frames and cameras that a skill needs of the loaded scene; kept until the target describes itself anew."""
         skill = self.skills.get(session.skill)
         if skill is None:
             return []
@@ -123,13 +114,9 @@ class Preflight:
     def find_world_problems(
         self, session: Session, live: Description, now: Environment, *, is_fresh: bool = True
     ) -> list[Problem]:
-        """Names that are not in the world, preconditions that do not hold in it, a tool where it must not be.
+        """Names that are not in the world, preconditions that do not hold, a tool at a forbidden place.
 
-        Args:
-            session: The contract.
-            live: What the target says of itself.
-            now: The world as observed.
-            is_fresh: Whether nothing has moved in it yet.
+        The world is fresh while nothing has moved in it.
         """
         skill = self.skills.get(session.skill)
         problems = [
@@ -141,7 +128,7 @@ class Preflight:
         return locate(session, problems)
 
     def plan(self, session: Session, live: Description) -> tuple[AdapterPlan, TargetToolManifest]:
-        """The execution path that is granted to a session without problems; worked out once a skill and a target."""
+        """The execution path that is granted to a session without problems; computed once a skill and a target."""
         known = self._granted.get((session.skill, session.target))
         if known is not None and known[0] is live:
             return known[1], known[2]
@@ -164,7 +151,7 @@ class Preflight:
         return plan, tools
 
     def _find_lasting_problems(self, skill: SkillRuntime | None) -> tuple[Problem, ...]:
-        """What is wrong with the documents, whatever the session asks for."""
+        """Problems of the documents, whatever the session requires."""
         name = skill.skill if skill is not None else ""
         if name not in self._known:
             settings, profile = self.settings, self.profile
@@ -191,23 +178,19 @@ class Preflight:
             problems += iter_policy_problems(skill, profile, settings.sensors, settings.perception.embedded.max_age_s)
         chain = self._compile_bridges(skill)
         if not isinstance(chain, BridgeChain):
-            problems += (_tell_of_space(skill, each) for each in chain if skill.action_space or _is_of_target(each))
+            own = (each for each in chain if skill.action_space or each.address.startswith("target."))
+            problems += (_locate_space(skill, each) for each in own)
         return problems
 
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
-        """From what the skill speaks to what the target takes; compiled once, since neither changes."""
+        """From the skill's action space to the target's; compiled once, since neither changes."""
         if skill.skill not in self._chains:
             target = describe_target_space(self.profile)
             self._chains[skill.skill] = compile_chain(skill.action_space or target, target)
         return self._chains[skill.skill]
 
 
-def _is_of_target(problem: Problem) -> bool:
-    """Whether a problem of an action space is one of the target's own."""
-    return problem.address.startswith("target.")
-
-
-def _tell_of_space(skill: SkillRuntime, problem: Problem) -> Problem:
+def _locate_space(skill: SkillRuntime, problem: Problem) -> Problem:
     """A problem of an action space, with the address of the skill or target."""
     side, _, field = problem.address.rpartition(".")
     whose = "target" if side == "target" else "skill"

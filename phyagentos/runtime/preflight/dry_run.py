@@ -1,7 +1,7 @@
 """A dry run: whether the first motions of a skill can exist in the world as it stands. Nothing moves.
 
-Upstream: the session, its tree, the observed world. Downstream: `compatibility`. Three answers: possible, impossible,
-undecided; only what is proved impossible rejects a session. That a search within its budget found no way is no proof.
+Three answers: possible, impossible, undecided; only what is proved impossible rejects a session. A search that found no
+way within its budget is no proof.
 """
 
 from collections.abc import Generator, Mapping
@@ -18,7 +18,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mism
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import STILL, Role
-from phyagentos.protocol.world.environment import Entity, Environment, Shape
+from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
@@ -37,7 +37,7 @@ from phyagentos.runtime.motion.requests import (
 )
 from phyagentos.runtime.preflight.adapter_plan import Trial
 from phyagentos.runtime.preflight.findings import make_problem
-from phyagentos.runtime.preflight.reach import Reach
+from phyagentos.runtime.targets.wire import Kinematics
 
 CANDIDATES = 1  # one way is enough to know that there is one
 ANSWER_S = 60.0  # by the wall clock; at the first session the planner may still be starting
@@ -45,15 +45,51 @@ SHARE = 0.5  # of the time that the contract allows the whole examination
 PATH_SPEED = 1.0
 NUDGE_RAD = 0.01  # the shortest line that there is to time
 HAND_M = 0.05  # a tool point that grasps a thing is this near to its solids at most
-PROOFS = {  # of the planner's answers: what can never be, and under which code it is told
+PROOFS = {  # codes of the planner that prove a motion impossible -> code of the problem
     "TOO_WIDE": "TOO_WIDE",
     "NO_SPACE": "NO_SPACE",
     "NO_FREE_SITE": "NO_FREE_SITE",
     "UNKNOWN_ENTITY": "ENTITY_UNKNOWN",
 }
 REACH_REASONS = {"ik"}  # every candidate died of reach alone, none of a contact
+ON_AXIS_M = 1e-6
 _PASSED_OVER = STILL | {Role.MOVE}  # between grasp and place they move nothing but what is held
 _POINT = Parameter(type="point")
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """A ball that holds every point where the tool centre point can be: a proof, not an estimate.
+
+    Attributes:
+        center_m: (3,) in the world.
+        radius_m: Of the ball.
+    """
+
+    center_m: tuple[float, float, float]
+    radius_m: float
+
+    def compute_excess(self, point_m: tuple[float, ...]) -> float:
+        """How far a point (3,) lies outside [m]; not positive inside."""
+        return float(np.linalg.norm(np.asarray(point_m) - self.center_m)) - self.radius_m
+
+
+def compute_reach(kinematics: Kinematics | None) -> Reach | None:
+    """The smallest such ball about an anchor that no joint moves; None when a joint slides, or without kinematics.
+
+    No posture brings the tool further from a joint's anchor than the sum of the links after it.
+    """
+    if kinematics is None or any(kinematics.slides):
+        return None
+    axes, anchors = np.asarray(kinematics.axes), np.asarray(kinematics.anchors_m)
+    first = 0
+    while first + 1 < len(anchors) and all(
+        np.linalg.norm(np.cross(axes[k], anchors[first + 1] - anchors[k])) < ON_AXIS_M for k in range(first + 1)
+    ):
+        first += 1  # the next anchor lies on every axis before it, so that it never moves
+    points = np.vstack((anchors[first:], np.asarray(kinematics.tcp_m)[None]))
+    x, y, z = anchors[first].tolist()
+    return Reach((x, y, z), float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +99,14 @@ class Home:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """The tree takes hold of a thing, before anything has moved."""
+    """The tree grasps an object, before anything has moved."""
 
     object: str
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The tree puts down what it took hold of."""
+    """The tree puts down what it grasped."""
 
     destination: str
     relation: str
@@ -82,16 +118,15 @@ Motions = Generator[Home | Grasp | Place, None, bool]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DryRun:
-    """Asks the planner as the tree will.
+    """Sends the planner the requests of the tree.
 
-    Args:
+    Attributes:
         planner: The worker's; idle between sessions.
-        library: Where trees are.
         registry: Where leaves declare their roles.
         clock: Measures the cost.
-        home_rad: Where the arm stands before a session.
-        reach: Bound on the tool; None where there is none.
-        patience_s: Longest wait for one answer, by the wall clock; then it decides nothing.
+        home_rad: (n_joints,) posture before a session [rad].
+        reach: Bound on the tool; None without one.
+        patience_s: Longest wait for one answer, by the wall clock [s]; then it decides nothing.
     """
 
     planner: Planner
@@ -103,13 +138,9 @@ class DryRun:
     patience_s: float = ANSWER_S
 
     def run(self, session: Session, tree: str, now: Environment, *, thorough: bool) -> tuple[Trial, ...]:
-        """Look at the posture that the arm begins with; try the first grasp and the place that follows it.
+        """Check the first posture of the arm; try the first grasp and the place that follows it.
 
-        Args:
-            session: The contract.
-            tree: Its behaviour tree.
-            now: The world.
-            thorough: Also look for a collision-free path to the grasp; costs more and never rejects.
+        A `thorough` run also searches a collision-free path to the grasp; it costs more and never rejects.
         """
         trials: list[Trial] = []
         state = now.targets.get(session.target)
@@ -132,14 +163,19 @@ class DryRun:
             elif isinstance(motion, Grasp):
                 entity = now.entities.get(motion.object)
                 if entity is None:
-                    break  # told by the names
+                    break  # reported with the names
                 trial, answer = self._try_grasp(session, motion, entity, world, q_rad)
                 trials.append(trial)
                 if not isinstance(answer, Approaches):
                     break
                 way = answer.approaches[0]
                 if thorough:
-                    trials.append(self._try_path(session, motion, way.line_rad[:1], world, q_rad))
+                    goals_rad = way.line_rad[:1]
+                    request = PlanMove(
+                        world=world, q_rad=q_rad, goals_rad=goals_rad, seed=session.seed, speed=PATH_SPEED
+                    )
+                    answer, ms = self._ask(request)
+                    trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
                 inverse = compute_inverse(compute_matrix(way.tcp_end))
                 grasped = Payload(motion.object, compute_pose(inverse @ compute_matrix(entity.pose)))
                 q_rad = way.line_rad[-1]
@@ -148,9 +184,9 @@ class DryRun:
         return tuple(trials)
 
     def _try_posture(self, session: Session, name: str, world: World, q_rad: "np.ndarray") -> Trial:
-        """What the arm touches of itself and of what cannot be moved, where it stands or where the tree sends it.
+        """Contacts of the arm with itself and with fixed entities, where it stands or where the tree sends it.
 
-        It can leave a contact at the start if there is a short way out; into one it is never led.
+        A contact at the start is left if there is a short way out; the tree never leads into one.
         """
         movable = tuple(each.name for each in world.entities if each.movable)
         answer, ms = self._ask(CheckPosture(world=world, q_rad=q_rad, seed=session.seed, ignore=movable))
@@ -199,13 +235,6 @@ class DryRun:
         answer, ms = self._ask(request)
         return _judge(name, answer, ms)
 
-    def _try_path(
-        self, session: Session, motion: Grasp, goals_rad: "np.ndarray", world: World, q_rad: "np.ndarray"
-    ) -> Trial:
-        request = PlanMove(world=world, q_rad=q_rad, goals_rad=goals_rad, seed=session.seed, speed=PATH_SPEED)
-        answer, ms = self._ask(request)
-        return _judge(f"path to {motion.object}", answer, ms, proves=False)
-
     def _ask(self, request: MotionRequest) -> tuple[MotionAnswer | None, float]:
         """The planner's answer, None when it is too slow or gone; and its cost [ms]."""
         began_s = self.clock.now_s()
@@ -219,16 +248,12 @@ class DryRun:
         return answer, 1e3 * (self.clock.now_s() - began_s)
 
     def _compute_excess(self, entity: Entity) -> float:
-        """How far a thing lies beyond every grasp of it [m]."""
+        """Distance of an entity beyond every grasp of it [m]."""
         if self.reach is None:
             return 0.0
-        own_m = max((_compute_radius(shape) for shape in entity.shapes), default=0.0)
+        norm = np.linalg.norm  # of balls about the entity's origin that hold its shapes
+        own_m = max((float(norm(each.pose.position_m) + norm(each.size_m)) for each in entity.shapes), default=0.0)
         return self.reach.compute_excess(entity.pose.position_m) - own_m - HAND_M
-
-
-def _compute_radius(shape: Shape) -> float:
-    """Of a ball about the entity's origin that holds the shape [m]."""
-    return float(np.linalg.norm(shape.pose.position_m) + np.linalg.norm(shape.size_m))
 
 
 def find_motions(
@@ -236,16 +261,16 @@ def find_motions(
 ) -> Motions:
     """The grasp that a tree surely begins with, and the place that surely follows it.
 
-    What stands in a fallback, a retry or any other control node is passed over, with everything after it: it may not
-    be reached, or not in this world. So is everything after the place, or after a leaf of somebody else.
+    After a fallback, a retry or any other control node nothing is sure: its children may not be reached, or not in this
+    world. The same holds after the place, or after a leaf without a known role.
 
     Returns:
-        Whether the whole tree was looked through, so that what follows it is as sure.
+        Whether the whole tree was examined, so that what follows it is as sure.
     """
     try:
         authored = read_tree(library.get_tree(tree))
     except DefinitionError:
-        return False  # told by the check of trees
+        return False  # reported by the check of trees
     inputs = authored.header.inputs
     known = {name: port.default for name, port in inputs.items() if port.default is not None}
     known |= {name: value for name, value in arguments.items() if value is not None}
@@ -284,7 +309,7 @@ def _make_place(wired: Mapping[str, Any]) -> Place | None:
     if not isinstance(destination, str):
         return None
     if near is not None and find_mismatch(_POINT, near):
-        return None  # told by the arguments
+        return None  # reported with the arguments
     point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
     return Place(destination, str(wired.get("relation") or "inside"), point)
 

@@ -1,7 +1,7 @@
 """The examination of one session: documents, tree, live target, world and dry run, every problem at once.
 
-Upstream: the worker. Downstream: the handle (describe, load, observe: nothing that moves), the planner. The world is
-looked at as long as the target is the one that it is said to be; that the contract is wrong too does not hide it.
+Nothing moves. The world is observed unless the target is another than its profile; an invalid contract does not hide
+its problems.
 """
 
 from dataclasses import dataclass, field
@@ -21,23 +21,29 @@ from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.world_model import WORLD, WorldModel
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 from phyagentos.runtime.preflight.compatibility import Preflight, locate
-from phyagentos.runtime.preflight.dry_run import ANSWER_S, SHARE, DryRun, Grasp, find_motions, make_trial_problem
-from phyagentos.runtime.preflight.payload import iter_payload_problems
-from phyagentos.runtime.preflight.reach import compute_reach
+from phyagentos.runtime.preflight.dry_run import (
+    ANSWER_S,
+    SHARE,
+    DryRun,
+    Grasp,
+    compute_reach,
+    find_motions,
+    make_trial_problem,
+)
+from phyagentos.runtime.preflight.needs import iter_payload_problems
 from phyagentos.runtime.targets.wire import Description
 
 _OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world is not looked at
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """What the examination of one session found.
+    """Result of the examination of one session.
 
     Attributes:
         plan: None when there is any problem.
         tools: None when there is any problem.
         trials: Of the dry run; empty where none was made.
-        problems: Every one.
-        ms: What it cost, wall time [ms], the loading of a scene left out.
+        ms: What it cost, wall time [ms], without the loading of a scene.
     """
 
     plan: AdapterPlan | None
@@ -52,12 +58,7 @@ class Examiner:
     """Examines sessions on one target.
 
     Attributes:
-        preflight: The documents.
-        handle: To the target.
-        world: Looks at the world.
         planner: Idle between sessions.
-        library: Where trees and scenes are.
-        registry: Where leaves are.
         clock: Measures the cost.
     """
 
@@ -73,13 +74,13 @@ class Examiner:
     def examine(
         self, session: Session, *, snapshot: bytes = b"", thorough: bool = False, may_reset: bool = True
     ) -> Finding:
-        """Everything that is wrong with a session, or what it is granted.
+        """Every problem of a session, or its grant.
 
         Args:
             session: The contract.
-            snapshot: Where a repeated session begins; it is not tried out again.
+            snapshot: Start of a rerun, which gets no dry run.
             thorough: Make the dry run of every session and look for paths, not only of the first of an episode.
-            may_reset: Whether the episode that stands there may end for it.
+            may_reset: Whether another episode may end for this session.
         """
         began_s = self.clock.now_s()
         loading_s = 0.0
@@ -91,7 +92,9 @@ class Examiner:
             problems += (missing := self._find_scene_problems(session))
             is_other = any(problem.code in _OTHER_TARGET for problem in mismatches)
             if not missing and not is_other and session.target == self.preflight.profile.target:
-                loading_s = self._load(session, snapshot, may_reset=may_reset)
+                loading_began_s = self.clock.now_s()
+                self.handle.load(session.scene, snapshot, may_reset=may_reset)
+                loading_s = self.clock.now_s() - loading_began_s
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self.preflight.find_scene_problems(session, live)
                 problems += self._find_payload_problems(session)
@@ -107,12 +110,6 @@ class Examiner:
             return Finding(plan=None, tools=None, problems=tuple(dict.fromkeys(problems)), trials=trials, ms=ms)
         plan, tools = self.preflight.plan(session, live)
         return Finding(plan=plan, tools=tools, trials=trials, ms=ms)
-
-    def _load(self, session: Session, snapshot: bytes, *, may_reset: bool) -> float:
-        """Make the session's world the present one; how long that took [s]."""
-        began_s = self.clock.now_s()
-        self.handle.load(session.scene, snapshot, may_reset=may_reset)
-        return self.clock.now_s() - began_s
 
     def _look(
         self, session: Session, live: Description, *, is_repeated: bool, thorough: bool

@@ -1,7 +1,4 @@
-"""Findings of preflight, and their form as data. The six fields of the paper's rejection.
-
-Upstream: every check of this package. Downstream: the reject record, `paos preflight --json`.
-"""
+"""Findings of preflight, and their form as data. The six fields of the paper's rejection."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -35,7 +32,7 @@ def make_problem(
 def make_unknown(
     code: str, address: str, name: str, known: Iterable[str], *, triggered_by: str = "", fix: str = ""
 ) -> Problem:
-    """A name that is not among the known ones; the fix is the nearest of them where nothing better is given."""
+    """A name that is not among the known ones; the hint is the nearest of them, else `fix`."""
     names = list(known)
     hint = format_hint(name, names) or fix
     return make_problem(code, address, repr(name), format_names(names), triggered_by=triggered_by, fix=hint)

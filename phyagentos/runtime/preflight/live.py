@@ -1,8 +1,6 @@
-"""The live target against its profile: the handshake.
+"""The target as it runs against its profile, and both against runtime_contract.yaml."""
 
-Upstream: the target's own description, read from its model. Downstream: `compatibility`.
-"""
-
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,9 +12,11 @@ from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.targets.driver_registry import find_driver_name
 from phyagentos.runtime.targets.wire import WIRE_VERSION, Description
 
+RELATIVE_TOLERANCE = 1e-6
+
 
 def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, live: Description) -> Iterator[Problem]:
-    """Where the live target differs from what TARGETS.md and runtime_contract.yaml say of it."""
+    """Where the live target differs from TARGETS.md and runtime_contract.yaml."""
     by = "TARGETS.md"
     steps = round(profile.control_period_s / profile.physics_step_s)
     pairs: dict[str, tuple[Any, Any]] = {
@@ -76,4 +76,40 @@ def iter_live_ability_problems(skill: SkillRuntime, profile: TargetProfile, live
             "a camera",
             triggered_by=f"skill {skill.skill}: needs.operations",
             fix=f"Give the scene of {profile.target} a camera.",
+        )
+
+
+def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> Iterator[Problem]:
+    """Where periods, steps and rates of the two differ; a target without physics has no step of it."""
+    by = f"target {profile.target}"
+    names = ["control_period_s"] + ([] if not profile.model else ["physics_step_s"])
+    for name in names:
+        found, expected = getattr(contract, name), getattr(profile, name)
+        if not math.isclose(found, expected, rel_tol=RELATIVE_TOLERANCE):
+            yield make_problem(
+                "CONTRACT_MISMATCH",
+                f"runtime_contract.yaml: {name}",
+                found,
+                f"{expected:g}",
+                triggered_by=f"{by}: {name}",
+                fix="Both sides of the wire must count on the same.",
+            )
+    rate_hz = 1.0 / profile.control_period_s
+    if contract.sampling_hz > rate_hz * (1.0 + RELATIVE_TOLERANCE):
+        yield make_problem(
+            "CONTRACT_MISMATCH",
+            "runtime_contract.yaml: sampling_hz",
+            contract.sampling_hz,
+            f"at most {rate_hz:g} Hz",
+            triggered_by=f"{by}: control_period_s",
+            fix="The world is seen once in a control period.",
+        )
+    steps = profile.control_period_s / profile.physics_step_s
+    if not math.isclose(steps, max(round(steps), 1), rel_tol=RELATIVE_TOLERANCE):
+        yield make_problem(
+            "CONTRACT_MISMATCH",
+            "target.control_period_s",
+            profile.control_period_s,
+            f"a whole number of physics steps of {profile.physics_step_s:g} s",
+            triggered_by=f"{by}: physics_step_s",
         )

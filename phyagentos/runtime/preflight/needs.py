@@ -1,9 +1,6 @@
-"""What a skill needs against what the target offers and the site permits: names, operations, versions.
+"""Needs of a skill against the offers of the target and the permissions of the site."""
 
-Upstream: the skill's front matter, the target's profile, runtime_contract.yaml. Downstream: `compatibility`.
-"""
-
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
 
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
@@ -14,6 +11,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.operations import CORE_OPERATIONS, SESSION_OPERATIONS, Operation
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract
+from phyagentos.protocol.world.scenes import Body, SceneSpec
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
 
 
@@ -54,7 +52,7 @@ def find_operations(skill: SkillRuntime) -> tuple[Operation, ...]:
 
 
 def find_exposed(skill: SkillRuntime, profile: TargetProfile, contract: RuntimeContract) -> tuple[Operation, ...]:
-    """The operations that are granted: what is needed or usual, offered and permitted."""
+    """The granted operations: needed or usual, offered and permitted."""
     usual = dict.fromkeys((*SESSION_OPERATIONS, *find_operations(skill)))
     return tuple(each for each in usual if each in profile.operations and each in contract.operations)
 
@@ -101,3 +99,36 @@ def iter_version_problems(skill: SkillRuntime) -> Iterator[Problem]:
         return
     if not fits:
         yield make_problem("VERSION_MISMATCH", address, f"phyagentos {found}", wanted, triggered_by=by)
+
+
+def iter_payload_problems(
+    grasped: Iterable[str], skill: SkillRuntime, spec: SceneSpec, profile: TargetProfile
+) -> Iterator[Problem]:
+    """Sure grasps of the skill that may weigh more than the arm carries; of a declared span the top counts."""
+    carried_kg = profile.arm.payload_kg
+    for name in grasped:
+        load_kg = _compute_load_kg(name, spec.bodies) if name in spec.bodies else 0.0
+        if load_kg > carried_kg:
+            yield make_problem(
+                "TOO_HEAVY",
+                f"scene {spec.scene}: bodies.{name}.mass_kg",
+                f"up to {load_kg:g} kg",
+                f"at most {carried_kg:g} kg",
+                triggered_by=f"skill {skill.skill}: its grasp",
+                fix=f"Choose another thing or target; arm.payload_kg says what {profile.target} carries.",
+            )
+
+
+def _compute_load_kg(name: str, bodies: Mapping[str, Body]) -> float:
+    """The greatest weight of a thing with all that is fixed to it; nothing of what stands fixed or runs in a joint."""
+    while (whole := bodies[name].part_of) is not None:
+        name = whole
+    if bodies[name].fixed or bodies[name].joint is not None:
+        return 0.0  # pulled or pushed, never lifted
+    return _sum_up_kg(name, bodies)
+
+
+def _sum_up_kg(name: str, bodies: Mapping[str, Body]) -> float:
+    body = bodies[name]
+    own_kg = body.mass_span_kg[1] if body.mass_span_kg else body.mass_kg
+    return own_kg + sum(_sum_up_kg(part, bodies) for part, each in bodies.items() if each.part_of == name)

@@ -1,7 +1,6 @@
-"""A policy against the sensors, the target and the clock; and, where its server can be asked, against its own words.
+"""A policy against the sensors, the target and the clock; and against the descriptor of its running server.
 
-Upstream: the policy descriptor of a skill. Downstream: `compatibility`. How the policy speaks (its action space) is
-checked by compiling the bridges. Asking a server is a port, provided with the policy loop.
+Its action space is checked by compiling the bridges.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,14 +21,7 @@ AskPolicy = Callable[[str], PolicyDescriptor]  # endpoint -> descriptor of its s
 def iter_policy_problems(
     skill: SkillRuntime, profile: TargetProfile, sensors: Sensors, late_max_s: float
 ) -> Iterator[Problem]:
-    """Everything that the declaration tells.
-
-    Args:
-        skill: Of kind `policy`.
-        profile: Of the target.
-        sensors: What can be shown to it.
-        late_max_s: How much older than one period of its stream a picture may be [s].
-    """
+    """Every problem of a policy's declaration; pictures may come `late_max_s` [s] after one period of their stream."""
     policy, by = skill.policy, f"skill {skill.skill}"
     if policy is None or skill.action_space is None:
         for name, declared in (("policy", policy), ("action_space", skill.action_space)):
@@ -38,7 +30,11 @@ def iter_policy_problems(
                 yield make_problem("POLICY_UNDECLARED", f"skill.{name}", "nothing", name, triggered_by=by, fix=fix)
         return
     by = f"policy {policy.policy}"
-    yield from _iter_endpoint_problems(policy, by)
+    if not _is_endpoint(policy.endpoint):
+        expected = f"SCHEME://HOST:PORT with one of {format_names(SCHEMES)}"
+        yield make_problem(
+            "ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, triggered_by=by
+        )
     if policy.protocol != POLICY_PROTOCOL:
         yield make_problem(
             "VERSION_MISMATCH",
@@ -92,14 +88,6 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
             )
 
 
-def _iter_endpoint_problems(policy: PolicyDescriptor, by: str) -> Iterator[Problem]:
-    if not _is_endpoint(policy.endpoint):
-        expected = f"SCHEME://HOST:PORT with one of {format_names(SCHEMES)}"
-        yield make_problem(
-            "ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, triggered_by=by
-        )
-
-
 def _is_endpoint(text: str) -> bool:
     try:
         parts = urlsplit(text)
@@ -136,7 +124,7 @@ def _iter_stream_problems(
 def _iter_lateness_problems(
     name: str, stream: Stream, sensors: Sensors, late_max_s: float, by: str
 ) -> Iterator[Problem]:
-    """A camera whose pictures are too old to be shown before the next one comes."""
+    """A camera whose pictures are too old before the next one comes."""
     found = find_source(sensors, name, stream.frame)
     if found is None or found[1].camera is None:
         return

@@ -1,8 +1,7 @@
 """safety.yaml against the target: one number per joint, no wider than its own, enforceable, room left to work.
 
-Upstream: safety.yaml, the profile, the live target. Downstream: `compatibility`. The guard narrows the limits by what
-the target says of itself; a limit that is wider than the target's own is refused all the same, since its author
-believed in a motion that the target cannot make.
+The guard narrows the limits to those of the live target. A limit that is wider than the target's own is refused all the
+same, since its author believed in a motion that the target cannot make.
 """
 
 import math
@@ -34,7 +33,7 @@ _NARROW = "No session could do anything under it."
 
 
 def iter_safety_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
-    """What can be said on paper."""
+    """Problems on paper."""
     bad = list(_iter_length_problems(limits, profile))
     yield from bad
     wrong = {problem.address for problem in bad}
@@ -51,7 +50,7 @@ def iter_safety_problems(limits: TargetLimits, profile: TargetProfile) -> Iterat
 
 
 def iter_live_safety_problems(limits: TargetLimits, profile: TargetProfile, live: Description) -> Iterator[Problem]:
-    """What only the live target can tell: its joint ranges, where they bring the tool, the force of its gripper."""
+    """Against the live target: its joint ranges, its kinematics, the force of its gripper."""
     n = live.n_joints
     low, high = limits.joint_position_min, limits.joint_position_max
     if _fits(low, n) and _fits(high, n):
@@ -269,7 +268,6 @@ def _spread(limit: Limit, n: int) -> Array:
 
 
 def _get_corners(box: Limit) -> tuple[Sequence[float], Sequence[float]]:
-    """The least and the greatest corner, as safety.yaml gives them."""
     low, high = box.value  # type: ignore[misc]
     return low, high  # type: ignore[return-value]
 

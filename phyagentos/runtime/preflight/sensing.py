@@ -1,7 +1,4 @@
-"""Sensors and perception against target and skill: whether each needed stream is measured, in time, and consumed.
-
-Upstream: sensors.yaml, perception.yaml, the profile. Downstream: `compatibility`.
-"""
+"""Sensors and perception against target and skill: whether each needed stream is measured, in time, and consumed."""
 
 from collections.abc import Iterator
 
@@ -33,7 +30,7 @@ MODALITIES: dict[str, Modality] = {  # of what this project's targets measure, b
 def iter_sensing_problems(
     skill: SkillRuntime, profile: TargetProfile, sensors: Sensors, perception: Perception, contract: RuntimeContract
 ) -> Iterator[Problem]:
-    """What a skill observes, followed from the target through a sensor and a pipeline."""
+    """The observations of a skill, followed from the target through a sensor and a pipeline."""
     by = f"skill {skill.skill}: needs.observations"
     read = {sensor for pipeline in perception.pipelines.values() for sensor in pipeline.sensors}
     used: dict[str, Sensor] = {}
@@ -53,7 +50,7 @@ def iter_sensing_problems(
 
 
 def find_sources(need: str, sensors: Sensors, perception: Perception) -> dict[str, Sensor]:
-    """The sensors that an observation comes from, by name: the cameras of its pipeline where it is perceived."""
+    """The sensors of an observation, by name: the cameras of its pipeline where it is perceived."""
     if not _is_perceived(need, perception):
         found = find_sensor(sensors, need)
         return {found[0]: found[1]} if found is not None else {}
@@ -82,7 +79,7 @@ def _make_missing(need: str, sensors: Sensors, perception: Perception, by: str) 
 
 
 def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception, by: str) -> Iterator[Problem]:
-    """Cameras whose picture is too old before the next one has come, so that they are stale again and again."""
+    """Cameras whose picture is too old before the next one has come, so that it is stale again and again."""
     for name, sensor in cameras.items():
         late_s = sensor.camera.latency_s if sensor.camera is not None else 0.0
         left_s = perception.embedded.max_age_s - late_s
@@ -134,7 +131,7 @@ def iter_sensor_problems(
 def iter_frame_problems(
     skill: SkillRuntime, sensors: Sensors, perception: Perception, cameras: tuple[str, ...]
 ) -> Iterator[Problem]:
-    """Sensors with an unknown frame; the live target knows its cameras, sensors.yaml places those that it adds."""
+    """Sensors with an unknown frame; the live target knows its cameras, sensors.yaml places additional ones."""
     known = (*BODY_FRAMES, *cameras, *sensors.cameras)
     for need in skill.needs.observations:
         for name, sensor in find_sources(need, sensors, perception).items():

@@ -1,9 +1,6 @@
-"""The settings files against which sessions are checked, read together.
+"""The settings files against which sessions are checked, read together."""
 
-Upstream: safety.yaml, sensors.yaml, perception.yaml and runtime_contract.yaml of a workspace. Downstream: the checks of
-this package.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -19,14 +16,7 @@ ValueT = TypeVar("ValueT")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What people have set.
-
-    Attributes:
-        limits: Of the one target that is checked.
-        sensors: What can be observed.
-        perception: How observations become facts.
-        contract: What both sides of the wire count on.
-    """
+    """The settings of one target and its workspace."""
 
     limits: TargetLimits
     sensors: Sensors
@@ -42,26 +32,17 @@ def read_settings(workspace: Workspace, target: str) -> Settings:
     """
     problems: list[Problem] = []
 
-    def collect(error: DefinitionError) -> None:
-        problems.extend(problem for problem in error.problems if problem not in problems)
+    def attempt(read: Callable[[], ValueT]) -> ValueT | None:
+        try:
+            return read()
+        except DefinitionError as error:
+            problems.extend(problem for problem in error.problems if problem not in problems)
+            return None
 
-    limits = sensors = perception = contract = None
-    try:
-        limits = get_target_limits(read_safety(workspace.safety), target, str(workspace.safety))
-    except DefinitionError as error:
-        collect(error)
-    try:
-        sensors = read_sensors(workspace.sensors)
-    except DefinitionError as error:
-        collect(error)
-    try:
-        perception = read_perception(workspace.perception)
-    except DefinitionError as error:
-        collect(error)
-    try:
-        contract = read_runtime_contract(workspace.runtime_contract)
-    except DefinitionError as error:
-        collect(error)
+    limits = attempt(lambda: get_target_limits(read_safety(workspace.safety), target, str(workspace.safety)))
+    sensors = attempt(lambda: read_sensors(workspace.sensors))
+    perception = attempt(lambda: read_perception(workspace.perception))
+    contract = attempt(lambda: read_runtime_contract(workspace.runtime_contract))
     if limits is None or sensors is None or perception is None or contract is None:
         raise DefinitionError(problems)
     return Settings(limits=limits, sensors=sensors, perception=perception, contract=contract)

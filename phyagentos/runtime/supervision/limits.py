@@ -1,20 +1,16 @@
-"""What a limit of time asks for: of a session that is checked or runs, of a worker that starts, observes or rests.
-
-Upstream: the target's supervisor, which says how it stands. Downstream: the same, which does it. Nothing is changed
-here.
-"""
+"""Limits of time on a target and its session: which measure is due. Pure; the target's supervisor carries it out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.session import Ended, Limits, Session
 from phyagentos.runtime.supervision.liveness import Sign, Trouble
 from phyagentos.runtime.supervision.target_phase import Phase
 
-START_S = 180.0  # a worker that is not ready by then never will be; a first one compiles its kinematics
-OBSERVE_S = 60.0  # nor does one come back that observes for so long what a lost session left
+START_S = 180.0  # until a worker is ready; a first one compiles its kinematics
+OBSERVE_S = 60.0  # to observe what a lost session left
 
 
 class Measure(StrEnum):
@@ -35,7 +31,6 @@ class Due:
     """A limit was reached.
 
     Attributes:
-        reason: One sentence.
         ended: How the session ends, for `STOP`.
         code: Under which it ends; that of `ended` when empty.
     """
@@ -48,16 +43,12 @@ class Due:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standing:
-    """How a target stands now.
+    """State of a target now.
 
     Attributes:
         age_s: Time in its phase [s].
-        rest_s: How long it is to be left alone before the next attempt [s].
-        has_lost_world: Whether its world process ended.
-        session: What is checked or runs.
-        state: Where that session stands.
-        stop_left_s: Time left to a worker that was asked to stop [s]; None where none was.
-        find_trouble: What is wrong with the worker's signs of life.
+        rest_s: Pause before the next attempt to start its worker [s].
+        stop_left_s: Time left to a worker that was ordered to stop [s]; None without such an order.
     """
 
     phase: Phase
@@ -67,11 +58,11 @@ class Standing:
     session: Session | None
     state: SessionState | None
     stop_left_s: float | None
-    find_trouble: Callable[[], Trouble | None]
+    find_trouble: Callable[[Limits], Trouble | None]
 
 
 def find_due(standing: Standing) -> Due | None:
-    """What is to be done about a target now, if anything."""
+    """The measure that is due now, if any."""
     phase, age_s = standing.phase, standing.age_s
     if phase in {Phase.STARTING, Phase.IDLE} and standing.has_lost_world:
         return Due(Measure.LOSE, "the world process ended")
@@ -92,12 +83,13 @@ def _find_due_of_session(standing: Standing, session: Session) -> Due | None:
     if standing.state is SessionState.CANCELLING:
         return Due(Measure.STOP, ended=Ended.CANCELLED)
     if standing.phase is Phase.CHECKING:
+        if standing.age_s <= limits.preflight_s:
+            return None
         why = f"it was checked for longer than {limits.preflight_s} s"
-        is_late = standing.age_s > limits.preflight_s
-        return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT") if is_late else None
+        return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT")
     if standing.age_s > limits.wall_timeout_s:
         return Due(Measure.STOP, ended=Ended.TIMED_OUT)
-    trouble = standing.find_trouble()
+    trouble = standing.find_trouble(limits)
     if trouble is None:
         return None
     if trouble.sign is Sign.STALLED:

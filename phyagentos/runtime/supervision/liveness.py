@@ -1,7 +1,7 @@
-"""What the heartbeats of a worker show: silence, no progress, or a contradiction.
+"""Judges a worker by its heartbeats: silence, no progress, or a contradiction.
 
-Upstream: heartbeats, as files. Downstream: the watchdog. Time is the watchdog's own. A worker that thinks is judged by
-another limit than one that says it acts; one that alternates between the two is judged by both sums.
+Times are measured by the watchdog's clock. Thinking and acting have separate limits; a worker that alternates
+between them is judged by both sums.
 """
 
 from dataclasses import dataclass
@@ -30,24 +30,14 @@ class Sign(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """A worker that its watchdog may not let go on.
-
-    Attributes:
-        message: One sentence.
-    """
+    """Why a worker has to be stopped."""
 
     sign: Sign
     message: str
 
 
 class HeartbeatMonitor:
-    """Reads the heartbeats of one target while it runs a session.
-
-    Args:
-        folder: Where the heartbeats are.
-        target: Whose.
-        clock: The watchdog's.
-    """
+    """Reads the heartbeats of one target while it runs a session."""
 
     def __init__(self, folder: Path, target: str, clock: Clock) -> None:
         self._folder = folder
@@ -65,11 +55,11 @@ class HeartbeatMonitor:
         self._acting_s = self._thinking_s = 0.0
 
     def find_trouble(self, limits: Limits, pid: int) -> Trouble | None:
-        """What is wrong by now, if anything; looks at the file at most five times a second.
+        """What is wrong by now, if anything; reads the file at most five times a second.
 
         Args:
-            limits: Of the session that runs.
-            pid: Of the worker that runs it.
+            limits: Of the running session.
+            pid: Process id of its worker.
         """
         now_s = self._clock.now_s()
         if now_s - self._looked_at_s >= LOOK_PERIOD_S:
@@ -89,7 +79,7 @@ class HeartbeatMonitor:
         return None
 
     def _take(self, beat: Heartbeat, pid: int, elapsed_s: float, now_s: float) -> str:
-        """Count what was said since the last look; a sentence when it contradicts what was said before."""
+        """Count what passed since the last heartbeat; returns a sentence when the two contradict each other."""
         if beat.pid != pid:
             said = beat.pid, beat.sequence
             if self._has_begun or (self._stale is not None and self._stale != said):

@@ -1,7 +1,6 @@
-"""What an operator asks for through `signals/`: cancel, pause, resume, emergency stop.
+"""Operator requests from `signals/`: cancel, pause, resume, emergency stop.
 
-Upstream: the signal folder. Downstream: the watchdog's journal, its workers, the latch. Targets hear an emergency stop
-themselves; where none runs, the latch waits for them.
+Targets read an emergency stop themselves; the latch waits for targets that do not run.
 """
 
 from collections.abc import Iterable, Iterator
@@ -19,13 +18,7 @@ from phyagentos.runtime.worker.orders import Pause, Resume
 
 
 class OperatorSignals:
-    """Carries out what was dropped into the signal folder.
-
-    Args:
-        workspace: With the folder.
-        journal: Where a cancellation is recorded.
-        clock: For the time of a latch.
-    """
+    """Carries out what was dropped into the signal folder."""
 
     def __init__(self, workspace: Workspace, journal: SupervisorJournal, clock: Clock) -> None:
         self._signals = workspace.signals.parent
@@ -35,11 +28,7 @@ class OperatorSignals:
         self._clock = clock
 
     def take(self, supervisors: Iterable[TargetSupervisor]) -> None:
-        """Everything that waits now.
-
-        Args:
-            supervisors: Of all targets.
-        """
+        """Carry out every waiting signal."""
         self._keep(self._unkept)
         for signal in take_signals(self._workspace.signals):
             if signal.kind == "cancel":
@@ -57,7 +46,7 @@ class OperatorSignals:
         return self._unkept is not None or is_latched(self._signals)
 
     def _iter_cancellable(self, named: str) -> Iterator[tuple[SessionId, str]]:
-        """Sessions that can be cancelled, each with the trigger: at once, or by bringing the target to rest first."""
+        """Sessions that can be cancelled, each with its trigger: at once, or after bringing the target to rest."""
         for status in list(self._journal.ledger.live_sessions()):
             id, trigger = status.contract.id, find_cancel(status.state)
             if named in {EVERY_SESSION, id} and trigger is not None:
@@ -74,7 +63,7 @@ class OperatorSignals:
 
 
 def _pass_on(signal: Signal, supervisors: Iterable[TargetSupervisor]) -> None:
-    """Pause and resume concern what runs; the end of a session ends its pause too."""
+    """Pause and resume concern running sessions; the end of a session ends its pause too."""
     order = Pause if signal.kind == "pause" else Resume
     for each in supervisors:
         is_named = each.session is not None and signal.session in {EVERY_SESSION, each.session.id}

@@ -1,13 +1,12 @@
-"""Who is next: the sessions that wait, by target, and the resources that targets share.
+"""Queues of waiting sessions by target, and the resources that targets share.
 
-Upstream: the journal's pending sessions. Downstream: the watchdog, which claims what is granted here. Priorities age: a
-session gains `ageing_per_s` for each second that it has waited. Since all gain alike, the order of two sessions never
-changes while they wait, so each has one key for good, and a claim costs O(log n). None starves: one that comes later
-by more than the difference of the priorities, divided by the rate, comes after.
+Priorities age by `ageing_per_s`. All waiting sessions gain alike, so their order never changes and each has one key
+for good: a claim costs O(log n). None starves: one that comes later by more than the difference of the priorities,
+divided by the rate, comes after.
 
-Resources are granted all at once or not at all, the senior session first, and what a senior one waits for no junior one
-gets: so there is neither a deadlock nor a session that two others keep out in turn. The head of a target's queue is
-waited for: what stands behind it never overtakes it.
+Resources are granted all at once or not at all, the senior session first. What a senior session waits for is granted
+to no junior one: no deadlock, and no session that two others keep out in turn. What stands behind the head of a
+target's queue never overtakes it.
 """
 
 import heapq
@@ -30,7 +29,7 @@ SLACK = 1000  # so many deadlines of sessions that no longer wait may be remembe
 
 
 class _Ticket(NamedTuple):
-    """Since when a session waits: by the wall clock, never before an older one [s]; its number; by this clock [s]."""
+    """Wall time since which a session waits, never before an older one's [s]; its number; time by this clock [s]."""
 
     since_s: float
     number: int
@@ -38,7 +37,7 @@ class _Ticket(NamedTuple):
 
 
 class _Waiter(NamedTuple):
-    """One entry of a queue; the least comes first. Another priority makes it out of date."""
+    """One entry of a queue, least first; outdated once the session has another priority."""
 
     key: float
     number: int
@@ -48,22 +47,17 @@ class _Waiter(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A session whose turn it is.
-
-    Attributes:
-        session: It has left the queue and, unless refused, holds its resources.
-        refused: Why it cannot have them at all; None when it has them.
-    """
+    """A session that has left its queue and, unless refused, holds its resources."""
 
     session: Session
     refused: Problem | None = None
 
 
 class Queues:
-    """All that waits in one workspace.
+    """All waiting sessions of one workspace.
 
     Args:
-        ledger: Where the sessions stand; what is no longer pending is passed over.
+        ledger: Sessions that are no longer pending there are passed over.
         clock: For the limit of waiting.
         ageing_per_s: Priority that a waiting session gains [1/s].
     """
@@ -82,10 +76,11 @@ class Queues:
         self._forsaken: dict[str, str] = {}  # resource -> target that will never let go of it
 
     def put(self, status: SessionStatus) -> None:
-        """Add a session; or again with another priority, or after its target was lost, and then it keeps its age."""
+        """Add a session. It keeps its age when it is amended, or put back after its target was lost."""
         session = status.contract
-        ticket = self._find_ticket(session) or self._make_ticket(status)
-        self._tickets[session.id] = ticket
+        taken = self._taken.get(session.target)
+        known = taken[1] if taken is not None and taken[0] == session.id else self._tickets.get(session.id)
+        self._tickets[session.id] = ticket = known or self._make_ticket(status)
         key = self._ageing_per_s * ticket.since_s - session.priority
         waiter = _Waiter(key, ticket.number, session.id, session.priority)
         heapq.heappush(self._heaps.setdefault(session.target, []), waiter)
@@ -93,10 +88,6 @@ class Queues:
         if len(self._deadlines) > 2 * len(self._tickets) + SLACK:
             self._deadlines = [each for each in self._deadlines if each[1] in self._tickets]
             heapq.heapify(self._deadlines)
-
-    def _find_ticket(self, session: Session) -> _Ticket | None:
-        taken = self._taken.get(session.target)
-        return taken[1] if taken is not None and taken[0] == session.id else self._tickets.get(session.id)
 
     def _make_ticket(self, status: SessionStatus) -> _Ticket:
         """A clock that was set back makes no later session older than an earlier one."""
@@ -112,42 +103,36 @@ class Queues:
         return self._find_head(target) is not None
 
     def take(self, target: str) -> Session | None:
-        """The next session of a target, whatever it needs; or None."""
+        """The next session of a target, whatever it needs."""
         session = self._find_head(target)
         if session is not None:
             self._remove(session)
         return session
 
     def grant(self, idle: Collection[str]) -> list[Turn]:
-        """Whose turn it is on targets that have nothing to do; at most one for each.
-
-        Args:
-            idle: The targets.
-        """
+        """The sessions whose turn it is on idle targets; at most one for each."""
         heads = [session for target in idle if (session := self._find_head(target)) is not None]
-        needy = [session for session in heads if session.resources]
         turns = [Turn(session) for session in heads if not session.resources]
-        if needy:
-            turns += self._share(sorted(needy, key=lambda each: self._heaps[each.target][0]))
+        needy = (session for session in heads if session.resources)
+        turns += self._share(sorted(needy, key=lambda each: self._heaps[each.target][0]))
         for turn in turns:
             self._remove(turn.session)
         return turns
 
     def hold(self, target: str, resources: Collection[str]) -> None:
-        """A target may be using these already."""
+        """Note resources that a target may be using already."""
         self._holders.update(dict.fromkeys(resources, target))
 
     def release(self, target: str) -> None:
-        """A target is at rest, and observed."""
-        if self._holders:
-            self._holders = {name: holder for name, holder in self._holders.items() if holder != target}
+        """Free the resources of a target that is at rest and observed."""
+        self._holders = {name: holder for name, holder in self._holders.items() if holder != target}
 
     def forsake(self, target: str) -> None:
-        """A target is given up unobserved: what it holds is granted to no other."""
+        """Keep the resources of a target that is given up unobserved; they are granted to no other."""
         self._forsaken |= {name: holder for name, holder in self._holders.items() if holder == target}
 
     def pop_overdue(self) -> Iterator[Session]:
-        """Sessions that have waited longer than their contracts allow; they leave the queue."""
+        """Take out sessions that have waited longer than their contracts allow."""
         now_s = self._clock.now_s()
         while self._deadlines and self._deadlines[0][0] <= now_s:
             _, id = heapq.heappop(self._deadlines)
@@ -162,7 +147,6 @@ class Queues:
             yield status.contract
 
     def _find_head(self, target: str) -> Session | None:
-        """The first that still waits."""
         heap = self._heaps.get(target, [])
         while heap:
             head = heap[0]
@@ -180,7 +164,7 @@ class Queues:
         self._taken[session.target] = session.id, self._tickets.pop(session.id)
 
     def _share(self, needy: list[Session]) -> Iterator[Turn]:
-        """What is free goes to the senior; what one of them waits for no junior gets."""
+        """Grant free resources by seniority; what a senior session waits for is kept from junior ones."""
         promised: set[str] = set()
         for session in needy:
             lost = next((name for name in session.resources if name in self._forsaken), None)

@@ -1,9 +1,8 @@
-"""When the time of a shared simulated world may move, as far as the runtime plane knows.
+"""Advance of simulated time in worlds that several targets share, as far as the runtime plane decides it.
 
-Upstream: the watchdog, once a turn of its loop. Downstream: the world processes of several targets. In lockstep, time
-stands while a session is checked or awaits its start on a free target, while a verdict is open, and until the agent has
-acted on what ended: so what a goal does next never depends on how fast its planes are. In between, each world is told
-which sessions run, and moves while it finds the same ones.
+In lockstep, time stands while a session is checked or awaits its start on a free target, while a verdict is open, and
+until the agent has acted on what ended: a goal's next step never depends on how fast its planes are. In between, each
+world receives the running sessions, and advances while it finds the same ones.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -30,7 +29,7 @@ class SharedTime:
     """The worlds of one workspace that several targets share.
 
     Args:
-        worlds: Targets of each world, and the path of its socket, by the world's name.
+        worlds: Targets of each world and the path of its socket, by the world's name.
         marks: How far the agent has acted.
         clock: For the limit of waiting for an agent.
     """
@@ -50,16 +49,7 @@ class SharedTime:
     def update(
         self, supervisors: Mapping[str, TargetSupervisor], ledger: Ledger, has_waiting: Callable[[str], bool]
     ) -> float:
-        """Tell every world what runs, where that changed.
-
-        Args:
-            supervisors: By target.
-            ledger: Where the sessions stand.
-            has_waiting: Whether a session waits for a target.
-
-        Returns:
-            When to ask again, at the latest [s].
-        """
+        """Send every world its running sessions where they changed; returns the longest wait for the next call [s]."""
         again_s = float("inf")
         for name, targets in self._targets.items():
             open_goals = self._find_open_goals(targets, ledger)
@@ -71,7 +61,7 @@ class SharedTime:
         return again_s
 
     def close(self) -> None:
-        """Let go of the sockets."""
+        """Close the sockets."""
         for sender in self._senders.values():
             sender.close()
 

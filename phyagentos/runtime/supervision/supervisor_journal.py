@@ -1,10 +1,7 @@
-"""The watchdog's side of the journal: what stands there, and what it adds.
+"""The watchdog's side of the journal: one ledger for all its parts, and the records that it adds."""
 
-Upstream: the journal, opened for the runtime. Downstream: the watchdog and its parts, which all look at one ledger. A
-refusal means that another writer was faster.
-"""
-
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 
 import msgspec
 
@@ -22,12 +19,9 @@ class SupervisorJournal:
 
     Args:
         journal: Opened for the runtime side.
-        ledger: Opened with it.
+        ledger: Opened with it; holds everything up to the latest record that was followed.
         on_pending: Called with every session that begins to wait, and with one that was amended while it waits.
         on_record: Called with every record, once it is applied.
-
-    Attributes:
-        ledger: Everything as of the latest record that was followed.
     """
 
     def __init__(
@@ -42,7 +36,7 @@ class SupervisorJournal:
         self.ledger = ledger
 
     def follow(self, *, looks: bool = True) -> None:
-        """Take in what is new; without a look at the disk, what a commit here has found and added."""
+        """Apply new records; without `looks`, only what a commit here has found and added."""
         for record in self._journal.read_new(looks=looks):
             self.ledger.apply(record)
             self._on_record(record)
@@ -61,38 +55,43 @@ class SupervisorJournal:
         self.follow(looks=False)
 
     def sync(self) -> None:
-        """Wait until all that was recorded is on the disk."""
+        """Wait until all records are on the disk."""
         self._journal.sync()
 
-    def commit(self, session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> None:
-        """Add one record of one session; raises as `record` does."""
-        self.record(make_entry(session, trigger, epoch, **body))
-
-    def try_commit(self, entry: Entry, *, durable: bool = True) -> bool:
-        """Record it, unless another writer was faster; then the next turn of the loop decides anew."""
+    def try_commit(self, entry: Entry) -> None:
+        """Record an entry unless another writer was faster; then the next turn of the loop decides anew."""
         try:
-            self.record(entry, durable=durable)
+            self.record(entry)
         except IllegalTransition:
             self.follow()
-            return False
-        return True
 
-    def insist(self, act: Callable[[], None]) -> None:
-        """Act; again, when another writer changed the session between looking and recording.
+    def iter_attempts(self) -> Iterator[AbstractContextManager[None]]:
+        """Contexts to act in, until no other writer changes the session between reading and recording.
 
         Raises:
-            IllegalTransition, Fenced: Of the last try.
+            IllegalTransition, Fenced: In the last of them.
         """
-        for _ in range(TRIES):
+        is_refused = False
+
+        @contextmanager
+        def attempt(number: int) -> Iterator[None]:
+            nonlocal is_refused
             try:
-                return act()
-            except (IllegalTransition, Fenced) as error:
-                refused = error
+                yield
+                is_refused = False
+            except (IllegalTransition, Fenced):
                 self.follow()
-        raise refused
+                is_refused = True
+                if number == TRIES:
+                    raise
+
+        for number in range(1, TRIES + 1):
+            yield attempt(number)
+            if not is_refused:
+                return
 
     def get_state(self, session: SessionId) -> SessionState:
-        """Where a session stands."""
+        """State of a session."""
         status = self.ledger.sessions.get(session)
         return SessionState(status.state) if status is not None else SessionState.CANCELLED  # forgotten: long over
 
@@ -104,7 +103,7 @@ class SupervisorJournal:
         return (*claim, Entry(session, "check", epoch=epoch)) if is_open else ()
 
     def open_halt(self, session: SessionId, epoch: int) -> tuple[Entry, ...]:
-        """The halt of a session that runs, as far as it is still to be recorded."""
+        """The halt of a running session; empty once it is recorded."""
         return (Entry(session, "halt", epoch=epoch),) if self.get_state(session) is SessionState.RUNNING else ()
 
 
@@ -115,5 +114,5 @@ def make_rejection(session: SessionId, *problems: Problem, epoch: int | None = N
 
 
 def make_entry(session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> Entry:
-    """A record of one session; what is empty is left out of its body."""
+    """A record of one session; empty fields are left out of its body."""
     return Entry(session, trigger, {name: value for name, value in body.items() if value != ""} or None, epoch)

@@ -1,7 +1,6 @@
 """The phases of a target under supervision: a statechart of the same kind as the session's.
 
-Upstream: the target's supervisor, which fires every event. Downstream: `events-<target>.jsonl` in the workspace's logs,
-one line for each change.
+Each change is one line of `events-<target>.jsonl` in the workspace's logs.
 """
 
 from enum import StrEnum
@@ -19,7 +18,7 @@ FAILURES = 6  # one more is the end: a minute has passed, and a full disk or a p
 
 
 class Phase(StrEnum):
-    """What the worker of one target is busy with."""
+    """Phase of one target and its worker."""
 
     STARTING = "starting"
     """Its processes start."""
@@ -52,7 +51,7 @@ PHASE_TRANSITIONS: tuple[Row, ...] = (
 
 
 class Supervised(Protocol):
-    """What the conditions look at; the machine changes its state."""
+    """What the conditions read; the machine changes `state`."""
 
     state: str
     failures: int
@@ -72,13 +71,7 @@ _CONDITIONS: dict[str, Condition] = {
 
 
 class IllegalPhase(PhyAgentOSError):
-    """An event that the table of phases does not have: a defect of the supervisor.
-
-    Attributes:
-        target: The target.
-        phase: Where it stood.
-        trigger: What was fired.
-    """
+    """An event that the table of phases does not have: a defect of the supervisor."""
 
     def __init__(self, target: str, phase: str, trigger: str) -> None:
         self.target, self.phase, self.trigger = target, phase, trigger
@@ -93,23 +86,13 @@ def build_phase_chart() -> Statechart:
 
 
 def fire_phase(target: str, supervised: Supervised, trigger: str) -> None:
-    """Fire one event of a target.
-
-    Raises:
-        IllegalPhase: The table has no such row.
-    """
+    """Fire one event of a target; raises `IllegalPhase` for an event without a row."""
     if not build_phase_chart().fire(supervised, trigger):
         raise IllegalPhase(target, supervised.state, trigger)
 
 
 class PhaseLog:
-    """Appends each change of phase of one target to its `events-<target>.jsonl`.
-
-    Args:
-        logs: The workspace's folder of logs.
-        target: Name of the target.
-        clock: For the wall time.
-    """
+    """Appends each change of phase of one target to its `events-<target>.jsonl`."""
 
     def __init__(self, logs: Path, target: str, clock: Clock) -> None:
         self._path, self._clock = logs / f"events-{target}.jsonl", clock

@@ -1,18 +1,16 @@
-"""Supervision of one target: its phase, its worker, its session, and what follows each answer of the worker.
+"""Supervision of one target: its phase, its worker, its session, and the reaction to each answer of the worker.
 
-Upstream: the watchdog's loop, which grants sessions and hands on answers. Downstream: the worker, the journal, the
-queues. The phase is a statechart (`target_phase`), the session's state another (`lifecycle`); neither is changed but by
-an event of its table.
+The phase is a statechart (`target_phase`), the session's state another (`lifecycle`); both change only by an event of
+their tables.
 
-Only `start` waits for the disk before anything moves: no target is commanded on the strength of a record that a power
-cut could take back. `claim` and `check` stand in the same batch, unless the check takes long enough for a person to
-wonder; until then nothing has moved, and another watchdog may claim the session first. `halt` stands in the batch of
-`finish`, unless the supervisor orders the stop. `finish` is covered by the verdict, which rests on it; after a power
-cut in between, the session is taken for running, and the world is observed anew.
+Only `start` waits for the disk before anything moves: a record that a power cut could take back commands no target.
+`claim` and `check` stand in the same batch, unless the check takes noticeably long; until then nothing has moved, and
+another watchdog may claim the session first. `halt` stands in the batch of `finish`, unless the supervisor orders the
+stop. `finish` is covered by the verdict, which rests on it. After a power cut in between, the session counts as
+running, and the world is observed anew.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -29,9 +27,8 @@ from phyagentos.protocol.sessions.session import (
     SessionId,
     SessionStatus,
 )
-from phyagentos.runtime.supervision.leases import LEASE_S, Lease
 from phyagentos.runtime.supervision.limits import Due, Measure, Standing, find_due
-from phyagentos.runtime.supervision.liveness import HeartbeatMonitor, Trouble
+from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
 from phyagentos.runtime.supervision.queues import Queues
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase, PhaseLog, fire_phase
@@ -40,6 +37,8 @@ from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorke
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
 
+LEASE_S = 15.0  # see `RuntimeContract.lease_s`
+RENEWALS = 0.2  # a lease is renewed when this share of it has passed
 REST_S = 2.0  # after the first failure, twice as long after each further one
 VERDICT_S = 5.0  # the longest that a target waits for a verdict, by the wall clock: the agent may have gone
 CHECK_SHOWS_S = 0.02  # a check that takes longer shows as `preflight`; a quicker one is recorded with its outcome
@@ -55,12 +54,9 @@ class Supervision:
     """What the supervisors of one workspace share.
 
     Attributes:
-        journal: Where the sessions stand, and where changes are recorded.
-        queues: What waits, and who holds which resource.
-        clock: For limits and leases.
         logs: Folder for the changes of phase.
         lease_s: How long a worker goes on without a sign of its watchdog [s].
-        rest_s: How long a target is left alone after the first worker that did not start [s].
+        rest_s: Pause after the first worker that did not start [s].
     """
 
     journal: SupervisorJournal
@@ -73,12 +69,9 @@ class Supervision:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """A session whose runner or target was lost while it ran; what it did is unknown until the world is observed.
+    """A session whose runner or target was lost while it ran; its effect is unknown until the world is observed.
 
     Attributes:
-        epoch: Of its claim.
-        reason: One sentence.
-        ended: What was lost.
         code: Under which it ends; that of `ended` when empty.
     """
 
@@ -89,7 +82,7 @@ class Lost:
     code: str = ""
 
     def make_order(self) -> Reconcile:
-        """To observe the world that it left, under an epoch that no command of it came with."""
+        """The order to observe the world that it left, under an epoch that no command of it had."""
         return Reconcile(
             session=self.session,
             epoch=self.epoch + 1,
@@ -109,15 +102,9 @@ class Lost:
 class TargetSupervisor:
     """One target under supervision.
 
-    Args:
-        target: Its name.
-        worker: Its processes.
-        monitor: Reads its heartbeats.
-        supervision: Shared with the supervisors of the other targets.
-
     Attributes:
         state: Its phase, changed by events of `PHASE_TRANSITIONS` only.
-        session: What is checked, runs or is observed.
+        session: Checked, running or observed.
         epoch: Of the claim of that session.
         lost: Observed as soon as the new worker is ready.
         failures: Workers in a row that were lost before they were ready, or while they observed what was left.
@@ -130,7 +117,7 @@ class TargetSupervisor:
         self.epoch = self.failures = 0
         self.lost: Lost | None = None
         self._shared, self._journal, self._queues = supervision, supervision.journal, supervision.queues
-        self._clock, self._lease = supervision.clock, Lease(supervision.clock, supervision.lease_s)
+        self._clock, self._renew_at_s = supervision.clock, 0.0
         self._log = PhaseLog(supervision.logs, target, supervision.clock)
         self._since_s = self._clock.now_s()
         self._stop_by_s: float | None = None  # when a worker that was asked to stop is given up, by the clock [s]
@@ -139,11 +126,11 @@ class TargetSupervisor:
 
     @property
     def phase(self) -> Phase:
-        """What its worker is busy with."""
+        """The phase of the statechart."""
         return Phase(self.state)
 
     def _fire(self, trigger: str) -> None:
-        """Change the phase; times and signs of life count from now."""
+        """Change the phase; times and heartbeats count from now."""
         before = self.state
         fire_phase(self.target, self, trigger)
         self._log.note(trigger, before, self.state, self.session.id if self.session is not None else "")
@@ -153,7 +140,7 @@ class TargetSupervisor:
     # -- what the watchdog asks for ------------------------------------------------------------------------------------
 
     def is_free(self) -> bool:
-        """Whether it may get work: idle, nothing lost, and no verdict due that may ask for another look."""
+        """Whether it may get work: idle, nothing lost, and no verdict due that may require another look."""
         if self._unsure is not None:
             status = self._journal.ledger.sessions.get(self._unsure[0])
             is_unjudged = status is not None and status.state in _UNJUDGED
@@ -163,7 +150,7 @@ class TargetSupervisor:
         return self.phase is Phase.IDLE and self.lost is None
 
     def check(self, session: Session) -> None:
-        """Have a session checked under the epoch that its claim will have."""
+        """Order the check of a session under the epoch that its claim will have."""
         ledger = self._journal.ledger
         self.session, self.epoch = session, ledger.sessions[session.id].epoch + 1
         self._fire("check")
@@ -175,37 +162,50 @@ class TargetSupervisor:
         self._queues.hold(self.target, status.contract.resources)
 
     def explain_failure(self) -> str:
-        """Why the target was given up, and what to do about it."""
+        """Why the target was given up, and the remedy."""
         return explain_failure(self._shared.logs, self.target, self.failures)
 
     def hear(self, answer: FromWorker | None) -> None:
         """React to an answer of the worker; None when the worker ended."""
         session = self.session
-        if answer is None:
-            self._journal.insist(partial(self._lose, "the worker process ended"))
-        elif isinstance(answer, Ready):
-            self._journal.insist(self._on_ready)
-        elif session is not None and answer.session == session.id:
-            if isinstance(answer, Finished):
-                self._journal.insist(partial(self._on_finished, session, answer))
-            elif self.phase is Phase.CHECKING:
-                self._journal.insist(partial(self._on_checked, session, answer))
+        for attempt in self._journal.iter_attempts():
+            with attempt:
+                if answer is None:
+                    self._lose("the worker process ended")
+                elif isinstance(answer, Ready):
+                    self._on_ready()
+                elif session is None or answer.session != session.id:
+                    pass
+                elif isinstance(answer, Finished):
+                    self._on_finished(session, answer)
+                elif self.phase is Phase.CHECKING:
+                    self._on_checked(session, answer)
 
     def attend(self) -> None:
-        """Take the measure that a limit of time asks for; else renew the lease of what runs."""
+        """Take the measure that a limit of time requires; else renew the lease of the running session."""
         session, age_s = self.session, self._clock.now_s() - self._since_s
         state = self._journal.get_state(session.id) if session is not None else None
         if session is not None and state is SessionState.PENDING and age_s > CHECK_SHOWS_S:
-            self._journal.insist(partial(self._show_check, session))
+            for attempt in self._journal.iter_attempts():
+                with attempt:
+                    self._show_check(session)
         due = find_due(self._describe(state, age_s))
         if due is not None:
-            self._journal.insist(partial(self._take_measure, due))
-        elif self.phase is Phase.RUNNING and self._lease.is_due():
-            self.worker.send(Renew(until_s=self._lease.grant()))
+            for attempt in self._journal.iter_attempts():
+                with attempt:
+                    self._take_measure(due)
+        elif self.phase is Phase.RUNNING and self._clock.now_s() >= self._renew_at_s:
+            self.worker.send(Renew(until_s=self._grant_lease()))
 
     def dismiss(self) -> None:
         """End the processes; an idle worker is given time to seal its bundles."""
         self.worker.stop(at_once=self.phase is not Phase.IDLE)
+
+    def _grant_lease(self) -> float:
+        """End of a new lease, by the monotonic clock of both processes [s]: no jump of a wall clock moves it."""
+        now_s = self._clock.now_s()
+        self._renew_at_s = now_s + RENEWALS * self._shared.lease_s
+        return now_s + self._shared.lease_s
 
     # -- answers of the worker -----------------------------------------------------------------------------------------
 
@@ -223,7 +223,7 @@ class TargetSupervisor:
         is_pending = state is SessionState.PENDING  # then the claim is still to be recorded
         is_ours = status is not None and status.epoch == epoch - is_pending and state in _CHECKABLE
         if state is SessionState.CANCELLING:
-            self._journal.commit(id, "confirm_cancel", epoch)
+            self._journal.record(Entry(id, "confirm_cancel", epoch=epoch))
             self._free()
         elif not is_ours:
             self._free()  # it was cancelled, or another watchdog claimed it; once released it is in the queue again
@@ -234,19 +234,14 @@ class TargetSupervisor:
             self._journal.record(*self._journal.open_check(id, epoch), refused)
             self._free()
         else:
-            self._start(answer)
-
-    def _start(self, checked: Checked) -> None:
-        """Run a session that passed its check."""
-        id, epoch = SessionId(checked.session), self.epoch
-        start = Entry(id, "start", checked.tell_grant(), epoch)
-        self._journal.record(*self._journal.open_check(id, epoch), start, durable=False)
-        self._journal.sync()  # nothing moves on what a power cut could take back
-        self.session = self._journal.ledger.sessions[id].contract  # limits may have been amended until the claim
-        self._lost_targets = 0
-        self._fire("start")
-        until_s = self._lease.grant()
-        self.worker.send(Run(session=self.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
+            start = Entry(id, "start", answer.describe_grant(), epoch)
+            self._journal.record(*self._journal.open_check(id, epoch), start, durable=False)
+            self._journal.sync()  # nothing moves on what a power cut could take back
+            self.session = self._journal.ledger.sessions[id].contract  # limits may have been amended until the claim
+            self._lost_targets = 0
+            self._fire("start")
+            until_s = self._grant_lease()
+            self.worker.send(Run(session=self.session, epoch=epoch, evidence=f"evidence/{id}", until_s=until_s))
 
     def _on_finished(self, session: Session, answer: Finished) -> None:
         if answer.is_target_lost:
@@ -257,15 +252,8 @@ class TargetSupervisor:
                 return
         self._lost_targets = 0
         self.note_end(session, answer.execution)
-        self._record_end(session.id, answer.execution)
-        if answer.is_target_lost:
-            self._let_go()
-            self._replace()
-        else:
-            self._free()
-
-    def _record_end(self, id: SessionId, execution: Execution) -> None:
-        state, body = self._journal.get_state(id), {"execution": msgspec.to_builtins(execution)}
+        id, state = session.id, self._journal.get_state(session.id)
+        body = {"execution": msgspec.to_builtins(answer.execution)}
         if state is SessionState.CANCELLING:
             self._journal.record(Entry(id, "confirm_cancel", body, self.epoch))
         elif state is SessionState.OUTCOME_UNKNOWN:
@@ -273,18 +261,24 @@ class TargetSupervisor:
         elif state not in FINAL_STATES:
             halt = self._journal.open_halt(id, self.epoch)
             self._journal.record(*halt, Entry(id, "finish", body, self.epoch), durable=False)
+        if answer.is_target_lost:
+            self._let_go()
+            self._replace()
+        else:
+            self._free()
 
     def note_end(self, session: Session, execution: Execution) -> None:
-        """Note whether the verdict decides what the target does next: another look, or what was interrupted."""
+        """Note whether the verdict decides the target's next step: another look, or what was interrupted."""
         waits = bool(execution.open_criteria) or execution.ended in INTERRUPTED
         self._unsure = (session.id, self._clock.now_s()) if waits else None
 
     def _put_back(self, session: Session) -> None:
-        """The target was lost while a session was checked: the contract is not to blame, it waits for another."""
+        """The target was lost while a session was checked: the session waits for another."""
         self._lost_targets += 1
         self.worker.kill(with_world=True)
         if self._journal.get_state(session.id) is not SessionState.PENDING:
-            self._journal.commit(session.id, "release", self.epoch, reason=f"{TARGET_LOST}: while it was checked")
+            reason = f"{TARGET_LOST}: while it was checked"
+            self._journal.record(make_entry(session.id, "release", self.epoch, reason=reason))
         self._queues.put(self._journal.ledger.sessions[session.id])
         self._let_go()
         self._replace()
@@ -292,7 +286,6 @@ class TargetSupervisor:
     # -- the phase -----------------------------------------------------------------------------------------------------
 
     def _let_go(self) -> None:
-        """Nothing of the session concerns this target any more."""
         self._queues.release(self.target)
         self.session, self.lost, self.failures = None, None, 0
 
@@ -338,11 +331,8 @@ class TargetSupervisor:
             session=self.session,
             state=state,
             stop_left_s=None if self._stop_by_s is None else self._stop_by_s - self._clock.now_s(),
-            find_trouble=self._find_trouble,
+            find_trouble=lambda limits: self.monitor.find_trouble(limits, self.worker.pid),
         )
-
-    def _find_trouble(self) -> Trouble | None:
-        return self.monitor.find_trouble(self.session.limits, self.worker.pid) if self.session is not None else None
 
     def _take_measure(self, due: Due) -> None:
         if due.measure is Measure.LOSE:
@@ -375,12 +365,7 @@ class TargetSupervisor:
 
 
 def compute_may_reset(session: Session, ledger: Ledger) -> bool:
-    """Whether another episode may end for this session; the target itself refuses with `RESET_FORBIDDEN`.
-
-    Args:
-        session: The contract.
-        ledger: Every session that is not over.
-    """
+    """Whether another episode may end for this session; the target itself refuses with `RESET_FORBIDDEN`."""
     if session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
         return session.reset_policy is ResetPolicy.ON_NEW_EPISODE
     return not any(
@@ -393,6 +378,6 @@ def compute_may_reset(session: Session, ledger: Ledger) -> bool:
 
 
 def _matters(status: SessionStatus, ledger: Ledger) -> bool:
-    """Whether a goal still counts on what this session, which was claimed, did to its world."""
+    """Whether a goal still counts on the effect of this session, which was claimed, on its world."""
     goal = ledger.goals.get(status.contract.goal)
     return status.state not in FINAL_STATES or (goal is not None and not goal.verdict and not goal.is_cancelled)

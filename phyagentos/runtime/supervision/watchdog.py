@@ -1,40 +1,59 @@
 """The watchdog: one loop over the supervisors of all targets of a workspace. Paper section 3.4.
 
-Upstream: session records of the agent, signals of the operator. Downstream: one `TargetSupervisor` per target, which
-governs the life of its sessions. No observation and no command passes through here. One loop, no threads: journal,
-signals and workers are waited for together.
+No observation and no command passes through here. One loop, no threads: journal, signals and workers are waited for
+together.
 """
 
-from collections.abc import Callable
+import select
+from collections.abc import Callable, Collection, Iterator
 
 from phyagentos.clock import Clock
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.supervision.event_poller import EventPoller
-from phyagentos.runtime.supervision.leases import LEASE_S
 from phyagentos.runtime.supervision.liveness import HeartbeatMonitor
 from phyagentos.runtime.supervision.operator_signals import OperatorSignals
 from phyagentos.runtime.supervision.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
 from phyagentos.runtime.supervision.shared_time import SharedTime
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase
-from phyagentos.runtime.supervision.target_supervisor import REST_S, Supervision, TargetSupervisor
+from phyagentos.runtime.supervision.target_supervisor import LEASE_S, REST_S, Supervision, TargetSupervisor
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.store.journal import Journal, Record
 from phyagentos.store.watch import Watch
 
-POLL_S = 0.5  # limits, heartbeats and the signal folder are looked at this often when nothing happens
-PUBLISH_PERIOD_S = 0.05  # views and edits are attended to this often when much happens
-_HELD = frozenset(
-    {
-        SessionState.CLAIMED,
-        SessionState.PREFLIGHT,
-        SessionState.RUNNING,
-        SessionState.HALTING,
-        SessionState.CANCELLING,
-    }
-)
+POLL_S = 0.5  # period of limits, heartbeats and the signal folder when nothing happens
+PUBLISH_PERIOD_S = 0.05  # period of views and edits when much happens
+_S = SessionState
+_HELD = frozenset({_S.CLAIMED, _S.PREFLIGHT, _S.RUNNING, _S.HALTING, _S.CANCELLING})
+
+_WITHOUT_WORKER = frozenset({Phase.RESTING, Phase.BROKEN})
+
+
+class EventPoller:
+    """Waits for folders and workers together."""
+
+    def __init__(self, *watches: Watch) -> None:
+        self._poll = select.poll()
+        self._watches = {watch.fileno(): watch for watch in watches}
+        self._supervisors: dict[int, TargetSupervisor] = {}
+        for fd in self._watches:
+            self._poll.register(fd, select.POLLIN)
+
+    def wait(self, supervisors: Collection[TargetSupervisor], timeout_s: float) -> Iterator[Watch | TargetSupervisor]:
+        """Changed folders and supervisors with an answer, at the latest after `timeout_s` [s]; folders are drained."""
+        alive = {each.worker.connection.fileno(): each for each in supervisors if each.phase not in _WITHOUT_WORKER}
+        for fd in self._supervisors.keys() - alive.keys():
+            self._poll.unregister(fd)
+        for fd in alive.keys() - self._supervisors.keys():
+            self._poll.register(fd, select.POLLIN)
+        self._supervisors = alive
+        for fd, _ in self._poll.poll(1e3 * timeout_s):
+            if fd in self._watches:
+                self._watches[fd].drain()
+                yield self._watches[fd]
+            else:
+                yield alive[fd]
 
 
 class Watchdog:
@@ -47,10 +66,10 @@ class Watchdog:
         clock: For limits and leases.
         publish: Renders the views of the workspace; called some twenty times a second.
         on_record: Called with every record of the journal, once it is applied to the ledger.
-        shared_time: Tells worlds of several targets what runs; None where there are none.
+        shared_time: Informs worlds of several targets; None where there are none.
         ageing_per_s: Priority that a waiting session gains [1/s].
         lease_s: How long a worker goes on without a sign of this watchdog [s].
-        rest_s: How long a target is left alone after the first worker that did not start [s].
+        rest_s: Pause after the first worker that did not start [s].
     """
 
     def __init__(
@@ -76,12 +95,7 @@ class Watchdog:
         self._hire, self._clock, self._publish = hire, clock, publish
         self._shared_time = shared_time
         self._supervision = Supervision(
-            journal=self._journal,
-            queues=self._queues,
-            clock=clock,
-            logs=workspace.logs,
-            lease_s=lease_s,
-            rest_s=rest_s,
+            journal=self._journal, queues=self._queues, clock=clock, logs=workspace.logs, lease_s=lease_s, rest_s=rest_s
         )
         self._supervisors: dict[str, TargetSupervisor] = {}
         self._is_stopping, self._is_stale = False, True
@@ -150,7 +164,7 @@ class Watchdog:
                     supervisor.adopt(status, "watchdog lost")
 
     def _grant(self) -> None:
-        """Give each target that is free the session whose turn it is."""
+        """Give each free target the session whose turn it is."""
         if self._operator.is_stopped():
             return
         idle = []
@@ -175,7 +189,7 @@ class Watchdog:
             self._journal.try_commit(make_rejection(session.id, problem))
 
     def _find_supervisor(self, target: str) -> TargetSupervisor | None:
-        """The supervisor of a target, hired at first sight; None for an unknown target."""
+        """The supervisor of a target, created at first use; None for an unknown target."""
         if target not in self._supervisors:
             worker = self._hire(target)
             if worker is None:

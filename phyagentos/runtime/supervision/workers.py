@@ -1,8 +1,8 @@
 """The processes of one target, as the watchdog holds them: the world, and the warm worker that commands it.
 
-Both are children with a pipe on their standard input: when the watchdog dies, they notice. The worker ends; the world
-holds its target and waits for the next watchdog (see `world_process`). Rejected: daemon
-threads (a crash of one would take the supervisor with it); multiprocessing.Process (forks locks and open journals).
+Both are children with a pipe on their standard input, whose end shows the death of the watchdog. The worker then ends;
+the world holds its target and waits for the next watchdog (see `world_process`). Rejected: daemon threads (a crash of
+one would take the supervisor with it); multiprocessing.Process (forks locks and open journals).
 """
 
 import contextlib
@@ -19,17 +19,17 @@ from typing import Any
 
 from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines
 from phyagentos.runtime.targets.handshake import make_token
-from phyagentos.runtime.worker.orders import FromWorker, ToWorker, receive_answer, send
+from phyagentos.runtime.worker.orders import FromWorker, ToWorker, encode, receive_answer
 
-SEAL_S = 3.0  # for a worker that is asked to end; what it has not sealed by then, the next clean-up seals
-END_BYTES = 2000  # of a log: its last line is in there
+SEAL_S = 3.0  # for an ending worker; the next clean-up seals the rest
+END_BYTES = 2000  # of a log: they hold its last line
 
 
 def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> None:
     """In a child: end this process as soon as the parent's end of standard input is closed.
 
     Args:
-        on_line: Called with every line that the parent writes there, in a thread of its own.
+        on_line: Called with every line from there, in a thread of its own.
     """
 
     def wait() -> None:
@@ -40,13 +40,7 @@ def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> No
 
 
 def explain_failure(logs: Path, target: str, failures: int) -> str:
-    """Why a target is given up, in the words of what did not start, and what to do about it.
-
-    Args:
-        logs: Where the processes of the target write.
-        target: Its name.
-        failures: Workers in a row that were lost.
-    """
+    """Why a target is given up after `failures` workers in a row, by the last lines of its logs, and the remedy."""
     said = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := _read_end(log))]
     heard = "; ".join(said) or f"logs/*-{target}.log say nothing"
     return f"{failures} workers in a row did not start; {heard}. Mend that, then start `paos watch` again"
@@ -104,7 +98,7 @@ class ChildProcess:
             self._process.wait(timeout_s)
 
     def stop(self, grace_s: float = 2.0) -> None:
-        """Close its input, so that it ends by itself; kill it when it does not, and what it leaves in any case."""
+        """Close its input, so that it ends by itself; kill it when it does not, and its children in any case."""
         self._close_input()
         self.wait(grace_s)
         self.kill()
@@ -126,9 +120,8 @@ class Worker:
     """The warm worker of one target and its world.
 
     Args:
-        target: Name of the target.
         world: Process of its world, which other targets may share; None when the worker holds its target itself.
-        worker: Command line of the worker process; it is given `--control FD`, where its token is the first message.
+        worker: Command line; it is given `--control FD`, where its token is the first message.
         logs: Folder for the output of both.
         socket: Where the world listens for the worker.
     """
@@ -161,7 +154,7 @@ class Worker:
     def send(self, message: ToWorker) -> None:
         """Give an order; that a worker is gone shows at the next `receive`."""
         with contextlib.suppress(OSError):
-            send(self.connection, message)
+            self.connection.send_bytes(encode(message))
 
     def receive(self) -> FromWorker | None:
         """Take one answer, or None when the worker is gone."""
@@ -178,7 +171,7 @@ class Worker:
         """End the worker at once: nothing comes from it any more, and the target takes back its authority.
 
         Args:
-            with_world: End the world too; one that does not answer might still carry out what it was asked.
+            with_world: End the world too; one that does not answer might still carry out an earlier command.
         """
         self._worker.kill()
         if with_world and self._world is not None:
@@ -196,7 +189,7 @@ class Worker:
         """End both processes.
 
         Args:
-            at_once: Do not wait until the worker has recorded the hashes of its bundles; it may be commanding.
+            at_once: Do not wait for the worker to seal its bundles; it may be commanding.
         """
         self.connection.close()
         if not at_once:

@@ -1,8 +1,8 @@
 """The process of one world, as the watchdog holds it: started, or adopted from a watchdog that died.
 
-Upstream: `workers`. Downstream: the world. A simulated world is all that its sessions have achieved, so it must not end
-with its watchdog, as no robot does: without one it holds its targets and waits to be adopted. It is the sole process
-that holds the lock of its world, so there are never two. The targets of a shared world have one such process.
+A simulated world holds the effect of its sessions, so it must not end with its watchdog, as no robot does: without one
+it holds its targets and waits to be adopted. It holds the lock of its world, so there are never two. The targets of a
+shared world have one such process.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, find_sole,
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets.handshake import grant
 
-ORPHAN_S = 60.0  # a world that nobody supervises waits so long for the next watchdog
+ORPHAN_S = 60.0  # how long a world without a watchdog waits for the next one
 LOOK_PERIOD_S = 1.0
 
 
@@ -33,7 +33,7 @@ def get_lock(root: Path, target: str) -> Path:
 
 
 def end_worlds(root: Path) -> None:
-    """End every world process of a workspace: one that an earlier watchdog left is nobody else's affair."""
+    """End every world process that an earlier watchdog of the workspace left."""
     for path in sorted(get_lock(root, "any").parent.glob("*.lock")):
         pidfd = find_sole(path)
         if pidfd is not None:
@@ -42,14 +42,14 @@ def end_worlds(root: Path) -> None:
 
 
 def read_lines(on_line: Callable[[bytes], None]) -> None:
-    """In a child: read what its parent writes to its standard input, until the parent closes it."""
+    """In a child: read the lines of standard input, until the parent closes it."""
     with io.FileIO(sys.stdin.fileno(), closefd=False) as lines:
         for line in lines:
             on_line(line)
 
 
 def end_when_unwatched(root: Path, clock: Clock, on_line: Callable[[bytes], None] = lambda _line: None) -> None:
-    """In a world process: end it once nobody has supervised its workspace for a while."""
+    """In a world process: end it once its workspace has had no watchdog for a while."""
 
     def wait() -> None:
         read_lines(on_line)
@@ -97,13 +97,7 @@ class WorldProcess:
         self._pidfd = found
 
     def grant(self, target: str, socket: Path, token: bytes) -> None:
-        """Tell it what admits the next commander of a target: over the pipe that it inherited, or as who adopted it.
-
-        Args:
-            target: Name of the target.
-            socket: Where an adopted world listens.
-            token: The new one.
-        """
+        """Send the token of the next commander of a target: over the pipe, or to the socket of an adopted world."""
         with contextlib.suppress(OSError, ExecutionError):  # then the commander is refused, and its log says why
             if self._process is not None and self._process.stdin is not None:
                 self._process.stdin.write(f"{target} {token.hex()}\n".encode())
@@ -127,7 +121,7 @@ class WorldProcess:
                     self._process.stdin.close()
 
     def close(self) -> None:
-        """End it, and let go of it."""
+        """End it and close its descriptor."""
         self.kill()
         if self._pidfd >= 0:
             os.close(self._pidfd)

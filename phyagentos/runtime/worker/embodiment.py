@@ -1,7 +1,4 @@
-"""A target as the sessions of its worker meet it, and how a session's skill is opened on it.
-
-Upstream: the assembly, once a worker. Downstream: the runner and the worker's loop.
-"""
+"""A target for the sessions of its worker, and how a session's skill is opened on it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,8 +28,6 @@ class Embodiment:
 
     Attributes:
         handle: The door to the target; the session's scene is loaded already.
-        world: Perceives what the target observes.
-        profile: What the target is.
         limits: Of the target, from safety.yaml.
     """
 
@@ -48,9 +43,7 @@ class SkillLoader:
 
     Attributes:
         planner: Answers motion requests; stays warm between sessions.
-        library: Where trees are found.
-        registry: Leaves for trees.
-        policies: Opens skills that a policy server carries out; None where there is none.
+        policies: Opens skills that a policy server carries out; None without one.
     """
 
     planner: "Planner"
@@ -59,7 +52,7 @@ class SkillLoader:
     policies: Policies | None = None
 
     def open_context(self, session: Session, target: Embodiment, initial: Environment) -> SkillContext:
-        """What the skill of a session works with, from the snapshot at its begin."""
+        """Services for the skill of a session, from the snapshot at its start."""
         return open_context(
             session,
             profile=target.profile,
@@ -71,7 +64,7 @@ class SkillLoader:
         )
 
     def open(self, session: Session, plan: Mapping[str, Any], context: SkillContext) -> SkillRuntime:
-        """A policy server where the adapter plan names one, otherwise a behaviour tree.
+        """A policy where the adapter plan names one, otherwise a behaviour tree.
 
         Raises:
             DefinitionError: The tree is unsound.

@@ -1,7 +1,4 @@
-"""Signs of life of a worker, written at most ten times a second.
-
-Upstream: the runner's loop. Downstream: the watchdog (`liveness`), and views.
-"""
+"""Heartbeats of a worker, written at most ten times a second."""
 
 import os
 from pathlib import Path
@@ -34,16 +31,9 @@ class HeartbeatWriter:
         leaf: str = "",
         at_once: bool = False,
     ) -> None:
-        """Publish what is going on now; cheap enough for every control period.
+        """Publish the fields of a `Heartbeat`; cheap enough for every control period.
 
-        Args:
-            phase: See `Heartbeat`, as for the other fields.
-            session: Empty when idle.
-            epoch: Of the claim.
-            tick: Control periods commanded so far.
-            sim_time_s: The world's time [s].
-            leaf: Path of the active leaf.
-            at_once: Even within a tenth of a second: nothing will be said for a while.
+        With `at_once` even within a tenth of a second, since a long silence follows.
         """
         now_s = self._clock.now_s()
         if now_s - self._written_at_s < PERIOD_S and not at_once:
@@ -62,7 +52,7 @@ class HeartbeatWriter:
         write_heartbeat(self._folder, self._beat)
 
     def beat_again(self, phase: str) -> None:
-        """As the last one, in another phase."""
+        """Repeat the last beat in another phase."""
         beat = self._beat
         self.beat(
             phase=phase,

@@ -1,5 +1,6 @@
-"""What the watchdog asks of a worker process, and what it hears back. One session at a time."""
+"""Messages between the watchdog and a worker process, which has one session at a time."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -16,7 +17,7 @@ class Check(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         restore: File with the state vector to start from (a rerun), empty for an ordinary session.
         thorough: Try out the motions of every session, paths too (`paos preflight`).
-        may_reset: Whether the episode that stands there may end for it (`ResetPolicy`).
+        may_reset: Whether another episode may end for this session (`ResetPolicy`).
     """
 
     session: Session
@@ -40,7 +41,7 @@ class Run(msgspec.Struct, frozen=True, tag=True):
 
 
 class Renew(msgspec.Struct, frozen=True, tag=True):
-    """The watchdog is there: the session may go on. Without it the worker brings its target to rest.
+    """Renew the lease of the running session; without it the worker brings its target to rest.
 
     Attributes:
         until_s: As of `Run`.
@@ -50,7 +51,7 @@ class Renew(msgspec.Struct, frozen=True, tag=True):
 
 
 class Stop(msgspec.Struct, frozen=True, tag=True):
-    """Bring the running session to an end. No answer of its own; `Finished` comes sooner.
+    """End the running session. No answer of its own; `Finished` comes sooner.
 
     Attributes:
         reason: `cancelled`, `timed_out` or `stalled`.
@@ -67,7 +68,7 @@ class Pause(msgspec.Struct, frozen=True, tag=True):
 
 
 class Resume(msgspec.Struct, frozen=True, tag=True):
-    """Let a paused session go on."""
+    """Continue a paused session."""
 
     session: str
 
@@ -89,7 +90,7 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):
-    """The worker, its planner and its target stand; sent once, unasked."""
+    """Worker, planner and target are ready; sent once, without an order."""
 
 
 class Checked(msgspec.Struct, frozen=True, tag=True):
@@ -108,8 +109,8 @@ class Checked(msgspec.Struct, frozen=True, tag=True):
     trials: tuple[Trial, ...] = ()
     ms: float = 0.0
 
-    def tell_grant(self) -> dict[str, Any]:
-        """What the start of the session says of it; operations by name, since their schemas are the target's."""
+    def describe_grant(self) -> dict[str, Any]:
+        """Body of the start record; operations by name, since their schemas are the target's."""
         granted = self.tools.expose if self.tools is not None else ()
         return {"plan": msgspec.to_builtins(self.plan), "tools": {"expose": granted}}
 
@@ -118,7 +119,7 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
     """The session left `running`; the target is at rest and observed, unless it was lost.
 
     Attributes:
-        is_target_lost: Nobody could look at the world; it must be replaced before anybody can.
+        is_target_lost: The world could not be observed; it must be replaced first.
     """
 
     session: str
@@ -129,14 +130,9 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
 ToWorker = Check | Run | Renew | Stop | Pause | Resume | Reconcile
 FromWorker = Ready | Checked | Finished
 
-_ENCODER = msgspec.msgpack.Encoder()
+encode = msgspec.msgpack.Encoder().encode
 _TO_WORKER: msgspec.msgpack.Decoder[ToWorker] = msgspec.msgpack.Decoder(ToWorker)
 _FROM_WORKER: msgspec.msgpack.Decoder[FromWorker] = msgspec.msgpack.Decoder(FromWorker)
-
-
-def send(connection: Channel, message: ToWorker | FromWorker) -> None:
-    """Send one message."""
-    connection.send_bytes(_ENCODER.encode(message))
 
 
 def receive_order(connection: Channel) -> ToWorker:
@@ -147,3 +143,18 @@ def receive_order(connection: Channel) -> ToWorker:
 def receive_answer(connection: Channel) -> FromWorker:
     """Wait for the worker; raises EOFError when it is gone."""
     return _FROM_WORKER.decode(connection.recv_bytes())
+
+
+def serve_refusals(control: Channel, problems: Sequence[Problem]) -> None:
+    """Reject every session with the reasons why its worker cannot start; ends at any other order."""
+    control.send_bytes(encode(Ready()))
+    while True:
+        try:
+            order = receive_order(control)
+        except (EOFError, OSError):
+            return
+        if not isinstance(order, Check):
+            return
+        id = order.session.id
+        located = tuple(msgspec.structs.replace(problem, address=f"{id}: {problem.address}") for problem in problems)
+        control.send_bytes(encode(Checked(session=id, plan=None, tools=None, problems=located)))

@@ -1,7 +1,7 @@
-"""Writes the evidence bundle of one session: what was asked, observed, commanded and measured.
+"""Writes the evidence bundle of one session: what was agreed, observed, commanded and measured.
 
-Upstream: the runner. Downstream: the verifier, which reads nothing else. During the loop
-samples only go to memory; files are written before the first command and after the last one.
+The verifier reads nothing else. During the loop samples only go to memory; files are written before the first command
+and after the last one.
 """
 
 import os
@@ -66,14 +66,7 @@ class Recorder:
     def write_contract(
         self, session: Session, epoch: int, plan: Mapping[str, Any], settings_sha256: Mapping[str, str]
     ) -> None:
-        """What was agreed before the first command, and the environment's fingerprint.
-
-        Args:
-            session: The resolved contract.
-            epoch: Of the claim.
-            plan: The adapter plan that preflight granted.
-            settings_sha256: Of the settings files in force, by name.
-        """
+        """The contract and the plan agreed before the first command, and the environment's fingerprint."""
         document = {"session": session, "epoch": epoch, "adapter_plan": plan, "settings_sha256": settings_sha256}
         self._write(evidence.CONTRACT, render_yaml(document).encode())
         self._write(evidence.FINGERPRINT, _encode_fingerprint())
@@ -99,12 +92,7 @@ class Recorder:
         self._write(evidence.AFTER, encode_json(environment))
 
     def write_looks(self, looks: Iterable[tuple[LookRole, Look]], samples: Mapping[SampleKey, HoldSample]) -> None:
-        """What was perceived from what: the file of each look, and `looks.json`, which names them all.
-
-        Args:
-            looks: With what each was for.
-            samples: Of hold conditions.
-        """
+        """The file of each look with its role, and `looks.json`, which names them all."""
         began_s = time.perf_counter()
         known = {entry.file for entry in self._looks}
         for role, look in looks:
@@ -147,7 +135,7 @@ class Recorder:
         self._forces_n.append(np.nan if step.contact_force_n is None else step.contact_force_n)
 
     def on_rest(self, step: Step) -> None:
-        """What is felt after the last command, until the target is at rest, belongs to its sample."""
+        """Count the force after the last command, until the target is at rest, to the last sample."""
         if self._forces_n and step.contact_force_n is not None:
             self._forces_n[-1] = max(self._forces_n[-1], step.contact_force_n)
 
@@ -179,16 +167,16 @@ class Recorder:
         for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):
             self._write(name, encode_json(list(values)))
 
-    def write_execution(self, execution: Execution) -> None:
-        """How it ended; the last file of a bundle."""
+    def write_execution(self, execution: Execution) -> Execution:
+        """Write the last file of a bundle; returns the execution."""
         self._write(evidence.EXECUTION, encode_json(execution))
+        return execution
 
     def _write(self, name: str, data: bytes) -> None:
-        """Let a file of the bundle hold `data`."""
         (self.folder / name).write_bytes(data)
 
     def _write_snapshot(self, name: str, observation: Observation) -> None:
-        """The driver's snapshot, as it gave it; under `name` if it is an NPZ, else with the suffix `.snapshot`."""
+        """The driver's snapshot as it is; under `name` if it is an NPZ, else with the suffix `.snapshot`."""
         if (snapshot := observation.snapshot) is not None:
             suffix = ".npz" if snapshot.media_type == NPZ else ".snapshot"
             self._write(str(Path(name).with_suffix(suffix)), snapshot.data)
@@ -199,11 +187,8 @@ class Bundles:
 
     Args:
         root: The workspace; evidence folders are relative to it.
-        settings: Settings files in force.
+        settings: Settings files in force; their hashes are those of the start.
         pictures: Whether to take pictures before and after.
-
-    Attributes:
-        settings_sha256: Hashes of the settings files, as they were at the start, by name.
     """
 
     def __init__(self, root: Path, *, settings: Sequence[Path] = (), pictures: bool = False) -> None:

@@ -1,7 +1,7 @@
-"""Whether a repeated session did the same: two evidence bundles compared bit by bit.
+"""Compares two evidence bundles bit by bit: whether a rerun did the same.
 
-Upstream: `paos rerun`. What depends on the wall clock (timings, pictures, fingerprints) is left out on purpose. What a
-clean-up took out of the recorded bundle is compared by its hash.
+Files that depend on the wall clock (timings, pictures, fingerprints) are left out on purpose. A file that a clean-up
+removed from the recorded bundle is compared by its hash.
 """
 
 import hashlib
@@ -18,12 +18,7 @@ _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION
 
 
 def find_differences(recorded: Path, repeated: Path) -> list[str]:
-    """Where two bundles differ, one sentence each; empty when the session was repeated exactly.
-
-    Args:
-        recorded: Folder of the session as it was.
-        repeated: Folder of the session as it came out again.
-    """
+    """Where two bundles differ, one sentence each; empty when the session was repeated exactly."""
     differences = [f"{name}: missing" for name in (*_ARRAYS, *_TEXTS) if not (repeated / name).exists()]
     if differences:
         return differences

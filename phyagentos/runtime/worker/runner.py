@@ -1,7 +1,6 @@
-"""Runs one session: open, loop, and whatever happened halt, observe and leave the evidence.
+"""Runs one session: open, loop, and after every outcome halt, observe and leave the evidence. Paper section 3.4.
 
-Upstream: the worker, after preflight. Downstream: the loop, the handle, the recorder. The outcome of a session is read
-from the world at rest, not from its skill. Paper section 3.4.
+The outcome of a session is read from the world at rest, not from its skill.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,14 +28,14 @@ from phyagentos.runtime.targets.wire import RecordedFault, Step
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
-SETTLE_S = 0.3  # released things come to rest within this; simulated time
+SETTLE_S = 0.3  # of simulated time, within which released things come to rest
 
 
 class Beat(Protocol):
     """Called in every turn of the loop; see `heartbeat.HeartbeatWriter.beat`."""
 
     def __call__(self, *, phase: str, session: str, epoch: int, tick: int, sim_time_s: float, leaf: str) -> None:
-        """Say what is going on."""
+        """Publish the state of the session."""
         ...
 
 
@@ -60,8 +59,6 @@ class _Pulse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """One session while it runs."""
-
     context: SkillContext
     skill: SkillRuntime
     holds: HoldMonitor
@@ -74,11 +71,8 @@ class SessionRunner:
     """Runs sessions on one target, one at a time.
 
     Args:
-        target: What sessions command and perceive.
-        skills: Opens their skills.
-        bundles: Where their evidence goes.
         clock: Bounds thinking.
-        sampling_hz: How often conditions that must hold all through are sampled, in simulated time [Hz].
+        sampling_hz: Sampling of conditions that must hold all through, in simulated time [Hz].
     """
 
     def __init__(
@@ -100,8 +94,8 @@ class SessionRunner:
             epoch: Fencing token of the claim.
             plan: The adapter plan as plain data; `tree` names the behaviour tree.
             evidence: Folder of the bundle, relative to the workspace.
-            cancel: Asked in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
-            beat: Told in every turn what is going on.
+            cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
+            beat: Called in every turn.
 
         Returns:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
@@ -119,28 +113,29 @@ class SessionRunner:
             outcome = run.loop.run()
         finally:
             lost = self._halt(run)
-        outcome, faults = self._observe_end(run, lost or outcome)
+        outcome = lost or outcome
+        faults: tuple[RecordedFault, ...] = ()
+        if outcome.ended is not Ended.TARGET_LOST:
+            run.pulse.say("observing", run.loop.ticks, run.context.time_s)
+            try:
+                faults = self._write_end(session, recorder, run.holds)
+            except ExecutionError as error:
+                outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         self._write_course(run, faults)
         outputs = run.skill.read_outputs()
         run.skill.close()
         report = _report(outcome, evidence, run, outputs, began_sim_s)
-        return _finish(
-            recorder,
-            msgspec.structs.replace(report, open_criteria=self._open_criteria, driver=self._handle.describe().driver),
+        driver = self._handle.describe().driver
+        return recorder.write_execution(
+            msgspec.structs.replace(report, open_criteria=self._open_criteria, driver=driver)
         )
 
     def observe_only(
         self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str, code: str = ""
     ) -> Execution:
-        """Bring the target to rest and observe the world that a lost runner left behind.
+        """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
 
-        Args:
-            session: Whose outcome is unknown.
-            epoch: A fresh one.
-            ended: How its execution ended, as far as is known.
-            evidence: Folder of its bundle; what is in it already stays.
-            reason: One sentence for people.
-            code: Under which it ends; that of `ended` when empty.
+        The files of the bundle at `evidence` stay. The session ends under `code`, else under that of `ended`.
 
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
@@ -198,16 +193,6 @@ class SessionRunner:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         return None
 
-    def _observe_end(self, run: _Run, outcome: Outcome) -> tuple[Outcome, tuple[RecordedFault, ...]]:
-        """Observe what is left and give authority back."""
-        if outcome.ended is Ended.TARGET_LOST:
-            return outcome, ()
-        run.pulse.say("observing", run.loop.ticks, run.context.time_s)
-        try:
-            return outcome, self._write_end(run.context.session, run.recorder, run.holds)
-        except ExecutionError as error:
-            return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error)), ()
-
     def _give_up(
         self, session: Session, error: DefinitionError | ExecutionError, recorder: Recorder, evidence: str
     ) -> Execution:
@@ -219,12 +204,12 @@ class SessionRunner:
             except ExecutionError as lost:
                 error = lost
         outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
-        return _finish(recorder, _report(outcome, evidence))
+        return recorder.write_execution(_report(outcome, evidence))
 
     def _close_unmoved(self, session: Session, outcome: Outcome, recorder: Recorder, evidence: str) -> Execution:
         """Observe and give authority back after a session that commanded nothing."""
         self._write_end(session, recorder)
-        return _finish(recorder, _report(outcome, evidence))
+        return recorder.write_execution(_report(outcome, evidence))
 
     def _write_end(
         self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None
@@ -241,7 +226,7 @@ class SessionRunner:
         return self._handle.end().faults
 
     def _write_looks(self, recorder: Recorder, role: LookRole, seen: Environment) -> None:
-        """What a snapshot was perceived from, and what its entities point at."""
+        """The look behind a snapshot, and the looks that its entities point at."""
         if (look := self._world.latest_look) is not None:
             pointed = ((LookRole.POINTED, each) for each in self._world.find_looks(seen) if each is not look)
             recorder.write_looks([(role, look), *pointed], {})
@@ -282,7 +267,7 @@ def _report(
     outputs: Mapping[str, Any] | None = None,
     began_sim_s: float = 0.0,
 ) -> Execution:
-    """What is said of a session; without a run, nothing was commanded."""
+    """The execution of a session; without a run, nothing was commanded."""
     return Execution(
         ended=outcome.ended,
         evidence=evidence,
@@ -294,8 +279,3 @@ def _report(
         interventions=sum(event.kind == "intervention" for event in run.context.events) if run else 0,
         ticks=run.loop.ticks if run else 0,
     )
-
-
-def _finish(recorder: Recorder, execution: Execution) -> Execution:
-    recorder.write_execution(execution)
-    return execution

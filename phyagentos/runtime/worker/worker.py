@@ -1,12 +1,11 @@
 """The worker process of one target: checks and runs sessions, one at a time, as long as it lives. Paper section 3.4.
 
-Upstream: the watchdog's orders. Downstream: preflight, the runner and, through the handle, the world. Everything
-that is slow to start (planner, target, leaves) is started once and kept warm.
+Everything that is slow to start (planner, target, leaves) is started once and kept warm.
 """
 
 import contextlib
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.clock import Clock
-from phyagentos.errors import ExecutionError, Problem
+from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
@@ -44,42 +43,33 @@ from phyagentos.runtime.worker.orders import (
     Run,
     Stop,
     ToWorker,
+    encode,
     receive_order,
-    send,
 )
 from phyagentos.runtime.worker.runner import SessionRunner
 from phyagentos.store.views.environment import render_environment
 
 REST_S = 0.05  # without an order for so long, there is time for housekeeping
-OBSERVERS = 20  # so many may be lost while they look at what one session left
+OBSERVERS = 20  # at most, lost in a row while they observe what one session left
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
 
 @dataclass(frozen=True, slots=True)
 class _Checked:
-    """A session that passed its check, and the plan that it was granted, as plain data."""
+    """A session that passed its check, and its granted plan as plain data."""
 
     session: Session
     epoch: int
     plan: dict[str, Any]
 
-    def is_of(self, order: Run) -> bool:
-        """Whether the order is about this session, under the epoch that was checked."""
-        return (self.session.id, self.epoch) == (order.session.id, order.epoch)
-
 
 class WorkerLoop:
-    """Answers the watchdog until it is gone.
+    """Answers the watchdog until the connection ends.
 
     Args:
-        control: To the watchdog.
-        target: What its sessions command and perceive.
-        examiner: Checks sessions.
-        runner: Carries them out.
-        heartbeat: Publishes what is going on.
-        workspace: Where ENVIRONMENT.md is published.
-        clock: For the rate of publishing.
-        gate: Looks ahead where a session asks for it; None where that is not possible.
+        workspace: For ENVIRONMENT.md and the evidence.
+        clock: For leases and the rate of publishing.
+        gate: Looks ahead where a session demands it; None where that is not possible.
     """
 
     def __init__(
@@ -96,11 +86,8 @@ class WorkerLoop:
     ) -> None:
         self._control, self._gate = control, gate
         self._handle, self._world = target.handle, target.world
-        self._examiner = examiner
-        self._runner = runner
-        self._heartbeat = heartbeat
-        self._workspace = workspace
-        self._sealer = Sealer(workspace.evidence)
+        self._examiner, self._runner, self._heartbeat = examiner, runner, heartbeat
+        self._workspace, self._sealer = workspace, Sealer(workspace.evidence)
         self._clock = clock
         self._unsealed: deque[str] = deque()
         self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
@@ -115,7 +102,7 @@ class WorkerLoop:
     def run(self) -> None:
         """Serve until the watchdog closes the connection."""
         self._heartbeat.beat(phase="idle", at_once=True)
-        send(self._control, Ready())
+        self._control.send_bytes(encode(Ready()))
         while True:
             try:
                 order = self._wait_for_order()
@@ -123,14 +110,14 @@ class WorkerLoop:
                 self._tidy_up(lambda: False)
                 return
             if isinstance(order, Check):
-                send(self._control, self._check(order))
+                self._control.send_bytes(encode(self._check(order)))
             elif isinstance(order, Run):
-                send(self._control, self._carry_out(order))
+                self._control.send_bytes(encode(self._carry_out(order)))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._publish_environment(PUBLISH_PERIOD_S)
             elif isinstance(order, Reconcile):
-                send(self._control, self._reconcile(order))
+                self._control.send_bytes(encode(self._reconcile(order)))
                 self._unsealed.append(order.evidence)
 
     def _wait_for_order(self) -> ToWorker:
@@ -146,7 +133,8 @@ class WorkerLoop:
         self._heartbeat.beat(phase="idle", at_once=True)
         self._publish_environment(0.0)
         while self._unsealed and not is_asked():
-            self._seal(self._unsealed.popleft())
+            with contextlib.suppress(OSError, ExecutionError):  # the next clean-up seals what fails here
+                self._sealer.seal(self._workspace.root / self._unsealed.popleft())
 
     def _is_asked(self) -> bool:
         """Whether an order waits, or the watchdog is gone."""
@@ -163,10 +151,14 @@ class WorkerLoop:
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
         if belief := _read_belief(order.restore):
             self._world.restore(belief, _read_looks(Path(order.restore).parent))
-        found = self._examiner.examine(
-            session, snapshot=_read_snapshot(order.restore), thorough=order.thorough, may_reset=order.may_reset
-        )
-        if found.plan is not None and (against := self._look_ahead(order, found.plan.tree)):
+        snapshot = Path(order.restore).read_bytes() if order.restore else b""
+        found = self._examiner.examine(session, snapshot=snapshot, thorough=order.thorough, may_reset=order.may_reset)
+        gate = self._gate if not order.restore else None  # a rerun needs no forecast
+        if (
+            gate is not None
+            and found.plan is not None
+            and (against := gate.find_problems(session, found.plan.tree, lambda: self._is_unwanted(order)))
+        ):
             found = msgspec.structs.replace(found, plan=None, tools=None, problems=tuple(against))
             self._unsealed.append(f"evidence/{session.id}")
         if found.plan is not None:
@@ -182,14 +174,8 @@ class WorkerLoop:
             ms=found.ms,
         )
 
-    def _look_ahead(self, order: Check, tree: str) -> Sequence[Problem]:
-        """What the session's look-ahead says against it; none for a rerun."""
-        if self._gate is None or order.restore:
-            return ()
-        return self._gate.find_problems(order.session, tree, lambda: self._is_unwanted(order))
-
     def _is_unwanted(self, order: Check) -> bool:
-        """Whether the session that is being checked shall not start any more."""
+        """Whether the session in its check was stopped meanwhile."""
         self._heartbeat.beat(phase="rehearsing", session=order.session.id, epoch=order.epoch)
         while self._is_asked():
             self._obey(receive_order(self._control))
@@ -198,7 +184,7 @@ class WorkerLoop:
     def _carry_out(self, order: Run) -> Finished:
         """Run the session that was checked last, and no other."""
         checked, self._checked, self._lease_until_s = self._checked, None, order.until_s
-        if checked is not None and checked.is_of(order):
+        if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
             done = self._runner.run(
                 order.session,
                 order.epoch,
@@ -214,7 +200,7 @@ class WorkerLoop:
         return Finished(session=order.session.id, execution=done, is_target_lost=done.ended is Ended.TARGET_LOST)
 
     def _publish_environment(self, period_s: float) -> None:
-        """ENVIRONMENT.md: the world as the latest session left it, unless it was published less than `period_s` ago."""
+        """ENVIRONMENT.md: the world after the latest session, unless it was published less than `period_s` ago."""
         scene, now_s = self._unpublished, self._clock.now_s()
         if scene is None or now_s - self._published_at_s < period_s:
             return
@@ -223,13 +209,8 @@ class WorkerLoop:
             self._world.enter(scene)
             publish(self._workspace.environment, render_environment(self._world.observe(WORLD)))
 
-    def _seal(self, evidence: str) -> None:
-        """Record the hashes of a bundle; what fails here is done by the next clean-up."""
-        with contextlib.suppress(OSError, ExecutionError):
-            self._sealer.seal(self._workspace.root / evidence)
-
     def _find_stop_reason(self) -> str | None:
-        """Whether the watchdog wants an end; asked in every turn of the runner's loop. A pause is waited for here."""
+        """Why the session has to end, if it has; called in every turn of the runner's loop. Waits during a pause."""
         while self._stop_reason is None and self._control.poll():
             self._obey(receive_order(self._control))
         while self._is_paused and self._stop_reason is None and self._handle.is_at_rest:
@@ -264,7 +245,7 @@ class WorkerLoop:
             return Finished(session=order.session.id, execution=lost, is_target_lost=True)
 
     def _remember(self, order: Reconcile) -> None:
-        """Restore the belief at the begin of the session: what the arm hides now was seen then."""
+        """Restore the belief at the start of the session: it holds what the arm hides now."""
         belief = None
         with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
             belief = _read_belief(str(self._workspace.root / order.evidence / BEFORE))
@@ -272,7 +253,7 @@ class WorkerLoop:
             self._world.restore(belief, _read_looks(self._workspace.root / order.evidence))
 
     def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
-        """Under an epoch that the target has not seen yet: an earlier observer may have been lost too."""
+        """Under an epoch that is new to the target: an earlier observer may have been lost too."""
         epoch = epoch or order.epoch
         try:
             return self._runner.observe_only(
@@ -285,21 +266,16 @@ class WorkerLoop:
 
 
 def _read_belief(restore: str) -> Environment | None:
-    """What was believed when the session began, from the bundle that a recorded state is of."""
+    """The belief at the start of the session, from the bundle of a recorded state."""
     path = Path(restore).parent / BEFORE
     return msgspec.json.decode(path.read_bytes(), type=Environment) if restore and path.is_file() else None
 
 
 def _read_looks(folder: Path) -> list[Look]:
-    """What the recorded belief of a bundle was perceived from, as far as it can be read."""
+    """The looks behind the recorded belief of a bundle, as far as they can be read."""
     with contextlib.suppress(ExecutionError):
         wanted = {each.file: each for each in read_looks(folder) if each.role in (LookRole.POINTED, LookRole.START)}
         return sorted(
             (read_look(folder / each.file, each.sha256) for each in wanted.values()), key=lambda look: look.now[0]
         )
     return []
-
-
-def _read_snapshot(path: str) -> bytes:
-    """The recorded snapshot of an evidence file; empty for an empty path."""
-    return Path(path).read_bytes() if path else b""

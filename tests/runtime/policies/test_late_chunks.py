@@ -49,7 +49,7 @@ class Stand:
         self.q = np.array(profile.arm.home_rad)
         self.width_m = OPEN_M
         shown = lambda: {"joint_state": self.q.copy()}  # noqa: E731
-        observer = SimpleNamespace(observe=lambda: (clock.now_s(), shown()), tell_time=clock.now_s)
+        observer = SimpleNamespace(observe=lambda: (clock.now_s(), shown()), read_time=clock.now_s)
         space = ActionSpace(
             representation="joint_position",
             delta=delta,
