@@ -145,15 +145,15 @@ def _make_apply(profile: TargetProfile, live: Description) -> dict[str, Any]:
     opening = {"type": "number", "minimum": 0, "maximum": profile.gripper.max_width_m}
     return _make_object(
         {
-            "q_rad": _make_rows(
-                rows, {"type": "array", "prefixItems": joints, "minItems": len(joints), "items": False}
-            ),
-            "qd_rad_s": _make_rows(
-                rows, {"type": "array", "prefixItems": speeds, "minItems": len(speeds), "items": False}
-            ),
+            "q_rad": _make_rows(rows, _make_tuple(joints)),
+            "qd_rad_s": _make_rows(rows, _make_tuple(speeds)),
             "gripper_width_m": _make_rows(rows, opening),
         }
     )
+
+
+def _make_tuple(items: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"type": "array", "prefixItems": items, "minItems": len(items), "items": False}
 
 
 def _make_rows(count: int, each: dict[str, Any]) -> dict[str, Any]:

@@ -38,15 +38,12 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
         if found != expected:
             fix = "TARGETS.md and the running target must be the same robot."
             yield make_problem("TARGET_MISMATCH", f"target.{name}", str(found), str(expected), triggered_by=by, fix=fix)
-    for name, said, offered in (
-        ("observations", profile.observations, live.observations),
-        ("actions", profile.actions, live.actions),
-    ):
-        for each in said:
+    for name in ("observations", "actions"):
+        offered = getattr(live, name)
+        for each in getattr(profile, name):
             if each not in offered:
-                yield make_problem(
-                    "TARGET_MISMATCH", f"target.{name}", format_names(offered), repr(each), triggered_by=by
-                )
+                found = format_names(offered)
+                yield make_problem("TARGET_MISMATCH", f"target.{name}", found, repr(each), triggered_by=by)
     if live.mode != contract.world_mode:
         yield make_problem(
             "CONTRACT_MISMATCH",

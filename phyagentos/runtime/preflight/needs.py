@@ -63,24 +63,13 @@ def iter_operation_problems(
     """Operations that the target lacks, or that a session may not use here."""
     for each in find_operations(skill):
         by = f"skill {skill.skill}: {'every session' if each in CORE_OPERATIONS else 'needs.operations'}"
-        if each not in profile.operations:
-            yield make_problem(
-                "OPERATION_UNAVAILABLE",
-                "target.operations",
-                repr(each),
-                format_names(profile.operations),
-                triggered_by=by,
-                fix=f"{profile.target} cannot do it; choose another target.",
-            )
-        elif each not in contract.operations:
-            yield make_problem(
-                "OPERATION_FORBIDDEN",
-                "runtime_contract.yaml: operations",
-                repr(each),
-                format_names(contract.operations),
-                triggered_by=by,
-                fix=f"Permit {each!r} in runtime_contract.yaml, if sessions may do that here.",
-            )
+        code, address, offered = "OPERATION_UNAVAILABLE", "target.operations", profile.operations
+        fix = f"{profile.target} cannot do it; choose another target."
+        if each in offered:
+            code, address, offered = "OPERATION_FORBIDDEN", "runtime_contract.yaml: operations", contract.operations
+            fix = f"Permit {each!r} in runtime_contract.yaml, if sessions may do that here."
+        if each not in offered:
+            yield make_problem(code, address, repr(each), format_names(offered), triggered_by=by, fix=fix)
 
 
 def iter_version_problems(skill: SkillRuntime) -> Iterator[Problem]:

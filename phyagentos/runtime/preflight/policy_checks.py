@@ -143,16 +143,13 @@ def _iter_lateness_problems(
 
 def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: int, by: str) -> Iterator[Problem]:
     wanted, given = _resolve(stream.shape, n_joints), _resolve(signal.shape, n_joints)
-    if wanted != given:
-        yield make_problem(
-            "OBSERVATION_SHAPE", f"{address}.shape", str(list(wanted)), str(list(given)), triggered_by=by
-        )
-    if stream.dtype != signal.dtype:
-        yield make_problem("OBSERVATION_DTYPE", f"{address}.dtype", stream.dtype, signal.dtype, triggered_by=by)
-    if stream.unit != signal.unit:
-        yield make_problem(
-            "OBSERVATION_UNIT", f"{address}.unit", stream.unit or "none", signal.unit or "none", triggered_by=by
-        )
+    for code, name, found, expected in (
+        ("OBSERVATION_SHAPE", "shape", str(list(wanted)), str(list(given))),
+        ("OBSERVATION_DTYPE", "dtype", stream.dtype, signal.dtype),
+        ("OBSERVATION_UNIT", "unit", stream.unit or "none", signal.unit or "none"),
+    ):
+        if found != expected:
+            yield make_problem(code, f"{address}.{name}", found, expected, triggered_by=by)
 
 
 def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str) -> Iterator[Problem]:

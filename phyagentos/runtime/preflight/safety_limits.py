@@ -81,16 +81,16 @@ def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: fl
     force_n = float(np.asarray(limits.gripper_force_max.value))
     if own_n <= force_n * (1.0 + RELATIVE_TOLERANCE):  # never true of NaN
         return
-    is_told = not math.isnan(own_n)
+    is_known = not math.isnan(own_n)
     yield make_problem(
         "GRIPPER_FORCE",
         _place(profile, "gripper_force_max"),
         f"{own_n:g} N, which the gripper can press with"
-        if is_told
+        if is_known
         else "a gripper whose force the target does not tell",
         f"at most {force_n:g} N",
         triggered_by="safety.yaml: gripper_force_max",
-        fix="Use a weaker gripper, or raise the limit with a source." if is_told else "Let the target tell its force.",
+        fix="Use a weaker gripper, or raise the limit with a source." if is_known else "Let the target tell its force.",
     )
 
 
@@ -99,28 +99,22 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
     state = now.targets.get(profile.target)
     if state is None:
         return
-    point = state.tcp.position_m
-    low, high = _get_corners(limits.workspace_box)
-    if not all(a <= value <= b for a, value, b in zip(low, point, high, strict=True)):  # also when it is NaN
+    point = np.asarray(state.tcp.position_m)
+    boxes = {"workspace_box": limits.workspace_box}
+    boxes |= {f"keep_out.{name}": limit for name, limit in limits.keep_out.items()}
+    for name, limit in boxes.items():
+        low, high = np.asarray(limit.value)
+        is_room = name == "workspace_box"
+        if bool(((low <= point) & (point <= high)).all() if is_room else not ((low < point) & (point < high)).all()):
+            continue  # never true of NaN in the workspace
         yield make_problem(
             "START_OUTSIDE",
-            _place(profile, "workspace_box"),
+            _place(profile, name),
             f"the tool stands at {_show(point)}",
-            f"inside {_show(low)} to {_show(high)}",
-            triggered_by="safety.yaml: workspace_box",
+            f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}",
+            triggered_by=f"safety.yaml: {name}",
             fix="Move the robot by hand, or correct the box.",
         )
-    for name, limit in limits.keep_out.items():
-        low, high = _get_corners(limit)
-        if all(a < value < b for a, value, b in zip(low, point, high, strict=True)):
-            yield make_problem(
-                "START_OUTSIDE",
-                f"safety.yaml: targets.{profile.target}.keep_out.{name}",
-                f"the tool stands at {_show(point)}",
-                f"outside {_show(low)} to {_show(high)}",
-                triggered_by=f"safety.yaml: keep_out.{name}",
-                fix="Move the robot by hand, or correct the box.",
-            )
 
 
 def iter_tool_problems(profile: TargetProfile, live: Description, now: Environment) -> Iterator[Problem]:
@@ -214,29 +208,19 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
     """Limits of one number, against what the target does in one control period."""
     by, period_s = f"target {profile.target}", profile.control_period_s
-    width_m = float(np.asarray(limits.gripper_width_max.value))
-    if width_m > profile.gripper.max_width_m * (1.0 + RELATIVE_TOLERANCE):
-        yield make_problem(
-            "LIMIT_WIDER", _place(profile, "gripper_width_max"), f"{width_m:g} m",
-            f"at most {profile.gripper.max_width_m:g} m", triggered_by=f"{by}: gripper.max_width_m",
-        )  # fmt: skip
-    rate, own_rate = float(np.asarray(limits.command_rate_max.value)), 1.0 / period_s
-    if rate > own_rate * (1.0 + RELATIVE_TOLERANCE):
-        yield make_problem(
-            "LIMIT_WIDER", _place(profile, "command_rate_max"), f"{rate:g} 1/s", f"at most {own_rate:g} 1/s",
-            triggered_by=f"{by}: control_period_s",
-        )  # fmt: skip
-    elif rate < own_rate * (1.0 - RELATIVE_TOLERANCE):
-        yield make_problem(
-            "LIMIT_TOO_NARROW", _place(profile, "command_rate_max"), f"{rate:g} 1/s", f"at least {own_rate:g} 1/s",
-            triggered_by=f"{by}: control_period_s", fix=_NARROW,
-        )  # fmt: skip
-    valid_s, needed_s = float(np.asarray(limits.command_validity_max.value)), EXPIRY_PERIODS * period_s
-    if valid_s < needed_s * (1.0 - RELATIVE_TOLERANCE):
-        yield make_problem(
-            "LIMIT_TOO_NARROW", _place(profile, "command_validity_max"), f"{valid_s:g} s", f"at least {needed_s:g} s",
-            triggered_by=f"{by}: control_period_s", fix=_NARROW,
-        )  # fmt: skip
+    bounds = (  # limit, its unit, the least and the greatest that the target allows, where it says so
+        ("gripper_width_max", "m", -math.inf, profile.gripper.max_width_m, "gripper.max_width_m"),
+        ("command_rate_max", "1/s", 1.0 / period_s, 1.0 / period_s, "control_period_s"),
+        ("command_validity_max", "s", EXPIRY_PERIODS * period_s, math.inf, "control_period_s"),
+    )
+    for name, unit, least, most, field in bounds:
+        value, place, by_field = float(np.asarray(getattr(limits, name).value)), _place(profile, name), f"{by}: {field}"
+        found = f"{value:g} {unit}"
+        if value > most * (1.0 + RELATIVE_TOLERANCE):
+            yield make_problem("LIMIT_WIDER", place, found, f"at most {most:g} {unit}", triggered_by=by_field)
+        elif value < least * (1.0 - RELATIVE_TOLERANCE):
+            expected = f"at least {least:g} {unit}"
+            yield make_problem("LIMIT_TOO_NARROW", place, found, expected, triggered_by=by_field, fix=_NARROW)
 
 
 def _iter_wider(
@@ -265,11 +249,6 @@ def _fits(limit: Limit, n: int) -> bool:
 def _spread(limit: Limit, n: int) -> Array:
     """(n,) numbers of a limit that may be one for all joints."""
     return np.broadcast_to(np.asarray(limit.value, dtype=np.float64), (n,))
-
-
-def _get_corners(box: Limit) -> tuple[Sequence[float], Sequence[float]]:
-    low, high = box.value  # type: ignore[misc]
-    return low, high  # type: ignore[return-value]
 
 
 def _show(point: Sequence[float] | Array) -> str:
