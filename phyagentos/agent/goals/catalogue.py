@@ -1,7 +1,4 @@
-"""What goals can be built from: the skills, targets and scenes of a library.
-
-Upstream: the library's files. Downstream: checking, selection and compilation of goal graphs.
-"""
+"""Skills, targets and scenes from which goals are built."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,8 +19,6 @@ class Catalogue:
 
     Attributes:
         skills: Front matter of each SKILL.md.
-        targets: Profile of each target.
-        scenes: File of each scene.
         problems: Of skills and targets that could not be read; they are left out.
     """
 
@@ -34,7 +29,7 @@ class Catalogue:
 
     @classmethod
     def read(cls, library: Library) -> "Catalogue":
-        """Everything that a library holds."""
+        """Everything that a library holds; unreadable parts become `problems`."""
         problems: list[Problem] = []
         skills: dict[str, SkillRuntime] = {}
         for name in library.names_of_skills():
@@ -52,7 +47,7 @@ class Catalogue:
 
     @classmethod
     def of_workspace(cls, workspace: Workspace) -> "Catalogue":
-        """What SKILLRUNTIME.md and TARGETS.md of a workspace say, and the scenes it was created with.
+        """What SKILLRUNTIME.md, TARGETS.md and the scenes of a workspace hold.
 
         Raises:
             DefinitionError: With every problem of the two documents.
@@ -64,7 +59,7 @@ class Catalogue:
         )
 
     def find_scene_names(self, scene: str) -> frozenset[str] | None:
-        """Names of the things and regions of a scene; None when it cannot be read, which is reported elsewhere."""
+        """Names of the entities and regions of a scene; None when it cannot be read, which is reported elsewhere."""
         if scene not in self.scenes:
             return None
         try:

@@ -1,8 +1,4 @@
-"""Everything that can be wrong with a goal graph beyond its form: names, types, predicates, promises.
-
-Upstream: `goal_graph`, which expands the file first. Each check adds problems and none stops the others, so that one
-reading of a file reports all that is wrong with it.
-"""
+"""Checks of a goal graph beyond its form: names, types, predicates, promises; every problem in one reading."""
 
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -42,7 +38,7 @@ def check_bindings(
     located: Located,
     catalogue: Catalogue,
 ) -> tuple[dict[str, Choice], list[Problem]]:
-    """Skill and target of each node in the order of the graph, and what is wrong with them and their arguments."""
+    """Skill and target of each node in the order of the graph, and the problems of these and their arguments."""
     choices: dict[str, Choice] = {}
     problems: list[Problem] = []
     names = catalogue.find_scene_names(spec.scene)

@@ -1,7 +1,6 @@
-"""The compiler: a ready node becomes a session contract that can be checked before anything moves. Paper section 3.3.
+"""Compiles a ready node into a session contract, which preflight checks before anything moves. Paper section 3.3.
 
-Upstream: `goal_graph` and `selector`. Downstream: the journal, hence the watchdog. The contract is fully substituted:
-no `${...}`, no role, no default is left for the runtime to guess.
+The contract is fully substituted: it holds no `${...}`, no role and no default of the goal.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,14 +30,12 @@ class Revision:
     """What a child does differently from its parent.
 
     Attributes:
-        parent: The session that it continues.
-        strategy: What the skill does differently.
         requires: Preconditions of the child; None keeps those of skill and node.
         reasons: One sentence for each change.
-        choice: Another skill, target or parameters than the node's own; None keeps these.
+        choice: None keeps the node's own skill, target and parameters.
         purpose: What it prepares (`inspect`, `clear`); empty when it pursues the node's objective.
-        lead: Added to the priority, so that nothing comes between.
-        threshold: Of its look-ahead, instead of the node's; 0 to try it whatever is foreseen.
+        lead: Added to the priority.
+        threshold: Of its look-ahead; None keeps the node's, 0 accepts every forecast.
     """
 
     parent: SessionId
@@ -56,8 +53,6 @@ class SessionCompiler:
     """Compiles the nodes of one goal.
 
     Attributes:
-        graph: The checked goal graph.
-        catalogue: Skills and targets.
         goal: Id of the goal; also the episode, so that its sessions share one world.
         seed: Root of every random choice of the goal.
     """
@@ -74,12 +69,12 @@ class SessionCompiler:
 
         Args:
             name: The node.
-            outputs: Outputs of the nodes before it; None leaves data edges unresolved, as for a preview.
+            outputs: Of the nodes before it; None leaves data edges unresolved, as for a preview.
             attempt: 0 for the first session of the node.
-            revision: What a child does differently.
+            revision: Of a child.
 
         Raises:
-            DefinitionError: When an output that a data edge needs is missing, or leads to an invalid predicate.
+            DefinitionError: An output of a data edge is missing, or leads to an invalid predicate.
         """
         node, own = self.graph.nodes[name], self.graph.choices[name]
         choice = revision.choice if revision and revision.choice else own
@@ -139,7 +134,7 @@ class SessionCompiler:
         )
 
     def _ask_ahead(self, name: str, attempt: int, revision: Revision | None) -> LookaheadRequest | None:
-        """What is simulated before the session starts; what only prepares another is tried without."""
+        """Look-ahead of a session; preparing sessions have none."""
         own = self.graph.nodes[name].spec.lookahead
         asked = self.graph.spec.defaults.lookahead if own is None else own
         if not asked or (revision and revision.purpose):
@@ -155,9 +150,9 @@ class SessionCompiler:
 
 @dataclass(frozen=True, slots=True)
 class _Resolver:
-    """Turns authored predicates into those of one contract: substituted, canonical, each once.
+    """Substitutes, normalizes and deduplicates the predicates of one contract.
 
-    A predicate of the skill that speaks of an optional parameter which was not given says nothing and is left out.
+    A predicate of the skill is left out when it names an optional parameter without a value.
     """
 
     values: Mapping[str, Any]

@@ -1,9 +1,7 @@
-"""The one graph of a goal while it is pursued: order, readiness and what repairs added.
+"""The graph of a goal while it is pursued: order, readiness and repairs.
 
-Upstream: the checked goal graph, then the nodes of the ledger. Downstream: the controller asks it what is ready, what
-comes before a node and what comes after. Its vertices are attempts: a node's first session has the node's name, each
-further one is added behind its parent. What waits for a node waits for its latest attempt, so the edges that leave a
-node move on with it. TASK.md draws the same vertices and edges from the records (`protocol.sessions.tasks`).
+Vertices are attempts. A node's first session has the node's name; each further one is added behind its parent. The
+edges that leave a node move on to its latest attempt. TASK.md draws the same vertices and edges from the records.
 """
 
 import networkx as nx
@@ -24,13 +22,11 @@ from phyagentos.protocol.sessions.tasks import (
 class GoalDag:
     """A `networkx.DiGraph` that follows the records of one goal.
 
-    A vertex has `node`, `rank` (position of the node in the order of the graph), `state` and `waits`: how many of its
-    predecessors are open. An attempt is open while it is the latest of a node that is not done. An edge has `relation`.
+    A vertex has `node`, `rank` (position of the node in the order of the graph), `state` and `waits`: the number of its
+    open predecessors. An attempt is open while it is the latest of a node that is not done. An edge has `relation`.
 
     Args:
-        graph: As authored and checked.
-        goal: Its id.
-        status: As the ledger knows it; None before it is submitted.
+        status: As the ledger holds it; None before the goal is submitted.
 
     Attributes:
         steps: The graph.
@@ -52,7 +48,7 @@ class GoalDag:
         return name in self._latest
 
     def follow(self, name: str, status: NodeStatus) -> list[str]:
-        """Take over how a node stands; names it, and every node that it freed or that it blocks."""
+        """Take over the state of a node; returns it and every node that it freed or blocked."""
         if name not in self:
             return []
         seen = self._replans.get(name, ())
@@ -87,12 +83,7 @@ class GoalDag:
         return [self.steps.nodes[step]["node"] for step in self.steps[self._latest[name]]]
 
     def find_open(self, name: str, *, further: bool = False) -> list[str]:
-        """Nodes that are not done and come before the latest attempt of a node, in the order of the graph.
-
-        Args:
-            name: The node.
-            further: Whether also those before them count, else its predecessors only.
-        """
+        """Open predecessors of a node's latest attempt, in the order of the graph; `further` includes indirect ones."""
         latest = self._latest[name]
         steps = nx.ancestors(self.steps, latest) if further else self.steps.pred[latest]
         nodes = {self.steps.nodes[step]["node"] for step in steps if self._is_open(step)} - {name}
@@ -110,7 +101,7 @@ class GoalDag:
         return self.steps.nodes[step]["state"] not in {NodeState.DONE, PAST}
 
     def _attach(self, name: str, replan: Replan) -> None:
-        """Add the next attempt of a node, or say more about the one that was added last."""
+        """Add the next attempt of a node, or the edges of the one that was added last."""
         step, latest = get_step_name(self._goal, replan.child), self._latest[name]
         if step != latest:
             state = self.steps.nodes[latest]["state"]

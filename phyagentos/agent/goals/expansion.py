@@ -1,7 +1,7 @@
-"""From authored nodes to the nodes of the graph: fan-out of `foreach`, references, precedence and data edges.
+"""Expands authored nodes into the nodes of the graph: fan-out of `foreach`, references, precedence and data edges.
 
-Upstream: `goal_spec`. Downstream: `goal_graph`. A node that fans out over `cube` becomes `each-green_cube`,
-`each-yellow_cube`: safe in ids and file names, and never equal to an authored name, which cannot hold a hyphen.
+A node that fans out over `cube` becomes `each-green_cube`, `each-yellow_cube`: safe in ids and file names, and never
+equal to an authored name, which cannot hold a hyphen.
 """
 
 import itertools
@@ -38,11 +38,10 @@ class Node:
     """One node of the graph.
 
     Attributes:
-        name: Unique; the authored name, plus the values of its fan-out.
+        name: The authored name, plus the values of its fan-out.
         authored: Name under `sessions`.
         spec: As authored, with the fan-out variables substituted.
-        after: Nodes that must be done before, by precedence or by data, in authored order.
-        data: Outputs of other nodes that it uses.
+        after: Direct predecessors by precedence or by data, in authored order.
     """
 
     name: str

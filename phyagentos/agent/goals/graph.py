@@ -1,8 +1,4 @@
-"""The goal graph: a checked DAG of nodes, each bound to a skill and a target. Its document is TASK.md.
-
-Upstream: `goal_graphs/*.yaml`. Downstream: `compiler` and `mission`. Nodes belong to the agent; only a ready node
-becomes a session. Paper sections 3.3 and 4.1.
-"""
+"""The goal graph: a checked DAG of nodes, each bound to a skill and a target. Paper sections 3.3 and 4.1."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,11 +23,9 @@ class GoalGraph:
 
     Attributes:
         spec: As authored, overrides applied.
-        source: The file.
         nodes: By name, in authored order.
-        choices: Skill, target and bound parameters of each node.
-        dag: Edges lead from a node to those that wait for it; attribute `data` names the outputs that flow.
-        order: Node names in an order that respects every edge; authored order decides where edges do not.
+        dag: Edges lead to the nodes that wait; the attribute `data` names the outputs that flow.
+        order: Topological; authored order decides between nodes without an edge.
     """
 
     spec: GoalSpec
@@ -57,8 +51,8 @@ def read_goal_graph(path: Path, catalogue: Catalogue, overrides: Mapping[str, st
 
     Args:
         path: The YAML file.
-        catalogue: What it can be built from.
-        overrides: Dotted path -> YAML value that replaces what the file says (`targets.arm` -> `panda`).
+        catalogue: Skills, targets and scenes.
+        overrides: Dotted path -> YAML value that replaces the file's (`targets.arm` -> `panda`).
 
     Raises:
         DefinitionError: With every problem of the file.

@@ -1,8 +1,7 @@
-"""The selector: which skill brings about what is wanted, and which target can carry it out. Paper section 3.3.
+"""The selector: which skill brings about a wanted predicate, and which target can execute it. Paper section 3.3.
 
-Upstream: `goal_graph`. Downstream: `compiler`. A wanted predicate is unified with what each skill guarantees, which
-binds the skill's parameters; a pair of skill and target remains when the target offers all that the skill needs. Every
-refusal keeps its reason, and the reasons of the choice are printed.
+A wanted predicate is unified with the guarantees of each skill, which binds the skill's parameters. A pair of skill and
+target remains when the target offers all that the skill needs. Every choice and every refusal keeps its reason.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -35,13 +34,11 @@ ANY = "any"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """How and where a node will be carried out.
+    """Skill, target and parameters of a node.
 
     Attributes:
-        skill: Name of the skill.
-        target: Name of the target.
         parameters: Arguments as authored, plus those bound by unification.
-        reasons: Why this one, one sentence each; empty when the author named both.
+        reasons: One sentence each; empty when the author named both.
         rejected: Candidate -> why not.
     """
 
@@ -64,15 +61,15 @@ def select(
     """Choose skill and target for one node.
 
     Args:
-        skill: A name, or what must be guaranteed.
+        skill: A name, or a guarantee.
         target: A name of TARGETS.md, or `any`.
         arguments: As authored.
-        catalogue: What there is.
-        established: What earlier nodes guarantee; a skill that must hold something from the start needs one of them.
+        catalogue: The candidates.
+        established: Guarantees of earlier nodes; a skill that begins with holding a thing needs one of them.
         address: Where the node stands, for messages.
 
     Raises:
-        DefinitionError: When a name is unknown, or no candidate remains: with the reason of each rejection.
+        DefinitionError: A name is unknown, or every candidate is rejected: with the reason of each rejection.
     """
     rejected: dict[str, str] = {}
     skills = list(_iter_skills(skill, arguments, catalogue, established, rejected))

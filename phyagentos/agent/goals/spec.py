@@ -1,8 +1,4 @@
-"""The authoring format of goal graphs, version 1: what a person writes, as frozen models.
-
-Upstream: `goal_graphs/*.yaml`. Downstream: `goal_graph`, which gives it meaning. Everything that can be checked without
-knowing skills, targets and scenes is checked here; the JSON Schema for editors comes from these models.
-"""
+"""The authoring format of goal graphs, version 1, as frozen models that also give the JSON Schema."""
 
 import re
 from typing import Any, Literal

@@ -1,7 +1,4 @@
-"""Causes of an objective that was not met, and the classes that benchmarks count them in. Paper section 4.4.
-
-Upstream: nothing. Downstream: `diagnosis`, the repair, memory. Each cause is also an error code (see `codes`).
-"""
+"""Causes of a missed objective, and the classes that benchmarks count them in. Each cause is also an error code."""
 
 from collections.abc import Sequence
 from enum import StrEnum

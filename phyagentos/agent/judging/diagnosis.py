@@ -1,7 +1,6 @@
-"""Why an objective was not met: one coded cause from evidence, for the replanner, for lessons, for people.
+"""Diagnosis of a missed objective: one coded cause from the evidence.
 
-Upstream: the verifier, which has found a criterion that is not true. It reads the trace, how the execution ended and
-what changed in the world; never what the simulated world was told to do.
+It reads the trace, the end of the execution and the change of the world; never the injected faults.
 """
 
 from collections.abc import Sequence
@@ -127,13 +126,12 @@ class Diagnosis:
     """The cause of an objective that was not met.
 
     Attributes:
-        cause: Coded.
         leaf: Path of the leaf that decided, empty when none did.
         fact: The deciding observation, in words, with its number.
-        object: The thing that it is about, None when it cannot be told.
-        is_hopeless: Whether another attempt cannot mend it.
+        object: The entity concerned, None when unknown.
+        is_hopeless: Whether another attempt cannot help.
         stage: How far the skill had come.
-        support: The numbers of the evidence that it rests on.
+        support: The numbers of the evidence behind it.
     """
 
     cause: Cause
@@ -146,7 +144,7 @@ class Diagnosis:
 
     @property
     def kind(self) -> CauseClass:
-        """Of the cause; what was lost while it was being lifted had never been held well."""
+        """Class of the cause; an object lost before it was lifted counts as a bad grasp."""
         if self.cause is Cause.GRASP_LOST and self.stage < Stage.LIFTED:
             return CauseClass.GRASP
         return CLASSES.get(self.cause, CauseClass.OTHER)
@@ -177,7 +175,7 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
 
 
 def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
-    """The cause when it was looked for again in vain: a thing that alone is not seen among others that are is gone."""
+    """The cause after looks in vain: an unseen entity is gone when most others were seen."""
     diagnosis = diagnose(bundle, criteria)
     world, name = bundle.after, diagnosis.object
     if world is None or name is None or diagnosis.cause not in _UNSEEN:
@@ -191,7 +189,7 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
 
 
 def find_object(session: Session, world: Environment | None, criteria: Sequence[Criterion] = ()) -> str | None:
-    """The movable thing that a session is about: the first one that its parameters, or else its criteria, name.
+    """The movable entity of a session: the first one that its parameters, or else its criteria, name.
 
     Args:
         session: The contract.
@@ -239,7 +237,7 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
 
 
 def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[Cause, str] | None:
-    """The thing moved although the robot had never taken hold of it, or had already let go of it."""
+    """The object moved before the robot had grasped it, or after its release."""
     name, moved_m = timeline.name, timeline.moved_m
     if timeline.now is None or not timeline.now.visible:
         return None  # where it is now is not known
@@ -286,7 +284,7 @@ def _is_holding(formula: Formula | None) -> bool:
 
 
 def _is_out_of_reach(timeline: ManipulationTimeline, *, is_told: bool = True) -> bool:
-    """Whether the thing fell off what it stood on, or was taken away; a lost runner may have carried it (not told)."""
+    """Whether the object fell off its support or was taken away; a lost runner leaves a motion unrecorded."""
     was, now = timeline.was, timeline.now
     if was is None or now is None or now.confidence < SURE or _was_held(timeline):
         return False
@@ -295,7 +293,7 @@ def _is_out_of_reach(timeline: ManipulationTimeline, *, is_told: bool = True) ->
 
 
 def _was_held(timeline: ManipulationTimeline) -> bool:
-    """Whether a hand had it as the session began; when that opens, the thing falls."""
+    """Whether a hand held the object as the session began; when that opens, the object falls."""
     return timeline.was is not None and timeline.was.status is Status.HELD
 
 
@@ -321,7 +319,7 @@ def _has_anything_moved(before: Environment | None, after: Environment | None) -
 
 
 def _is_all_seen(criterion: Criterion, bundle: Bundle) -> bool:
-    """Whether every thing that a criterion speaks of was seen at the end."""
+    """Whether every entity of a criterion was seen at the end."""
     after = bundle.after
     if after is None or criterion.kind != "accept":
         return False

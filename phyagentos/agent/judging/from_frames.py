@@ -1,7 +1,6 @@
-"""A verdict formed again from what the cameras showed: perceived again by the runtime's code, judged again here.
+"""Forms a verdict again from the stored looks, which the runtime's perception processes again.
 
-Upstream: the snapshots that perception made anew of the looks in a bundle. Downstream: `paos verify --from-frames`. It
-is compared with the snapshots that the session left and with the judgement that decided; nothing is recorded.
+It is compared with the stored snapshots and the deciding judgement; nothing is recorded.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,10 +25,10 @@ class JudgedAgain(msgspec.Struct, frozen=True, kw_only=True):
     """A session, perceived and judged again.
 
     Attributes:
-        verdict: That the criteria come to now; replanning is not weighed again.
+        verdict: Of the criteria; replanning is not weighed again.
         looks: How many looks were perceived again.
         criteria: Preconditions, acceptance and hold conditions as they are now.
-        differences: Where that is not what was recorded; empty when it is equal.
+        differences: From the record; empty when equal.
     """
 
     session: str
@@ -40,16 +39,16 @@ class JudgedAgain(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision: Attempt | None) -> JudgedAgain:
-    """Judge a session on what its looks show.
+    """Judge a session on its looks.
 
     Args:
         bundle: As the session left it.
         seen: Its looks, perceived again.
-        verifier: Who judges.
+        verifier: Judges both times.
         decision: The judgement that decided; None for a session without one.
 
     Raises:
-        ExecutionError: `LOOK_MISSING` where a snapshot was perceived from a look that the bundle does not hold.
+        ExecutionError: `LOOK_MISSING`: the bundle does not hold the look of a snapshot.
     """
     again, holds = _replace_snapshots(bundle, seen)
     attempt = verifier.judge(again, History())
@@ -71,7 +70,7 @@ def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision:
 
 
 def _replace_snapshots(bundle: Bundle, seen: Seen) -> tuple[Bundle, list[str]]:
-    """The bundle with what is perceived now, and where a sample of a hold condition comes out otherwise."""
+    """The bundle with the new snapshots, and the samples of hold conditions that differ."""
     snapshots = {entry.role: world for entry, world in seen if not entry.text}
     for role, recorded in ((LookRole.START, bundle.before), (LookRole.END, bundle.after)):
         if recorded is not None and role not in snapshots:
@@ -108,7 +107,7 @@ def _judge_requires(bundle: Bundle) -> list[Criterion]:
 
 
 def _compare_criteria(recorded: Iterable[Criterion], again: Iterable[Criterion]) -> Iterable[str]:
-    """Criteria that are answered or measured otherwise now."""
+    """Criteria with another truth or measurement now."""
     known = {(criterion.kind, criterion.text): criterion for criterion in again}
     for was in recorded:
         now = known.get((was.kind, was.text))

@@ -1,8 +1,7 @@
 """The judgement of a whole goal, and the evidence of its sessions.
 
-Upstream: finished sessions. Downstream: the controller. A goal is met when every node is done and its own acceptance is
-true in the latest snapshot, changes measured against the first one. Each simulated target has a world of its own: where
-those of a goal do not agree, nothing is known.
+A goal is met when every node is done and its own acceptance is true in the latest snapshot, changes measured against
+the first one. Each simulated target has a world of its own: where those of a goal disagree, the truth is unknown.
 """
 
 from collections.abc import Mapping
@@ -34,7 +33,7 @@ class Seen:
     Attributes:
         initial: The world before the first session, None before any was observed.
         now: The world after the latest.
-        now_file: Where that stands, relative to the workspace.
+        now_file: File of `now`, relative to the workspace.
     """
 
     initial: Environment | None = None
@@ -44,7 +43,7 @@ class Seen:
     latest: Age | None = None
 
     def take_in(self, age: Age, bundle: Bundle) -> None:
-        """Know the snapshots of one more session."""
+        """Include the snapshots of one more session."""
         if bundle.before is not None and (self.oldest is None or age < self.oldest):
             self.oldest, self.initial = age, bundle.before
         if bundle.after is not None and (self.latest is None or age > self.latest):
@@ -55,16 +54,13 @@ class Seen:
 class Evidence:
     """The bundles of one goal, and the first and the latest snapshot in those that were read.
 
-    Sessions are judged in the order of their end, so that order is also the age of what they saw. The world's own time
-    is not: it begins anew when a simulated world was lost.
-
-    Args:
-        root: The workspace.
+    Sessions are judged in the order of their end, so that order is also the age of their snapshots. The time of the
+    world is not: it begins anew when a simulated world was lost.
 
     Attributes:
-        root: As given.
-        all: What was seen by any session.
-        by_target: What was seen by those on one target.
+        root: The workspace.
+        all: Snapshots of every session.
+        by_target: Snapshots of the sessions on one target.
     """
 
     def __init__(self, root: Path) -> None:
@@ -74,12 +70,7 @@ class Evidence:
         self.by_target: dict[str, Seen] = {}
 
     def read(self, status: SessionStatus, *, with_course: bool = True) -> Bundle:
-        """The bundle of a session that has an execution; one that cannot be read is empty, which proves nothing.
-
-        Args:
-            status: Of the session.
-            with_course: Whether trace and events are wanted.
-        """
+        """The bundle of an executed session, empty where unreadable; `with_course` includes trace and events."""
         bundle = self._read(status, with_course)
         age = self._ages.setdefault(bundle.session.id, self._compute_age(status))
         for seen in (self.all, self.by_target.setdefault(bundle.session.target, Seen())):
@@ -87,16 +78,16 @@ class Evidence:
         return bundle
 
     def _compute_age(self, status: SessionStatus) -> Age:
-        """What an earlier agent judged comes first, in the order of its verdicts; then what is judged here."""
+        """Verdicts of an earlier agent come first, in their order; then those of this one."""
         return (0, status.updated_at) if status.state in FINAL_STATES else (len(self._ages) + 1, "")
 
     def take_in(self, status: SessionStatus) -> None:
-        """Know the snapshots of a session, without reading them again."""
+        """Include the snapshots of a session, without reading them again."""
         if status.contract.id not in self._ages:
             self.read(status, with_course=False)
 
     def find_latest(self) -> Environment | None:
-        """The latest snapshot that was judged; before the first, what ENVIRONMENT.md says."""
+        """The latest snapshot that was judged; before the first, the content of ENVIRONMENT.md."""
         if self.all.now is not None:
             return self.all.now
         try:
@@ -131,11 +122,9 @@ class Outcome:
     """The verdict of a goal.
 
     Attributes:
-        verdict: Success or failure.
         reason: One sentence.
         criteria: The goal's own acceptance.
-        initial: The first snapshot of the goal.
-        now: The latest.
+        now: The latest snapshot.
     """
 
     verdict: Verdict
@@ -146,13 +135,7 @@ class Outcome:
 
 
 def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str]) -> Outcome:
-    """Whether the goal is met.
-
-    Args:
-        graph: With the goal's own acceptance.
-        evidence: Of its finished sessions.
-        blocked: Node that cannot be done -> why.
-    """
+    """Judge whether the goal is met; `blocked` maps each blocked node to its reason."""
     criteria = tuple(_judge(text, graph, evidence) for text in graph.spec.accept)
     missed = [criterion for criterion in criteria if criterion.truth is not Truth.TRUE]
     if blocked:

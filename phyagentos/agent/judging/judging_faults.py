@@ -1,8 +1,6 @@
-"""Whether the judging itself is why an objective was not called met, whatever the world looks like.
+"""Faults of the judging itself: criteria contradict, judges disagree, or a judge failed while all else is true.
 
-Upstream: the criteria of one judgement. Downstream: `diagnosis`, which asks here before it looks for a cause in the
-world. Three faults can be told from the criteria alone: two of them exclude one another, two judges answer differently
-about one statement, or a judge could not be asked while all that was measured is true.
+They are found from the criteria alone, before a cause is searched in the world.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,13 +19,13 @@ _OF_THE_WAY = frozenset({"hold", "constraint", "metric", "requires"})
 
 
 def find_judging_fault(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
-    """The verifier's own fault and the deciding fact in words; None when the criteria can be believed."""
+    """The verifier's own fault and the deciding fact in words; None when there is none."""
     criteria = [criterion for criterion in criteria if criterion.kind != "lookahead"]
     return _find_contradiction(criteria) or _find_dispute(criteria) or _find_silence(criteria)
 
 
 def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
-    """Two demands on the end that no world meets together."""
+    """Two criteria on the end that exclude one another."""
     texts = dict.fromkeys(criterion.text for criterion in criteria if criterion.kind not in _OF_THE_WAY)
     demands = set(chain.from_iterable(_iter_demands(text) for text in texts))
     for demand in sorted((each for each in demands if isinstance(each, Not)), key=render):
@@ -38,7 +36,7 @@ def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | No
 
 
 def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
-    """Everything that is false is true to another judge."""
+    """Every false criterion is true to another judge."""
     believed = {each.text: each for each in criteria if each.truth is Truth.TRUE and each.kind not in _OF_THE_WAY}
     denied = [criterion for criterion in criteria if criterion.truth is Truth.FALSE]
     if not denied or any(each.text not in believed or each.kind in _OF_THE_WAY for each in denied):
@@ -50,7 +48,7 @@ def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
 
 
 def _find_silence(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
-    """Nothing is open but what a judge gave no answer to."""
+    """Only criteria without a judge's answer are open."""
     unknown = [criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN]
     if not unknown or any(criterion.truth is Truth.FALSE for criterion in criteria):
         return None

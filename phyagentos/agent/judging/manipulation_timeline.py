@@ -1,8 +1,4 @@
-"""What a session did to its thing, read off its evidence: how far the skill came, and what its thing did meanwhile.
-
-Upstream: the evidence bundle. Downstream: `diagnosis`. It reads the robot's own record (leaves, fingers) and what was
-seen before and after; never what the simulated world was told to do.
-"""
+"""What a session did to its object, from evidence: stage of the skill, and motion of the object."""
 
 import math
 from dataclasses import dataclass
@@ -34,16 +30,15 @@ class Stage(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManipulationTimeline:
-    """What happened.
+    """Stage of the skill, and motion of its object.
 
     Attributes:
-        name: The thing that the session is about, None when it cannot be told.
-        was: It before the session.
-        now: It after the session.
-        stage: How far the skill came.
-        grips: Whether the skill takes hold of things at all.
+        name: The object, None when unknown.
+        was: Object before the session.
+        now: Object after the session.
+        grips: Whether the skill grasps at all.
         moved_m: From before to after [m]; 0 when one of them is missing.
-        since_release_m: From where it was let go to where it is now [m]; 0 when it was not let go.
+        since_release_m: From the release to now [m]; 0 without a release.
         support: Where these numbers stand.
     """
 

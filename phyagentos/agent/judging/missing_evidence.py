@@ -1,8 +1,4 @@
-"""What should be looked at again before an objective that is unknown is called missed.
-
-Upstream: the verifier, whose criteria are unknown and none is false. Downstream: the replanner, which looks again
-(`Attempt.missing_evidence`). Only acceptance can be seen afterwards: what had to hold all through is over.
-"""
+"""Entities to look at again before an unknown objective counts as missed; hold conditions cannot be seen afterwards."""
 
 from collections.abc import Sequence
 
@@ -15,12 +11,7 @@ MOST = 8  # things; a child session looks at one, or at a few that stand togethe
 
 
 def find_missing_evidence(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:
-    """Things that acceptance speaks of and the last snapshot does not show well enough, in the order of the criteria.
-
-    Args:
-        criteria: Of one judgement.
-        after: The snapshot after the session, None when there is none.
-    """
+    """Entities of acceptance that the last snapshot does not show well enough, in the order of the criteria."""
     if after is None:
         return ()
     unknown = [each for each in criteria if each.kind == "accept" and each.truth is Truth.UNKNOWN]

@@ -1,8 +1,4 @@
-"""A judgement that is added to a session which has its verdict: it stands beside the others and changes nothing.
-
-Upstream: a person who asks for another pair of eyes. Downstream: the journal (`review`), `paos why`. The session is
-judged on the evidence that it left, as it lies in the workspace now; the record says by whom, and what was read.
-"""
+"""Adds a judgement to a session that has its verdict; nothing else changes."""
 
 import msgspec
 
@@ -18,13 +14,7 @@ from phyagentos.store.journal import Journal
 
 
 def review_session(workspace: Workspace, journal: Journal, status: SessionStatus, verifier: SessionVerifier) -> Attempt:
-    """Judge a session once more and record it; every earlier judgement and the session's state stay.
-
-    Args:
-        workspace: With the evidence.
-        journal: Opened for the agent's side.
-        status: The session as the journal tells it.
-        verifier: Who judges.
+    """Judge a session once more and record it; earlier judgements and the session's state stay.
 
     Raises:
         DefinitionError: `NOT_JUDGED` when it has no verdict yet, or was never executed.

@@ -1,8 +1,7 @@
 """SessionVerifier: V(G, S0, ST, trace, history) -> success, failure or replan. Paper section 4.2.
 
-Upstream: the evidence bundle of a session that left `running`. Downstream: the journal, the replanner, memory. How the
-execution ended never makes a success and never prevents one; only criteria on evidence decide. Whether the verdict
-decides is the mode's affair, see `VerificationMode`.
+The end of the execution makes no success and prevents none; only criteria on evidence decide. Whether the verdict
+takes effect depends on the mode, see `VerificationMode`.
 """
 
 import contextlib
@@ -31,12 +30,7 @@ MOST_REFERENCES = 16  # a bundle has fewer files that can be judged on
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """What the verdict may take into account beside the evidence.
-
-    Attributes:
-        replans: Children that the node has had.
-        max_replans: Children that it may have.
-    """
+    """Children that the node has had, and may have."""
 
     replans: int = 0
     max_replans: int = 0
@@ -48,8 +42,8 @@ class SessionVerifier:
 
     Attributes:
         judges: Asked in this order.
-        costly: Asked after them, and only when nothing is false yet.
-        mode: Whether the verdict decides.
+        costly: Asked after them, and only while nothing is false.
+        mode: Whether the verdict takes effect.
         name: Name and version, recorded with every judgement.
     """
 
@@ -59,11 +53,11 @@ class SessionVerifier:
     name: str = "session_verifier/2"
 
     def judge(self, bundle: Bundle, history: History) -> Attempt:
-        """One judgement; the caller appends it to the session's attempts.
+        """One judgement.
 
-        Success needs every criterion to be true. Otherwise the session is replanned when the cause can be mended and
-        the node has budget left, and has failed when not. When nothing is false and something is unknown, the cause is
-        `EVIDENCE_MISSING`, and `missing_evidence` names what must be seen again.
+        Success needs every criterion to be true. Otherwise the session is replanned while the cause can be mended and the
+        node has budget left, else it has failed. When nothing is false and something is unknown, the cause is
+        `EVIDENCE_MISSING`, and `missing_evidence` names the entities to look at again.
         """
         if self.mode is VerificationMode.OFF:
             return self._skip(bundle)
@@ -142,13 +136,13 @@ class SessionVerifier:
 
 
 def _choose_decisive(criteria: Sequence[Criterion]) -> Sequence[Criterion]:
-    """What was observed; predictions only where nothing was."""
+    """The observed criteria; predictions only where nothing was observed."""
     observed = [criterion for criterion in criteria if criterion.kind not in ADVISORY_KINDS]
     return observed or criteria
 
 
 def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterator[Criterion]:
-    """What the contract asks and none of these judges answers: unknown, lest it count as met."""
+    """Criteria of the contract that no judge answered: unknown, lest they count as met."""
     for kind, other, texts in (("accept", "hold", session.accept), ("hold", "accept", session.hold)):
         answered = {each.text for each in criteria if each.kind not in ADVISORY_KINDS and each.kind != other}
         for text in texts:
@@ -157,7 +151,7 @@ def _find_unanswered(session: Session, criteria: Sequence[Criterion]) -> Iterato
 
 
 def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnosis, tuple[str, ...]]:
-    """Why it was not met, and what should be looked at again when that cannot be told."""
+    """The diagnosis, and the entities to look at again."""
     diagnosis = diagnose(bundle, criteria)
     is_open = criteria and all(criterion.truth is not Truth.FALSE for criterion in criteria)
     judged = [each for each in criteria if each.evidence]  # a look helps where a judge looked and could not tell
@@ -170,7 +164,7 @@ def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnos
 
 
 def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
-    """The same judgement, where the execution's own report decides."""
+    """The same judgement, with the execution's own report as verdict."""
     ended = bundle.execution.ended
     verdict = Verdict.SUCCESS if ended is Ended.COMPLETED else Verdict.FAILURE
     reason = f"audit: the execution ended {ended}, which decides; the evidence says {attempt.found}. {attempt.reason}"

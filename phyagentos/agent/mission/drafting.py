@@ -1,8 +1,4 @@
-"""The next session of a node as a contract, and the records about a node.
-
-Upstream: the controller and the recovery, which decide that there is to be one. Downstream: the compiler makes the
-contract, memory may change it, and the mission commits the records.
-"""
+"""Drafts the next session of a node as a contract, and the records about a node."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,14 +20,7 @@ _NONE: Outputs = {}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drafter:
-    """Drafts the sessions of one goal.
-
-    Attributes:
-        facts: Of the goal.
-        compiler: Of its graph.
-        evidence: Of its sessions; memory is asked about the latest snapshot.
-        advisor: Asked before a session is submitted.
-    """
+    """Drafts the sessions of one goal; the advisor may change a contract, on the latest snapshot."""
 
     facts: GoalFacts
     compiler: SessionCompiler
@@ -43,7 +32,7 @@ class Drafter:
 
         Args:
             node: Of the graph.
-            revision: What it does differently from its parent; None for the first session.
+            revision: Of a child; None for the first session.
             fresh: Node -> outputs that are not yet in the records.
         """
         outputs = {

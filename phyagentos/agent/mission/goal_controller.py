@@ -1,8 +1,7 @@
-"""One goal while it is pursued: what to record next, decided from records and evidence alone.
+"""The decisions of one goal: the next batch of records, from records and evidence alone.
 
-Upstream: the fold of the journal. Downstream: `mission`, which commits what this asks for. Nothing is remembered beside
-the records: worklist and graph can be made anew from them, so an agent that was killed goes on where it stopped. Each
-answer is one batch, recorded whole or not. A step costs what has changed, however large the graph is.
+Worklist and graph can be made anew from the records, so a killed agent continues where it stopped. Each batch is
+recorded whole or not at all. A step costs what has changed, however large the graph is.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -42,18 +41,9 @@ _OPEN = (NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED)
 class GoalController:
     """The decisions of one goal.
 
-    Args:
-        compiler: Of its graph.
-        ledger: Kept up to date by the mission.
-        evidence: Reads the bundles of its sessions.
-        verifier: Judges them.
-        advisor: Asked before a session is submitted.
-        policy: Chooses what follows when a session did not meet its objective.
-
     Attributes:
-        goal: Its id.
         graph: As authored.
-        worklist: What has changed since the last look, and the goal's one graph.
+        worklist: Changes since the last look, and the goal's one graph.
     """
 
     def __init__(
@@ -86,11 +76,11 @@ class GoalController:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more is to be recorded: it has its verdict, or is cancelled and no session lives."""
+        """Whether the goal has its verdict, or is cancelled and has no live session."""
         return bool(self.status.verdict) or (self.status.is_cancelled and not self.worklist.has_live())
 
     def open(self) -> list[Entry]:
-        """The goal, its graph, and the sessions of every node that waits for nothing."""
+        """The goal, its graph, and the sessions of every node without predecessors."""
         spec = self.graph.spec
         nodes = {
             name: {
@@ -126,7 +116,7 @@ class GoalController:
         return (self._ledger.sessions[id] for id in self.worklist.iter_live())
 
     def cancel(self) -> list[Entry]:
-        """The end of the goal, where it is not yet recorded, and of every session that has not been asked to end."""
+        """Cancels the goal, where that is not yet recorded, and its live sessions."""
         body = {"reason": "an end was asked for"}
         entries = [
             Entry(status.contract.id, trigger, body)
@@ -165,7 +155,7 @@ class GoalController:
     def _judge(self, status: SessionStatus) -> tuple[Bundle, Attempt]:
         """The judgement of a session, and the evidence that it rests on.
 
-        A session that only looked is judged by the criteria of the one for whose sake it did, on what it saw.
+        A session that only looked is judged by the criteria of its subject, on the snapshot of the look.
         """
         facts, node = self._facts, status.contract.node
         history = History(replans=facts.count_replans(node), max_replans=self.graph.max_replans(node))
@@ -189,7 +179,7 @@ class GoalController:
     # -- nodes ---------------------------------------------------------------------------------------------------------
 
     def _look_at_changed(self) -> list[Entry]:
-        """What follows for the nodes that changed: a session for one that is free, an end for one that cannot be."""
+        """What follows for the nodes that changed: a session, or the end of the node."""
         entries: list[Entry] = []
         blocked: set[str] = set()
         for name in self.worklist.iter_changed():
@@ -203,7 +193,7 @@ class GoalController:
         return entries
 
     def _look_at(self, name: str, blocked: set[str]) -> list[Entry]:
-        """What is to be done about one node; `blocked` are by this batch."""
+        """What follows for one node; `blocked` are by this batch."""
         node = self.status.nodes[name]
         latest = self._ledger.sessions[node.sessions[-1]] if node.state is NodeState.ACTIVE else None
         if latest is not None and latest.state == SessionState.REJECTED:
@@ -226,7 +216,7 @@ class GoalController:
         return self._start((name,), {}) if latest is None else self._recovery.go_on(latest)
 
     def _start(self, names: Iterable[str], fresh: Mapping[str, Mapping[str, Any]]) -> list[Entry]:
-        """Sessions for nodes that wait for nothing any more; `fresh` are outputs not yet in the records."""
+        """Sessions for ready nodes; `fresh` are outputs not yet in the records."""
         entries: list[Entry] = []
         for name in names:
             again = self._facts.get_ids(name)
@@ -243,7 +233,7 @@ class GoalController:
     # -- the goal ------------------------------------------------------------------------------------------------------
 
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
-        """The same records, without the sessions that the goal's budget does not pay for: these block their nodes."""
+        """The records without the sessions beyond the goal's budget; these block their nodes."""
         if self.graph.spec.budget.is_endless or not any(entry.ev == "submit" for entry in entries):
             return entries
         left = self._facts.compute_left()
@@ -262,7 +252,7 @@ class GoalController:
         return kept
 
     def _finish(self) -> list[Entry]:
-        """The verdict of the goal, or the nodes that the world has undone; empty while a session lives."""
+        """The verdict of the goal, or the nodes to do again; empty while a session lives."""
         if self.worklist.has_live():
             return []
         for status in self._facts.find_ended():
@@ -308,7 +298,7 @@ class GoalController:
 
 
 def _lets_go_on(attempt: Attempt, bundle: Bundle) -> bool:
-    """Whether what waits for the session may begin; without verification, because its execution completed."""
+    """Whether the successors of the session may begin; without verification, because its execution completed."""
     is_completed = bundle.execution.ended is Ended.COMPLETED
     return attempt.verdict is Verdict.SUCCESS or (attempt.verdict is Verdict.UNVERIFIED and is_completed)
 

@@ -1,7 +1,4 @@
-"""What the records hold about one goal: the sessions of its nodes, which of them pursued the objective, what is spent.
-
-Upstream: the fold of the journal. Downstream: controller and `recovery`, which decide. Nothing here decides or records.
-"""
+"""Queries on the records of one goal: sessions of its nodes, finished work, spent budget."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,14 +20,7 @@ _BEGUN = (NodeState.ACTIVE, NodeState.DONE, NodeState.BLOCKED)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalFacts:
-    """Questions about one goal.
-
-    Attributes:
-        graph: Its graph.
-        goal: Its id.
-        ledger: Kept up to date by the mission.
-        dag: What waits for what, repairs included.
-    """
+    """Queries on one goal; the mission keeps `ledger` and `dag` up to date."""
 
     graph: GoalGraph
     goal: GoalId
@@ -51,11 +41,11 @@ class GoalFacts:
         return self.ledger.goals[self.goal].nodes[name].state
 
     def find_own(self, name: str) -> SessionStatus | None:
-        """The latest session of a node that pursued its objective, rather than preparing it."""
+        """The latest session of a node that pursued its objective."""
         return next((status for status in reversed(self.get_sessions(name)) if not status.contract.purpose), None)
 
     def find_subject(self, session: Session) -> SessionStatus:
-        """The session for whose sake another was made: the nearest one above it that pursues the node's objective."""
+        """The nearest ancestor of a session that pursues the node's objective."""
         status = self.ledger.sessions[session.id]
         while status.contract.purpose and status.contract.parent in self.ledger.sessions:
             status = self.ledger.sessions[status.contract.parent]
@@ -86,7 +76,7 @@ class GoalFacts:
         return [status for status in sessions if status.execution and status.state in FINAL_STATES]
 
     def count_replans(self, name: str) -> int:
-        """Children with the node's own objective; what look-ahead refused moved nothing and is none."""
+        """Children with the node's own objective, without those that look-ahead refused."""
         ids = self.get_ids(name)
         if len(ids) < 2:
             return 0
@@ -98,7 +88,7 @@ class GoalFacts:
         return self.count_replans(name) < self.graph.max_replans(name)
 
     def compute_left(self, node: str = "") -> Left:
-        """What the goal may still cost; nodes without a session are counted as one each, `node` left out."""
+        """What the goal may still cost; each node without a session counts as one, `node` left out."""
         goal = self.ledger.goals.get(self.goal)
         nodes = goal.nodes if goal else {}
         sessions = [self.ledger.sessions[id] for each in nodes.values() for id in each.sessions]
@@ -114,7 +104,7 @@ class GoalFacts:
         return {skill: sum(values) / len(values) for skill, values in times.items()}
 
     def find_protected(self) -> frozenset[str]:
-        """Things that finished nodes have put where they belong."""
+        """Entities that finished nodes have put where they belong."""
         return frozenset(
             name
             for session in self.find_finished().values()
@@ -125,5 +115,5 @@ class GoalFacts:
 
 
 def is_foreseen(status: SessionStatus) -> bool:
-    """Whether a session was refused for what its simulation came to."""
+    """Whether look-ahead refused a session."""
     return status.state == SessionState.REJECTED and any(each.code == LOOKAHEAD_LOW for each in status.problems)

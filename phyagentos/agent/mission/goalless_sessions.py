@@ -1,8 +1,7 @@
-"""Verdicts of sessions that serve no goal: those that a person or another program submitted by hand.
+"""Verdicts of sessions without a goal, which a person or another program submitted by hand.
 
-Upstream: SESSIONS.md and the inbox (see `protocol.edits`). Downstream: the journal. No mission looks at such a session,
-so it waits in `awaiting_verification` until this judges it, by the same verifier on the same evidence. It has no node,
-so there is no budget: it has succeeded or failed, and another attempt is a new session by hand.
+No mission judges such a session. It has no node and so no budget: it succeeds or fails, and another attempt is a new
+session.
 """
 
 from collections.abc import Iterator
@@ -24,12 +23,12 @@ _TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.UNVERIFIED: "skip"}
 def judge_goalless_sessions(
     workspace: Workspace, journal: Journal, verifier: SessionVerifier | None = None
 ) -> list[tuple[SessionId, Attempt]]:
-    """Judge every session without a goal that waits for a verdict, the longest waiting first.
+    """Judge every session without a goal that awaits a verdict, the longest waiting first.
 
     Args:
         workspace: With the evidence.
         journal: Opened for the agent's side.
-        verifier: Who judges.
+        verifier: The default one when None.
 
     Returns:
         The verdicts that were recorded.

@@ -1,7 +1,6 @@
-"""The mission: the only loop of the agent plane. It submits what is ready, waits, judges, until the goal is judged.
+"""The mission: the loop of the agent plane, which submits, waits and judges until the goal has its verdict.
 
-Upstream: a goal graph and a seed. Downstream: the journal, where the runtime finds its sessions. The loop holds no
-state of its own: the controller decides from the records what is next, so a mission may be killed and run again.
+The loop holds no state of its own: the controller decides from the records, so a mission may be killed and run again.
 """
 
 import logging
@@ -51,10 +50,10 @@ TRIES = 20  # at a batch that another writer made out of date
 
 
 class MissionObserver(Protocol):
-    """Follows a mission: a terminal, a recorder of benchmarks."""
+    """Follows a mission, for a terminal or a benchmark recorder."""
 
     def on_change(self, goal: GoalStatus, ledger: Ledger) -> None:
-        """New records were taken in; called in the loop's thread, must return soon and change nothing."""
+        """New records were taken in; runs in the loop's thread, must return soon and change nothing."""
         ...
 
 
@@ -62,14 +61,12 @@ class Mission:
     """Pursues goals in one workspace, one after the other.
 
     Args:
-        workspace: Where the planes meet.
         journal: Opened for the side `agent`.
         clock: For waiting and for wall times of the report.
-        verifier: Judges the sessions.
-        advisor: Asked before a session is submitted; by default no experience changes a contract.
-        policy: Chooses what follows when a session did not meet its objective; graph repair by default.
+        advisor: Changes contracts by experience; none by default.
+        policy: Chooses the repair after a missed objective; graph repair by default.
         observers: Called after every change.
-        is_runtime_alive: Asked while waiting for a goal; False ends the mission instead of waiting for ever.
+        is_runtime_alive: Called while a goal waits; False ends the mission.
     """
 
     def __init__(
@@ -98,7 +95,7 @@ class Mission:
     def run(
         self, graph_file: Path, *, seed: int, overrides: Mapping[str, str] | None = None, goal: GoalId | None = None
     ) -> MissionReport:
-        """Pursue a goal graph to its verdict; continues it when the workspace already knows the goal.
+        """Pursue a goal graph to its verdict; continues a goal that the workspace already holds.
 
         Args:
             graph_file: The authored file; a copy stays in the workspace.
@@ -107,8 +104,7 @@ class Mission:
             goal: Its id; `<graph>-<seed>` by default, with a further number when that one has its verdict.
 
         Raises:
-            DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS` when the workspace knows
-                the goal with another graph. Nothing was recorded.
+            DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS`. Nothing was recorded.
             ExecutionError: `RUNTIME_LOST`, or an error of the journal.
         """
         catalogue = Catalogue.of_workspace(self._workspace)
@@ -129,7 +125,7 @@ class Mission:
         return self._pursue(controller)
 
     def resume(self, goal: GoalId) -> MissionReport:
-        """Go on with a goal that the workspace knows; one that has its verdict is only reported.
+        """Continue a goal of the workspace; one that has its verdict is only reported.
 
         Raises:
             DefinitionError: `UNKNOWN_GOAL`, or problems of the graph as it was submitted.
@@ -146,7 +142,7 @@ class Mission:
         return self._pursue(self._make_controller(compiler))
 
     def _report_past(self, goal: GoalId) -> MissionReport:
-        """Of a goal that ended so long ago that the ledger has let go of it."""
+        """Report of a goal that the ledger has evicted."""
         with Histories(self._journal.folder) as histories:
             past = histories.fold_goal(goal)
         if past is None:
@@ -161,7 +157,7 @@ class Mission:
         return build_report(past.goals[goal], past, wall_s=0.0)
 
     def cancel(self) -> None:
-        """Ask for an end: live sessions are cancelled, the target is brought to rest. Any thread may call this."""
+        """Cancel live sessions and halt their targets. Callable from any thread."""
         self._cancelled.set()
 
     def _make_controller(self, compiler: SessionCompiler) -> GoalController:
@@ -183,7 +179,7 @@ class Mission:
         return id
 
     def _check_same(self, graph: GoalGraph, graph_file: Path, goal: GoalId, file: Path) -> None:
-        """Refuse to go on with a goal, or to report it, for another graph than its own."""
+        """Refuse a goal id that belongs to another graph."""
         if validate(GoalSpec, read_yaml(file)) == graph.spec:
             return
         state, hint = "over", "Name another goal with --goal or --seed."
@@ -201,7 +197,7 @@ class Mission:
         )
 
     def _is_spent(self, id: GoalId) -> bool:
-        """Whether a goal of this id is over; the ledger has forgotten those that ended long ago."""
+        """Whether a goal of this id is over; the ledger evicts old goals."""
         goal = self.ledger.goals.get(id)
         return bool(goal.verdict) or goal.is_cancelled if goal else self._journal.knows(f"goal:{id}")
 
@@ -226,7 +222,7 @@ class Mission:
         return build_report(goal.status, self.ledger, self._clock.now_s() - begin_s)
 
     def _wait(self, watch: Watch) -> bool:
-        """Until something changes; whether anything did. A wait longer than a moment waits for the disk, too."""
+        """Wait for a change; whether there was one. Without news the journal is synced first."""
         if not self._is_durable:
             if watch.wait(SYNC_AFTER_S):
                 return True
@@ -292,7 +288,7 @@ class Mission:
 
 
 def _write_durably(path: Path, data: bytes) -> None:
-    """Let a file appear as a whole, on the disk: a goal that was recorded can be read again after a power cut."""
+    """Write a file atomically and durably: a recorded goal can be read after a power cut."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     with temporary.open("wb") as file:
         file.write(data)

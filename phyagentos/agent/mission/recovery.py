@@ -1,7 +1,6 @@
 """What follows when a session did not finish its node: a child, a preparation, a restoration, or the end of the node.
 
-Upstream: the controller, with a judgement. Downstream: the records it returns. The choice is made by a `RepairPolicy`;
-only the affected part of the graph is touched: finished work is kept unless the world undid it.
+Only the affected part of the graph is touched: finished work is kept unless the world undid it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
@@ -47,15 +46,7 @@ _REFUSALS = {  # of preflight: what a repair can answer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovery:
-    """Decides how a node goes on.
-
-    Attributes:
-        facts: Of the goal.
-        drafter: Drafts what is submitted.
-        evidence: Reads bundles.
-        policy: Chooses.
-        restores: Whether what is done may be opened again.
-    """
+    """Decides how a node continues; `restores` allows to open finished nodes again."""
 
     facts: GoalFacts
     drafter: Drafter
@@ -64,12 +55,12 @@ class Recovery:
     restores: bool
 
     def follow(self, status: SessionStatus, bundle: Bundle, attempt: Attempt) -> tuple[Attempt, list[Entry]]:
-        """The judgement as it is to be recorded, and what follows for the node.
+        """The judgement as it is to be recorded, and the records about its node.
 
         Args:
             status: The session that has ended.
-            bundle: What its judgement rests on.
-            attempt: The judgement; no success, or that of a session which only prepared.
+            bundle: Evidence of the judgement.
+            attempt: The judgement; no success, or that of a preparing session.
         """
         node = status.contract.node
         if self.prepares(status):
@@ -91,13 +82,13 @@ class Recovery:
         return attempt, entries
 
     def prepares(self, status: SessionStatus) -> bool:
-        """Whether a session cannot finish its node: it clears the way, or looks for something before the first try."""
+        """Whether a session cannot finish its node: it clears an obstruction, or looks before the first attempt."""
         purpose = status.contract.purpose
         looked_first = purpose == looking.PURPOSE and self.facts.find_subject(status.contract).execution is None
         return purpose == clearing.PURPOSE or looked_first
 
     def follow_refusal(self, refused: SessionStatus) -> list[Entry]:
-        """What follows when preflight refused a session."""
+        """Records after preflight refused a session."""
         node = refused.contract.node
         if refused.contract.purpose:
             return self.go_on(refused)
@@ -113,7 +104,7 @@ class Recovery:
         return blocked if _is_end(entries) else entries
 
     def go_on(self, latest: SessionStatus) -> list[Entry]:
-        """Go on with a node whose latest session is over: what it waited for is restored, or preflight refused it."""
+        """Continue a node whose latest session is over: its restoration is done, or preflight refused it."""
         node = latest.contract.node
         subject = self.facts.find_subject(latest.contract)
         miss = self._find_miss(subject)
@@ -141,14 +132,10 @@ class Recovery:
         return entries
 
     def look_for(self, criteria: Sequence[Criterion], now: Environment) -> list[Entry]:
-        """A look for the sake of the goal, whose own acceptance the latest snapshot leaves unknown; costs no replan.
+        """A look for the sake of the goal, whose own acceptance is unknown in the latest snapshot; costs no replan.
 
-        It is the child of the finished session that acted on the thing, else of the last one. Empty when nothing is to
-        be looked at, or it was looked for often enough.
-
-        Args:
-            criteria: Of the goal.
-            now: The latest snapshot.
+        It is the child of the finished session that acted on the entity, else of the last one. Empty when everything is
+        seen, or the limit of looks is reached.
         """
         missing = find_missing_evidence(criteria, now)
         finished = [(name, self.facts.find_own(name)) for name in self.facts.find_finished()]
@@ -173,7 +160,7 @@ class Recovery:
         return self._look_once_more(node, miss)
 
     def wait_for(self, regressions: Sequence[str], node: str) -> Entry:
-        """Nodes that must be done again before the next session of a node that had begun."""
+        """Nodes that must be done again before the next session of a begun node."""
         reason = f"it waits for {', '.join(regressions)}, to be done again"
         state = self.facts.get_state(node)
         relation = Relation.AGAIN if state is NodeState.INVALIDATED else Relation.REPLAN
@@ -182,7 +169,7 @@ class Recovery:
     # -- one miss ------------------------------------------------------------------------------------------------------
 
     def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
-        """What the policy chooses; the last record blocks the node when it gives up."""
+        """Records of the policy's choice; the last one blocks the node when it gives up."""
         decision = self.policy.choose(self._make_case(node, miss))
         revision = decision.chosen.revision
         if decision.chosen.kind is AlternativeKind.RESTART:
@@ -195,7 +182,7 @@ class Recovery:
         return self._submit(child, miss, decision.reasons, restores=restores)
 
     def _revise_foreseen(self, refused: SessionStatus) -> list[Entry]:
-        """The child that look-ahead found best; nothing when it found none."""
+        """The best child by look-ahead; empty when there is none."""
         contract = refused.contract
         advice = revise_foreseen(refused, self.evidence.root / "evidence" / contract.id)
         if advice is None:
@@ -211,7 +198,7 @@ class Recovery:
         return [] if isinstance(child, str) else self.drafter.submit(child, revision.reasons)
 
     def _look_once_more(self, node: str, miss: Miss) -> list[Entry]:
-        """A look for the sake of a session that cannot be replanned any more; nothing when the policy has none."""
+        """A look for a session that cannot be replanned; empty when the policy has none."""
         decision = self.policy.choose(self._make_case(node, miss))
         if decision.chosen.kind is not AlternativeKind.LOOK or decision.chosen.revision is None:
             return []
@@ -219,7 +206,7 @@ class Recovery:
         return [] if isinstance(child, str) else self.drafter.submit(child, decision.reasons)
 
     def _submit(self, child: Session, miss: Miss, reasons: Iterable[str], *, restores: bool) -> list[Entry]:
-        """The child, or first the restoration of what it needs and an earlier node had achieved."""
+        """The child, or first the restoration of lost preconditions that an earlier node had achieved."""
         if child.purpose:  # it prepares; only what pursues the objective is paid for as a replan
             return self.drafter.submit(child, reasons)
         if restores and miss.world is not None:
@@ -232,7 +219,7 @@ class Recovery:
         return [spent, *self.drafter.submit(child, reasons)]
 
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
-        """Nodes that are opened again for a session that preflight refused, and its own; empty when none can help."""
+        """Reopens finished nodes for a session that preflight refused; empty when none can help."""
         node, world = refused.contract.node, self.evidence.find_latest()
         if world is None or not _is_unmet(refused) or not self.facts.has_replans(node):
             return []
@@ -243,7 +230,7 @@ class Recovery:
     def _follow_preparation(
         self, status: SessionStatus, bundle: Bundle, attempt: Attempt
     ) -> tuple[Attempt, list[Entry]]:
-        """It is prepared: the same objective again. It is not: another way."""
+        """The same objective again after a success, another way after a failure."""
         node, subject = status.contract.node, self.facts.find_subject(status.contract)
         miss = self._find_miss(subject)
         if miss is None:
@@ -266,7 +253,7 @@ class Recovery:
         return msgspec.structs.replace(attempt, verdict=verdict), entries
 
     def _find_miss(self, subject: SessionStatus) -> Miss | None:
-        """What a session missed, judged or refused by preflight; None when a repair has no answer to it."""
+        """The miss of a session, judged or refused by preflight; None when a repair has no answer to it."""
         if subject.execution is not None:
             decided = subject.decision
             return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
@@ -283,7 +270,7 @@ class Recovery:
         return Miss.of_refusal(subject, cause, world) if cause is not None else None
 
     def _restart(self, node: str, cause: Cause, decision: Decision) -> list[Entry]:
-        """Every node that was begun is open again; what is still under way is called off."""
+        """Every begun node is open again; live sessions are cancelled."""
         why = f"{decision.chosen.effect}: {cause} of {node}"
         nodes = self.facts.ledger.goals[self.facts.goal].nodes
         entries = [self.drafter.say(node, GoalEvent.BUDGET_SPENT, why)]
@@ -321,7 +308,7 @@ class Recovery:
 
 
 def is_look(session: Session) -> bool:
-    """Whether a session only looks, so that another one is judged on what it saw."""
+    """Whether a session only looks, so that its subject is judged on its snapshot."""
     return session.purpose == looking.PURPOSE
 
 
@@ -334,7 +321,7 @@ def _is_unmet(refused: SessionStatus) -> bool:
 
 
 def _find_unmet(refused: SessionStatus) -> frozenset[str]:
-    """Names of the predicates in the preconditions that preflight found unmet."""
+    """Names of the predicates in unmet preconditions."""
     unmet = (parse_predicate(each.subject) for each in refused.problems if each.code == _UNMET and each.subject)
     return frozenset(call.name for each in unmet for call in iter_calls(each.formula))
 

@@ -1,7 +1,4 @@
-"""The report of one goal: what `paos run --json` prints, and what benchmarks count.
-
-Upstream: the fold of the journal at the end of a mission. Everything in it can be computed again from the records.
-"""
+"""The report of one goal, as `paos run --json` prints it; all of it can be computed again from the records."""
 
 from collections.abc import Sequence
 
@@ -27,7 +24,7 @@ class SessionReport(msgspec.Struct, frozen=True, kw_only=True):
         ended: How the execution ended, empty when nothing was executed.
         verdict: Empty when it was never judged.
         cause: Coded cause when the objective was not met.
-        reason: Why the verdict fell, or why it was rejected or cancelled.
+        reason: Of the verdict, the rejection or the cancellation.
         leaf: The leaf that decided the end of the execution.
     """
 
@@ -57,10 +54,9 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
         criteria: The goal's own acceptance.
         nodes: Node -> state.
         sessions: In the order of submission.
-        first_attempt_success: Node -> whether its first session succeeded; what look-ahead refused is no attempt.
+        first_attempt_success: Node -> whether its first session succeeded; sessions refused by look-ahead do not count.
         replans: Budget spent.
-        was_rejected: Whether preflight refused the first session of a node, for another reason than that the world
-            had changed since the goal began (a thing was removed): that is an objective not met.
+        was_rejected: Whether preflight refused a node's first session for another reason than a changed world.
         wall_s: Wall time of the mission [s].
     """
 

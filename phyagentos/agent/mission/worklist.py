@@ -1,9 +1,4 @@
-"""What of a goal has to be looked at next, kept from record to record so that no step walks the whole graph.
-
-Upstream: the records that the mission takes in. Downstream: the controller, which decides. Order and readiness are the
-graph's (`goals.dag`), which this keeps up to date. A worklist that is made anew from the ledger asks for a look at
-every node, which finds the same.
-"""
+"""Nodes and sessions of a goal that need a look, updated by each record, so that no step walks the whole graph."""
 
 import heapq
 from collections import Counter
@@ -24,18 +19,13 @@ _UNDER_WAY = frozenset(SessionState) - FINAL_STATES - {SessionState.PENDING}  # 
 class Worklist:
     """Changed nodes, live sessions and sessions without a verdict.
 
-    A node is taken off only by `settle`, when a look at it found nothing to do; so a batch that was refused is simply
-    decided again.
+    Only `settle` removes a node, when a look found nothing to do; so a refused batch is decided again. A worklist made
+    anew from the ledger lists every node, which leads to the same decisions.
 
     Args:
-        graph: Of the goal, as authored.
+        graph: As authored.
         goal: Its id.
-        ledger: As it stands; it may not know the goal yet.
-
-    Attributes:
-        goal: As given.
-        ledger: As given.
-        dag: The goal's one graph.
+        ledger: It may not hold the goal yet.
     """
 
     def __init__(self, graph: GoalGraph, goal: GoalId, ledger: Ledger) -> None:
@@ -55,7 +45,7 @@ class Worklist:
                     self._follow_session(ledger.sessions[id])
 
     def take_in(self, record: Record) -> None:
-        """Note what a record changed, of this goal or of another; the ledger has applied it already."""
+        """Note the changes of a record, of this goal or of another; the ledger has applied it already."""
         if record.to is not None:
             status = self.ledger.sessions.get(SessionId(record.id))
             if status is None or status.contract.goal != self.goal or status.contract.node not in self.dag:
@@ -82,15 +72,15 @@ class Worklist:
         return bool(self._live)
 
     def count_waiting(self) -> int:
-        """Sessions that wait for a target; of several targets for the one that has least to do."""
+        """Sessions that wait for a target; of several targets the smallest number."""
         return min((len(self._queues[target]) for target, live in self._shares.items() if live), default=0)
 
     def iter_unjudged(self) -> Iterator[SessionId]:
-        """Sessions that wait for a verdict, in the order in which they ended."""
+        """Sessions without a verdict, in the order in which they ended."""
         return iter(tuple(self._unjudged))
 
     def iter_changed(self) -> Iterator[str]:
-        """Nodes to look at, in the order of the graph; those that `touch` names on the way included."""
+        """Nodes to look at, in the order of the graph, including those added by `touch` on the way."""
         self._heap = [(self.dag.get_rank(name), name) for name in self._changed]
         heapq.heapify(self._heap)
         latest = ""
@@ -100,12 +90,12 @@ class Worklist:
                 yield (latest := name)
 
     def touch(self, names: Iterable[str]) -> None:
-        """Look at these too; each must come later in the graph than the present one."""
+        """Add nodes to this round; each must come later in the graph than the present one."""
         for name in names:
             heapq.heappush(self._heap, (self.dag.get_rank(name), name))
 
     def settle(self, name: str) -> None:
-        """Nothing is to be done about this node until it, or one before it, changes."""
+        """Remove a node until it, or a predecessor, changes."""
         self._changed.pop(name, None)
 
     def _follow_session(self, status: SessionStatus) -> None:

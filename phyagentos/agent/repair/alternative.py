@@ -1,8 +1,7 @@
-"""One way to go on, told by its effect, and the choice among several.
+"""Repair alternatives, and the choice among them.
 
-Upstream: `retrying`, `remainder`, `other_skill`, `clearing`, `other_target`, `looking`. Downstream: the policy. Ways
-are tried in falling order of chance per cost, which is the order of least expected cost when each may fail on its own
-(Simon and Kadane 1975, doi:10.1016/0004-3702(75)90002-3).
+They are tried in falling order of chance per cost, which is the order of least expected cost when each may fail on its
+own (Simon and Kadane 1975, doi:10.1016/0004-3702(75)90002-3).
 """
 
 from dataclasses import dataclass
@@ -38,14 +37,13 @@ class AlternativeKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alternative:
-    """One way to go on.
+    """One way to repair a node.
 
     Attributes:
-        kind: What is done.
         effect: What it changes, in words.
-        chance: That the node's objective is met by it, 0..1.
-        sessions: That it takes.
-        sim_time_s: That it takes [s].
+        chance: That it meets the node's objective, 0..1.
+        sessions: Cost in sessions.
+        sim_time_s: Cost in simulated time [s].
         because: Why it is possible, or why it is not likely.
         revision: Of the child; None where there is none.
     """
@@ -71,11 +69,10 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """What was chosen.
+    """The chosen alternative.
 
     Attributes:
-        chosen: The way.
-        passed: Others, in the order of their worth, each with the reason why not.
+        passed: The others, in the order of their worth, each with the reason against it.
     """
 
     chosen: Alternative
@@ -83,7 +80,7 @@ class Decision:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """One sentence for each thing that a person should know."""
+        """One sentence for each fact behind the decision."""
         own = self.chosen.revision.reasons if self.chosen.revision else ()
         because = (f"{self.chosen}; {self.chosen.because}" if self.chosen.because else str(self.chosen),)
         over = tuple(f"rather than {other.kind} (chance {other.chance:.2f}): {why}" for other, why in self.passed)
@@ -91,7 +88,7 @@ class Decision:
 
 
 def choose_by_worth(case: Case, alternatives: list[Alternative]) -> Decision:
-    """The way of least expected cost among those that can be paid for; giving up when there is none."""
+    """The affordable alternative of least expected cost; giving up when there is none."""
     ranked = sorted(alternatives, key=lambda each: (-each.worth, each.kind))
     passed: list[tuple[Alternative, str]] = []
     chosen: Alternative | None = None

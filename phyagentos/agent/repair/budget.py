@@ -1,7 +1,4 @@
-"""What a goal may still cost: sessions and simulated time, counted from its records.
-
-Upstream: `budget` of the goal graph. Downstream: the repair policy, and `progress`, which submits nothing beyond it.
-"""
+"""Remaining sessions and simulated time of a goal, counted from its records."""
 
 import math
 from collections.abc import Iterable
@@ -15,12 +12,11 @@ BUDGET = "BUDGET"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Left:
-    """What is left of a budget.
+    """Remainder of a budget.
 
     Attributes:
-        sessions: That may still be submitted.
         sim_time_s: Of all executions together [s].
-        needed: Sessions that nodes which have none yet will take.
+        needed: Sessions for nodes without one.
     """
 
     sessions: float = math.inf
@@ -28,7 +24,7 @@ class Left:
     needed: int = 0
 
     def find_excess(self, sessions: int, sim_time_s: float) -> str:
-        """Why so much more cannot be had, empty when it can."""
+        """Why such a cost exceeds the budget, empty when it does not."""
         if sessions + self.needed > self.sessions:
             asked = f"{sessions} more and {self.needed} for nodes not yet begun"
             return f"{BUDGET}: {self.sessions:g} sessions are left, it takes {asked}"
@@ -37,7 +33,7 @@ class Left:
         return ""
 
     def find_end(self) -> str:
-        """Why not one more session may begin, empty when it may."""
+        """Why no further session may begin, empty when one may."""
         if self.sessions < 1:
             return f"{BUDGET}: every session of the goal's budget is spent"
         if self.sim_time_s <= 0.0:
@@ -46,7 +42,7 @@ class Left:
 
 
 def compute_left(budget: Budget, sessions: Iterable[SessionStatus], needed: int = 0) -> Left:
-    """What is left after these sessions."""
+    """Remainder after these sessions."""
     count, spent_s = 0, 0.0
     for status in sessions:
         count += 1

@@ -1,8 +1,4 @@
-"""What a repair is decided on: an objective that was not met, the lineage of its node, and what is left to spend.
-
-Upstream: `recovery`, from records and evidence alone, so that the same case always leads to the same choice.
-Downstream: the generators of alternatives, and the policy that chooses among them.
-"""
+"""Input of a repair: a missed objective, the lineage of its node, and the remaining budget."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -26,13 +22,11 @@ class Miss:
     """An objective that a session did not meet.
 
     Attributes:
-        session: The contract.
-        cause: Coded.
-        reason: The same as a sentence, for people.
+        reason: The cause as a sentence.
         world: The latest snapshot, None when there is none.
         bundle: Evidence of the execution; None when preflight refused the session.
         criteria: As judged; empty when nothing was judged.
-        missing_evidence: Things that must be seen again.
+        missing_evidence: Entities that must be seen again.
         codes: Coded findings of the execution, or of the preflight that refused the session.
     """
 
@@ -47,7 +41,7 @@ class Miss:
 
     @classmethod
     def of_execution(cls, bundle: Bundle, attempt: Attempt) -> "Miss":
-        """What a judgement says on this evidence."""
+        """A judgement on this evidence."""
         return cls(
             session=bundle.session,
             cause=Cause(attempt.cause),
@@ -61,12 +55,12 @@ class Miss:
 
     @classmethod
     def of_refusal(cls, refused: SessionStatus, cause: Cause, world: Environment) -> "Miss":
-        """What preflight found; nothing was executed, so there is no evidence."""
+        """Findings of preflight, without evidence of an execution."""
         codes = frozenset(problem.code for problem in refused.problems)
         return cls(session=refused.contract, cause=cause, reason=refused.reason, world=world, codes=codes)
 
     def join(self, look: Bundle) -> "Miss":
-        """The same miss, the world as a later session saw it."""
+        """The same miss, with the world of a later session."""
         bundle = join_evidence(self.bundle, look) if self.bundle is not None else None
         return replace(self, bundle=bundle, world=look.after or self.world)
 
@@ -77,7 +71,7 @@ class Miss:
 
     @property
     def trace(self) -> tuple[TraceEvent, ...]:
-        """What the skill did; empty where nothing was executed."""
+        """Trace of the skill; empty where nothing was executed."""
         return self.bundle.trace if self.bundle is not None else ()
 
     @property
@@ -92,7 +86,7 @@ class Miss:
 
 
 def join_evidence(subject: Bundle, look: Bundle) -> Bundle:
-    """The evidence of a session, its end as a later look saw it."""
+    """The evidence of a session, its end replaced by a later look."""
     if look.after is None:
         return subject
     references = {each.file: each for each in subject.references} | {
@@ -103,16 +97,14 @@ def join_evidence(subject: Bundle, look: Bundle) -> Bundle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """One miss of one node, and what may be done about it.
+    """One miss of one node.
 
     Attributes:
-        miss: What happened.
         choice: Skill, target and parameters of its node.
-        catalogue: Which other skills and targets there are.
         lineage: All sessions of the node, the oldest first; the last one has just ended.
         replans_left: Children with the same objective that the node may still have.
-        left: What the goal may still cost.
-        protected: Things that finished nodes have put where they belong.
+        left: Remaining budget of the goal.
+        protected: Entities that finished nodes have put where they belong.
         time_of: Skill -> mean simulated time of its sessions in this goal [s].
     """
 
@@ -147,11 +139,11 @@ class Case:
 
     @property
     def latest(self) -> Session:
-        """The session that the child continues: this one, or what prepared it since."""
+        """The session that the child continues: this one, or its latest preparation."""
         return self.lineage[-1].contract if self.lineage else self.session
 
     def count_same(self) -> int:
-        """Earlier sessions of the node that pursued the objective by the same means and ended with the same cause."""
+        """Earlier sessions with the same objective, means and cause."""
         return sum(
             1
             for status in self.lineage
@@ -163,7 +155,7 @@ class Case:
         )
 
     def find_prepared(self, purpose: str) -> list[Session]:
-        """What was done with this purpose since the session that is judged here."""
+        """Sessions with this purpose since the judged one."""
         ids = [status.contract.id for status in self.lineage]
         since = ids.index(self.session.id) + 1 if self.session.id in ids else len(ids)
         return [s.contract for s in self.lineage[since:] if s.contract.purpose == purpose]

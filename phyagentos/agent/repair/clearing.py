@@ -1,8 +1,4 @@
-"""Clear the obstruction first: a child that moves what is in the way to a free spot; then the same objective again.
-
-Upstream: the planner's reasons in the trace, which name the pairs that would have touched. Downstream: `policies`. What
-a finished node has put where it belongs is left alone.
-"""
+"""Repair by clearing: a child moves the obstruction to a free spot, then the objective is pursued again."""
 
 import itertools
 from collections import Counter
@@ -30,7 +26,7 @@ _CHANCE_TRIED = 0.3  # it was moved before, and something is still in the way
 
 
 def propose_clearing(case: Case) -> Iterator[Alternative]:
-    """One way for each skill that can move the first thing in the way."""
+    """One alternative for each skill that can move the first obstruction; work of finished nodes is kept."""
     world = case.world
     cleared = case.find_prepared(PURPOSE)
     if case.cause is not Cause.NO_PLAN or world is None or len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
@@ -49,7 +45,7 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
 
 
 def find_blockers(miss: Miss) -> list[str]:
-    """Movable things that the planner met in the way, or that fill the destination; the commonest first."""
+    """Movable entities that obstruct the planner or fill the destination; the commonest first."""
     world, event = miss.world, miss.failed_leaf
     if world is None:
         return []
@@ -95,7 +91,7 @@ def _iter_ways(case: Case, world: Environment, name: str, spot: Vector, tried: s
 
 
 def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], float]]:
-    """Skills that promise `at(<a thing>, <a point>, tolerance)`: the skill, its two parameters, the tolerance [m]."""
+    """Skills that promise `at(<entity>, <point>, tolerance)`: the skill, its two parameters, the tolerance [m]."""
     for _, skill in sorted(case.catalogue.skills.items()):
         for text in skill.guarantees:
             match parse_predicate(text, template=True).formula:
@@ -105,7 +101,7 @@ def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], flo
 
 
 def _find_inside(world: Environment, destination: str) -> dict[str, int]:
-    """Movable things in a region or vessel."""
+    """Movable entities in a region or vessel."""
     region, vessel = world.regions.get(destination), world.entities.get(destination)
     if region is not None:
         pose, center, half = region.pose, (0.0, 0.0, 0.0), region.half_m
@@ -125,7 +121,7 @@ def _find_inside(world: Environment, destination: str) -> dict[str, int]:
 
 
 def _find_needed(case: Case, world: Environment) -> tuple[Vector, ...]:
-    """Places that must become free: of the things and points that the session is about, and straight between them."""
+    """Places that must become free: those of the session's parameters, and the middles between them."""
     places: list[Vector] = []
     for value in case.session.parameters.values():
         if isinstance(value, str) and (thing := world.entities.get(value) or world.regions.get(value)) is not None:

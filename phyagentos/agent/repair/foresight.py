@@ -1,9 +1,7 @@
-"""What follows from a look-ahead that went too badly: another way, chosen among those that were rehearsed.
+"""Repair after a look-ahead below its threshold: the best of the rehearsed alternatives.
 
-Upstream: a session that preflight refused with `LOOKAHEAD_LOW`, and the result in its evidence. Downstream: `recovery`,
-which compiles the child. Nothing has moved by then. The first session's child is looked ahead under the same threshold
-where its way was likely enough to succeed; otherwise, and for the children of children, the best way known is tried all
-the same: to give up achieves less than a try whose failure can be repaired.
+The first child keeps the threshold where that alternative meets it. Otherwise, and for further children, it is tried
+all the same: giving up achieves less than a failure that can be repaired.
 """
 
 from pathlib import Path
@@ -15,12 +13,7 @@ from phyagentos.protocol.sessions.session import SessionStatus
 
 
 def revise_foreseen(refused: SessionStatus, folder: Path) -> Advice | None:
-    """The best way that was rehearsed; None when nothing is worth a try.
-
-    Args:
-        refused: The rejected session.
-        folder: Its evidence; without a readable result there is nothing to go by.
-    """
+    """The best rehearsed alternative; None without a readable result in `folder`, the session's evidence."""
     try:
         result = read_lookahead(folder)
     except ExecutionError:

@@ -1,8 +1,4 @@
-"""A free spot for a thing that is in the way: on what it stands on, within reach, away from everything else.
-
-Upstream: the believed world. Downstream: `clearing`. Plain geometry on snapshots; whether the arm can really put it
-there is for the planner of the session to find out.
-"""
+"""Free spots on the support of an entity, within reach and away from everything else; the planner checks them later."""
 
 import itertools
 import math
@@ -21,7 +17,7 @@ TOUCH_M = 0.02  # a top this far from the bottom of a thing carries it
 
 
 def find_support(world: Environment, name: str) -> Entity | None:
-    """What a thing stands on: the fixed entity of the largest top right under its middle."""
+    """Support of an entity: the fixed entity with the largest top right under its middle."""
     x, y, _ = world.entities[name].pose.position_m
     bottom_m = compute_lowest(world.entities[name])
     under = [
@@ -37,13 +33,13 @@ def find_support(world: Environment, name: str) -> Entity | None:
 def find_free_spot(
     world: Environment, name: str, away_from: tuple[Vector, ...], base_m: tuple[float, ...]
 ) -> Vector | None:
-    """The free spot that is nearest to where a thing stands now, None when there is none.
+    """The free spot nearest to an entity, None when there is none.
 
     Args:
-        world: As it was seen last.
-        name: The thing.
+        world: The latest snapshot.
+        name: The entity.
         away_from: Places that must become free, world frame [m].
-        base_m: (3,) where the arm stands.
+        base_m: (3,) base of the arm, world frame [m].
     """
     thing, support = world.entities[name], find_support(world, name)
     if support is None:
@@ -85,7 +81,7 @@ def _half(shape: Shape) -> Vector:
 
 
 def _iter_tops(entity: Entity, x: float, y: float) -> Iterator[tuple[float, float]]:
-    """Area and height of every level box under a point; a fixed thing is taken to stand upright."""
+    """Area and height of every level box under a point; a fixed entity is assumed upright."""
     for shape in entity.shapes:
         cx, cy, cz = to_parent(entity.pose, shape.pose.position_m)
         hx, hy, hz = _half(shape)

@@ -1,8 +1,4 @@
-"""Look again: a child that moves the arm out of the way and observes, before anything else is decided.
-
-Upstream: a judgement that could not tell. Downstream: `policies`; `progress` judges the parent's criteria anew on what
-the child saw. It goes before everything else that waits for the target.
-"""
+"""Repair by looking: a child clears the view and observes; the parent's criteria are judged on its snapshot."""
 
 from collections.abc import Iterator
 
@@ -27,7 +23,7 @@ _UNTOLD = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN})
 
 
 def propose_looking(case: Case) -> Iterator[Alternative]:
-    """One way, when what is unknown can be looked at."""
+    """One alternative, when an unknown entity can be looked at."""
     looks = len(case.find_prepared(PURPOSE))
     named = find_object(case.session, case.miss.initial, case.miss.criteria)
     wanted = case.miss.missing_evidence or ((named,) if named else ())
@@ -56,12 +52,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
 
 
 def settle(bundle: Bundle, attempt: Attempt) -> Attempt:
-    """The same judgement when no look is left: the cause is what can be told without one.
-
-    Args:
-        bundle: What it rests on.
-        attempt: It still asks for a look.
-    """
+    """The judgement when the limit of looks is reached: the cause follows from the evidence at hand."""
     diagnosis = diagnose_after_looking(bundle, attempt.criteria)
     return msgspec.structs.replace(
         attempt,

@@ -1,7 +1,6 @@
-"""Another skill with the same guarantee: what was promised is kept by other means (a push for a pick and place).
+"""Repair by another skill with the same guarantee, such as a push for a pick and place.
 
-Upstream: the promises in SKILLRUNTIME.md. Downstream: `policies`. A promise covers another when they are equal after
-unification, or when the place that is reached lies inside the region that was asked for, tolerance included.
+A promise covers another when they unify, or when the reached place lies inside the wanted region, tolerance included.
 """
 
 from collections.abc import Iterator
@@ -26,7 +25,7 @@ _FITTING = frozenset(
 
 
 def propose_other_skill(case: Case) -> Iterator[Alternative]:
-    """One way for each skill that promises the same and has not been tried."""
+    """One alternative for each untried skill that promises the same."""
     world, target = case.world, case.catalogue.targets.get(case.session.target)
     if case.cause not in _FITTING or world is None or target is None or case.replans_left <= 0:
         return
@@ -56,7 +55,7 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
 
 
 def find_promises(case: Case) -> tuple[str, ...]:
-    """What the node's own skill guarantees, with its arguments."""
+    """Guarantees of the node's own skill, with its arguments."""
     values = {**case.session.parameters, "target": case.session.target}
     if case.session.skill != case.choice.skill:  # an earlier repair took another skill: its arguments are others
         values = {**case.choice.parameters, "target": case.session.target}
@@ -65,13 +64,13 @@ def find_promises(case: Case) -> tuple[str, ...]:
 
 
 def bind_requires(skill: SkillRuntime, parameters: dict[str, Any], target: str) -> tuple[str, ...]:
-    """What a skill requires, with its arguments."""
+    """Preconditions of a skill, with its arguments."""
     values = {**parameters, "target": target}
     return tuple(parse_predicate(substitute(text, values)).text for text in skill.requires)
 
 
 def _cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) -> dict[str, Any] | None:
-    """Arguments with which a skill keeps every promise, None when it cannot."""
+    """Arguments with which a skill keeps every promise, None without any."""
     parameters: dict[str, Any] = {}
     for wanted in promised:
         formula = parse_predicate(wanted).formula
@@ -96,7 +95,7 @@ def _bind(wanted: Formula, offered: Formula, world: Environment) -> dict[str, An
 
 
 def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[float] | None:
-    """The middle of a region without walls, when whatever ends that near to it is inside."""
+    """The middle of a region without walls, where the tolerance keeps the end inside."""
     region = world.regions.get(place)
     if region is None or min(region.half_m[:2]) < tolerance_m:
         return None

@@ -1,7 +1,4 @@
-"""Another target: an arm that can do the same, when the one that was to do it is lost or broken.
-
-Upstream: TARGETS.md. Downstream: `policies`.
-"""
+"""Repair by another target, when the first one is lost or broken."""
 
 from collections.abc import Iterator
 
@@ -17,7 +14,7 @@ _BROKEN = frozenset({Cause.TARGET_LOST, Cause.RUNNER_LOST, Cause.STALLED, Cause.
 
 
 def propose_other_target(case: Case) -> Iterator[Alternative]:
-    """One way for each target that offers what the skill needs and stands in the same world."""
+    """One alternative for each target of the same world that offers what the skill needs."""
     if case.cause not in _BROKEN or case.replans_left <= 0:
         return
     skill = case.catalogue.skills[case.session.skill]

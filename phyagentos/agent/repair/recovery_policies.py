@@ -1,8 +1,4 @@
-"""The port that decides how a node goes on, and the policy that ships: repair by effect.
-
-Upstream: `recovery`, when a session did not meet its objective. Downstream: the compiler makes the child. The baselines
-that repair is measured against are in `benchmarks/recovery_parts`.
-"""
+"""The port of repair policies, and the policy that ships: repair by effect."""
 
 from collections.abc import Callable, Iterator
 from typing import Protocol
@@ -29,7 +25,7 @@ GENERATORS: tuple[Generator, ...] = (
 
 
 class RepairPolicy(Protocol):
-    """Decides how a node goes on.
+    """Decides how a node continues.
 
     Attributes:
         name: Recorded with the goal.
@@ -40,16 +36,12 @@ class RepairPolicy(Protocol):
     restores: bool
 
     def choose(self, case: Case) -> Decision:
-        """What to do about a session that did not meet its objective."""
+        """The repair of a missed objective."""
         ...
 
 
 class GraphRepair:
-    """Chooses among alternatives by their effect, and does again only what has to be done again.
-
-    Args:
-        generators: Where the alternatives come from.
-    """
+    """Chooses among alternatives by their effect, and repeats only lost work."""
 
     name = "repair"
     restores = True
@@ -58,7 +50,7 @@ class GraphRepair:
         self._generators = generators
 
     def choose(self, case: Case) -> Decision:
-        """The way of least expected cost; what cannot be told is looked at first."""
+        """The alternative of least expected cost; looks come first."""
         alternatives = [each for generator in self._generators for each in generator(case)]
         looks = [each for each in alternatives if each.kind is AlternativeKind.LOOK]
         if looks and choose_by_worth(case, looks).chosen.kind is AlternativeKind.LOOK:

@@ -1,7 +1,4 @@
-"""What no longer holds: achievements of finished nodes that the world has undone, and preconditions that are lost.
-
-Upstream: the latest snapshot. Downstream: `progress`, which opens such nodes again, and the revision of a child.
-"""
+"""Achievements of finished nodes that the world has undone, and preconditions that are lost."""
 
 from collections.abc import Callable, Collection, Mapping
 
@@ -25,13 +22,13 @@ def find_regressions(
 ) -> dict[str, str]:
     """Finished nodes whose achievement no longer holds -> the fact that shows it.
 
-    Only lasting facts count (`inside`, not `holding`), and none about a thing that a node after it took up again.
+    Only lasting facts count (`inside`, not `holding`), and none about an entity that a later node took up again.
 
     Args:
         finished: Node -> its latest succeeded session.
         find_later: The nodes that wait for one, directly or not.
         promises: Of the skills.
-        worlds: Of the targets that were seen.
+        worlds: Of the observed targets.
     """
     regressions = {}
     for name, session in finished.items():
@@ -52,9 +49,9 @@ def find_regressions(
 
 
 def _takes_up(session: Session, thing: str | None, promises: Promises) -> bool:
-    """Whether a session is to bring something about with one of its arguments, rather than to look at it.
+    """Whether a session acts on an entity rather than looks at it.
 
-    What its skill guarantees tells; of a skill that guarantees nothing, what the session must achieve.
+    The guarantees of its skill decide; without any, its acceptance.
     """
     if thing not in session.parameters.values():
         return False

@@ -1,8 +1,7 @@
-"""The rest of a skill whose runner was lost: what the hand holds already is neither dropped nor fetched again.
+"""Repair after a lost runner: a skill that begins with holding completes the rest.
 
-Upstream: the promises in SKILLRUNTIME.md, the world as the next worker found it. Downstream: `policies`. A skill that
-begins with holding the thing takes over when it promises the same; one of several relations is promised where a
-parameter chooses among them by name (`relation: {choices: [inside, "on"]}`).
+It must promise the same; one of several relations is promised where a parameter chooses among them by name
+(`relation: {choices: [inside, "on"]}`).
 """
 
 from collections.abc import Iterator
@@ -24,7 +23,7 @@ _CHANCE = 0.95  # nothing had gone wrong, and the first half is done
 
 
 def propose_resume_held(case: Case) -> Iterator[Alternative]:
-    """One way for each skill that begins with what is held and ends where the node's own skill does."""
+    """One alternative for each skill that begins with holding and keeps the promises of the node's own skill."""
     world, target = case.world, case.catalogue.targets.get(case.session.target)
     if case.cause is not Cause.RUNNER_LOST or world is None or target is None or case.replans_left <= 0:
         return
@@ -55,7 +54,7 @@ def propose_resume_held(case: Case) -> Iterator[Alternative]:
 
 
 def _bind(case: Case, skill: SkillRuntime) -> dict[str, Any] | None:
-    """Arguments with which the skill keeps every promise of the node's own; those that both know stay as they were."""
+    """Arguments with which the skill keeps every promise of the node's own; shared arguments stay."""
     promised = find_promises(case)
     bound = {key: value for key, value in case.session.parameters.items() if key in skill.parameters}
     for wanted in promised:

@@ -1,8 +1,4 @@
-"""The same skill once more, differently: slower, by another grasp, at another site.
-
-Upstream: the cause, and the trace that tells what was tried. Downstream: `policies`. The parent is never touched; the
-child begins with the world as it is.
-"""
+"""Repair by the same skill, changed: slower, by another grasp, at another site."""
 
 from collections.abc import Collection, Iterator
 
@@ -47,7 +43,7 @@ _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts ha
 
 
 def propose_retry(case: Case) -> Iterator[Alternative]:
-    """One way: the same skill, as its cause asks for."""
+    """One alternative: the same skill, revised for its cause."""
     revision = revise(case.miss, find_of_skill(case.session, case.catalogue))
     chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN ** case.count_same()
     before = case.session.strategy
@@ -71,12 +67,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
 
 
 def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
-    """The revision that answers a cause with the same skill.
-
-    Args:
-        miss: Of the session that is continued.
-        of_skill: What it requires because its skill does.
-    """
+    """The revision for a cause with the same skill; `of_skill` are preconditions from the skill."""
     parent, cause = miss.session, miss.cause
     strategy = parent.strategy
     reasons = [f"{cause.value}: {miss.reason}"]
@@ -99,13 +90,9 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
 
 
 def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Preconditions of the child, and why they changed: where things stood before no longer matters to the skill.
+    """Preconditions of the child, and why they changed.
 
-    What the node itself requires stays, and that the object is seen is required anew.
-
-    Args:
-        miss: Of the session that is continued.
-        of_skill: What it requires because its skill does.
+    Former places of the skill are dropped, the node's own stay, and the object must be visible.
     """
     session = miss.session
     lost = find_lost_preconditions(session, miss.world) if miss.world else ()
@@ -120,13 +107,13 @@ def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, .
 
 
 def keep_requires(case: Case) -> tuple[str, ...]:
-    """Preconditions of the node that are still worth asking for, whatever skill comes next."""
+    """Preconditions of the node that every skill keeps."""
     of_skill = find_of_skill(case.session, case.catalogue)
     return tuple(text for text in revise_requires(case.miss, of_skill)[0] if text not in of_skill)
 
 
 def find_of_skill(session: Session, catalogue: Catalogue) -> frozenset[str]:
-    """What a contract requires because its skill does, the target by its own name or called `target`."""
+    """Preconditions that stem from the skill, the target by its own name or called `target`."""
     values = {**session.parameters, "target": session.target}
     texts = (substitute(text, values) for text in catalogue.skills[session.skill].requires)
     bound = [parse_predicate(text, template=True) for text in texts]
@@ -143,9 +130,9 @@ def keep_means(own: Choice, session: Session) -> Choice | None:
 
 
 def _continue(case: Case, revision: Revision) -> Revision:
-    """The child of whatever came last, by the means of the session that is judged.
+    """The child of the latest session, by the means of the judged one.
 
-    What had only taken over the rest, and may hold nothing any more, gives the node back to its own skill.
+    After a skill that began with holding, the node's own skill takes over again.
     """
     choice = keep_means(case.choice, case.session)
     gives_back = choice is not None and begins_with_holding(case.catalogue.skills[choice.skill])

@@ -1,8 +1,6 @@
-"""The judge of what had to hold all through: "never spilled", "always upright", "never pressed hard".
+"""The judge of conditions that hold all through: "never spilled", "always upright", "never pressed hard".
 
-Upstream: the contract's `hold` (constraints of the goal among them); `holds.json`, where the recorder keeps the worst
-sample of each; and the trajectory, where every control period counts, for conditions on metrics alone. Downstream: the
-verifier.
+It judges the recorded worst sample of each; conditions on metrics alone use every control period of the trajectory.
 """
 
 from collections.abc import Sequence
@@ -25,7 +23,7 @@ class HoldJudge:
     name: str = "holds/2"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """One criterion for each predicate of `hold`; one without a sample is unknown."""
+        """One criterion for each predicate of `hold`; unknown without a sample."""
         sampled = {criterion.text: criterion for criterion in bundle.holds}
         return [_judge(text, sampled.get(text), bundle) for text in bundle.session.hold]
 

@@ -1,8 +1,4 @@
-"""What a judge is: the one interface behind which predicates, metrics, monitors, predictions and models stand.
-
-Upstream: the evidence bundle. Downstream: the verifier, which weighs the criteria of all judges alike. The port is
-small on purpose: an evaluator of a benchmark stands behind the same one.
-"""
+"""The port of judges: predicates, metrics, monitors, predictions and models; small on purpose."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -26,10 +22,10 @@ class Judge(Protocol):
         ...
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """Every criterion of this kind that the session's contract or the settings hold, each with its evidence."""
+        """Every criterion of this kind in the session's contract or the settings, each with its evidence."""
         ...
 
 
 def make_unknown(text: str, kind: str, evidence: str, because: str, *, failure: str | UnsetType = UNSET) -> Criterion:
-    """A criterion that is not decided, and why; `failure` is the code of a judge that gave no usable answer."""
+    """An undecided criterion, and why; `failure` is the code of a judge that gave no usable answer."""
     return Criterion(text=text, kind=kind, truth=Truth.UNKNOWN, evidence=evidence, because=because, failure=failure)

@@ -1,9 +1,7 @@
 """The registry of judges, by the names that `verification.judges` and `paos verify --with` use.
 
-Upstream: the shipped judges, and installed packages, which announce a `JudgeDefinition` by the entry point group
-`phyagentos.judges`, under its own name. Downstream: `assembly`, which fills it; importing this module registers
-nothing. A judge of others never takes the verifier down: where it raises, or answers with anything but criteria, its
-answer is unknown.
+Installed packages announce a `JudgeDefinition` by the entry point group `phyagentos.judges`, under its own name. Where
+such a judge raises, or answers with anything but criteria, its answer is unknown.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,12 +19,10 @@ from phyagentos.protocol.settings.verification import JUDGE_ENTRY_POINTS, JudgeO
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgeSettings:
-    """What a judge is made from.
+    """Settings of a judge.
 
     Attributes:
-        verification: The whole block of the settings.
-        options: Those that the block `options` gives this judge.
-        clock: For a judge that has to wait.
+        options: Those of the block `options` for this judge.
         address: Where the block stands, for messages.
     """
 
@@ -38,13 +34,12 @@ class JudgeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgeDefinition:
-    """One judge that can be asked.
+    """One judge.
 
     Attributes:
         name: As written in the settings.
-        open: Makes it; raises DefinitionError for settings that it cannot work with.
-        is_costly: Whether it is asked last, and only when nothing is false yet.
-        description: One sentence for people.
+        open: Makes it; raises DefinitionError for unusable settings.
+        is_costly: Whether it is asked last, and only while nothing is false.
     """
 
     name: str
@@ -60,13 +55,13 @@ class JudgeRegistry:
         self._definitions: dict[str, JudgeDefinition] = {}
 
     def register(self, definition: JudgeDefinition) -> None:
-        """Add one; raises ValueError when the name is taken: a plug-in never replaces another."""
+        """Add one; raises ValueError when the name is taken."""
         if definition.name in self._definitions:
             raise ValueError(f"judge {definition.name!r} is registered already")
         self._definitions[definition.name] = definition
 
     def register_installed(self) -> None:
-        """Add what installed packages announce; what does not load is refused to those who ask for it."""
+        """Add judges of installed packages; one that does not load raises when it is opened."""
         for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
             try:
                 definition = point.load()
@@ -88,7 +83,7 @@ class JudgeRegistry:
         """Those of these names, in this order, each once.
 
         Raises:
-            DefinitionError: `UNKNOWN_JUDGE` for each name that nobody registered.
+            DefinitionError: `UNKNOWN_JUDGE` for each unregistered name.
         """
         problems = [
             Problem(
@@ -108,23 +103,18 @@ class JudgeRegistry:
 
 @dataclass(frozen=True, slots=True)
 class ForeignJudge:
-    """A judge of others, whose failures are its own.
-
-    Attributes:
-        other: Who is asked.
-        kind: Of the criterion that tells of a failure.
-    """
+    """Wraps a judge of a plug-in: its failures become unknown criteria of `kind`."""
 
     other: Judge
     kind: str
 
     @property
     def name(self) -> str:
-        """Its own."""
+        """Name of the wrapped judge."""
         return self.other.name
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """Its criteria; one that is unknown where it failed."""
+        """Criteria of the wrapped judge; an unknown one where it failed."""
         try:
             criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
         except Exception as error:  # code of others; whatever it raises, the session must be judged

@@ -1,8 +1,4 @@
-"""The judge of what was foreseen: the share of simulated rollouts in which the acceptance came true.
-
-Upstream: `lookahead.json`, which the runtime leaves in the bundle when somebody asked. Downstream: the verifier, which
-records it and never lets a prediction outvote what was observed (see `ADVISORY_KINDS`).
-"""
+"""The judge of look-ahead: the share of rollouts with true acceptance; it never outvotes an observation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

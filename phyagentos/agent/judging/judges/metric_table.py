@@ -1,8 +1,7 @@
-"""The metrics of a session: their names, what they mean, and how each is computed from the bundle.
+"""The metrics of a session, computed from the bundle.
 
-Upstream: how the execution ended, the numbers in the trace, the recorded trajectory. Downstream: the judge of metrics.
-Peaks are taken over every recorded control period, so that a spike of one period counts: these are the monitors of the
-trajectory. numpy is loaded only when a trajectory is read.
+Peaks are taken over every recorded control period, so that a spike of one period counts. numpy is loaded only when a
+trajectory is read.
 """
 
 import math

@@ -1,8 +1,7 @@
-"""The judge of numbers: what the target measured on the way, and what was held against it as `metric(name) <= bound`.
+"""The judge of numbers: `metric(name) <= bound`.
 
-Upstream: acceptance that speaks of metrics, and `verification.criteria` of runtime_contract.yaml, which hold for every
-session. Downstream: the verifier. The names that can be used stand in `metric_table`; beside them every number that a
-leaf reported and every number among the session's outputs counts, under its own name. What was not measured is unknown.
+Beside the metrics of the trajectory, every number of a leaf or of the session's outputs counts under its own name. An
+unmeasured metric is unknown.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,14 +19,14 @@ class MetricJudge:
     """Judges numbers.
 
     Attributes:
-        criteria: Asked of every session, beside the metrics of its own acceptance.
+        criteria: Apply to every session, beside the metrics of its own acceptance.
     """
 
     criteria: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
-        """`metrics/1`, and what is asked of every session."""
+        """`metrics/1`, and the criteria for every session."""
         return f"metrics/1({'; '.join(self.criteria)})" if self.criteria else "metrics/1"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
@@ -44,7 +43,7 @@ class MetricJudge:
 
 
 def read_metrics(bundle: Bundle, wanted: set[str]) -> Mapping[str, float]:
-    """Those of the wanted metrics that the bundle tells; the trajectory is read only when one of them needs it."""
+    """The wanted metrics in the bundle; the trajectory is read only when one of them needs it."""
     found = {name: value for name, value in read_report(bundle) if name not in TRAJECTORY_METRICS}  # that is observed
     if wanted & TRAJECTORY_METRICS.keys():
         found |= read_course(bundle.folder, wanted)

@@ -1,8 +1,6 @@
 """The judge of acceptance: predicates on the snapshots before and after a session.
 
-Upstream: the contract's `accept`. Downstream: the verifier; the goal's own judgement uses the same evaluation. A fact
-about a thing that may move counts only when it was observed at the end, see `FRESH_S`: one that was true a while ago
-says nothing about the world that the session left.
+A fact about a movable entity counts only when it was observed at the end, see `FRESH_S`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,7 +32,7 @@ class PredicateJudge:
 def evaluate_criterion(
     text: str, kind: str, bundle: Bundle, metrics: Mapping[str, float] = _NO_METRICS, evidence: str = AFTER
 ) -> Criterion:
-    """One predicate on the snapshots of a bundle, with what was measured on the way."""
+    """One predicate on the snapshots of a bundle, and on metrics."""
     if bundle.after is None:
         return make_unknown(text, kind, AFTER, "the world was not observed after the session")
     if bundle.before is not None and _is_older(bundle.after, bundle.before, bundle.execution):

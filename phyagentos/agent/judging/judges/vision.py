@@ -1,9 +1,7 @@
-"""The judge that looks at the pictures: one question for each acceptance criterion, asked of a vision-language model.
+"""The judge that shows camera frames to a vision-language model: one question for each acceptance criterion.
 
-Upstream: the camera frames that perception looked at before and after the session, never a rendering of the simulator;
-and the `vision` block of the settings, without which nothing is asked and nothing leaves the machine. Downstream: the
-verifier, which weighs the answers like any other criterion. It fails closed: no frames, no answer in time, an answer of
-another form than the one asked for, all mean unknown.
+It sends the frames of perception before and after the session, never a rendering, and only where the settings have a
+`vision` block. It fails closed: missing frames, a late answer or one of another form mean unknown.
 """
 
 import base64
@@ -40,7 +38,7 @@ Pictures = tuple[bytes, ...]
 
 
 class VisionEndpoint(Protocol):
-    """Who is asked."""
+    """A vision-language model."""
 
     @property
     def name(self) -> str:
@@ -66,8 +64,7 @@ class VisionJudge:
     """Judges acceptance on camera frames.
 
     Attributes:
-        endpoint: Who is asked.
-        max_questions: Criteria of one session that are asked about.
+        max_questions: Criteria of one session; any further one is unknown.
     """
 
     endpoint: VisionEndpoint
@@ -80,7 +77,7 @@ class VisionJudge:
         return f"vision/2({self.endpoint.name})"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """One criterion for each predicate of `accept` that can be seen at all."""
+        """One criterion for each predicate of `accept` without a metric."""
         texts = [text for text in bundle.session.accept if not has_metric(text)]
         try:
             _, before = read_pictures(bundle.folder, LookRole.START)

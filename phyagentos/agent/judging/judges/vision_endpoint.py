@@ -1,7 +1,7 @@
-"""An OpenAI-compatible server, asked for one completion at a time.
+"""An OpenAI-compatible server.
 
-Upstream: the judge `vision`. It talks to its URL only: no redirects are followed, and proxies of the environment are
-not used. An answer is bounded in time as a whole and in size, so that a server that trickles cannot hold up a mission.
+It connects to its URL only: redirects and proxies of the environment are not followed. A whole answer is bounded in
+time and size.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,6 @@ class OpenAiEndpoint:
 
     Attributes:
         url: Base, up to `/v1`.
-        model: As the server calls it.
         clock: Bounds the wait.
         key: Sent as a bearer token; empty sends none.
         timeout_s: Longest wait for one whole answer, by the wall clock [s].
@@ -53,7 +52,7 @@ class OpenAiEndpoint:
         return f"{self.model} at {urlsplit(self.url).hostname}"
 
     def complete(self, messages: Sequence[dict[str, Any]]) -> str:
-        """The text that the model answers with.
+        """The text of the answer.
 
         Raises:
             ExecutionError: `MODEL_UNREACHABLE` (also when it answers too late), `MODEL_REFUSED` (a status other than
