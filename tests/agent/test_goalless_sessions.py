@@ -2,7 +2,7 @@
 
 import pytest
 
-from phyagentos.agent.mission.goalless_sessions import judge_goalless_sessions
+from phyagentos.agent.judging.review import judge_goalless_sessions
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.edits.edit_intake import EditIntake

@@ -196,7 +196,8 @@ def library(library):
 
 def scramble_all(monkeypatch, babble):
     """Every text that the agent reads, forms or prints."""
-    apply, read, ask, judge = Ledger.apply, goal_judgement.read_bundle, SessionVerifier._ask, SessionVerifier.judge
+    apply, read = Ledger.apply, goal_judgement.read_bundle
+    weigh, judge = SessionVerifier._weigh, SessionVerifier.judge
 
     def apply_scrambled(self, record):
         if record.to is None or record.ev != "submit":
@@ -205,7 +206,9 @@ def scramble_all(monkeypatch, babble):
 
     monkeypatch.setattr(Ledger, "apply", apply_scrambled)
     monkeypatch.setattr(goal_judgement, "read_bundle", lambda *args, **more: babble.scramble(read(*args, **more)))
-    monkeypatch.setattr(SessionVerifier, "_ask", lambda self, bundle: babble.scramble(ask(self, bundle)))
+    monkeypatch.setattr(
+        SessionVerifier, "_weigh", lambda self, *args: weigh(self, *args[:-1], babble.scramble(args[-1]))
+    )
     monkeypatch.setattr(SessionVerifier, "judge", lambda self, *args: babble.scramble(judge(self, *args)))
     monkeypatch.setattr(Problem, "__str__", lambda self: babble.say())
 

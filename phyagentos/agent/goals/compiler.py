@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.expansion import iter_strings, substitute_value
 from phyagentos.agent.goals.graph import GoalGraph
@@ -98,6 +100,9 @@ class SessionCompiler:
         roles["target"] = choice.target
         resolve = _Resolver(known, roles, omitted, f"{self.goal}.{name}", preview=outputs is None)
         defaults_of_goal = self.graph.spec.defaults
+        limits = msgspec.convert(defaults_of_goal, Limits, from_attributes=True)
+        if node.spec.timeout_s:
+            limits = msgspec.structs.replace(limits, timeout_s=node.spec.timeout_s)
         spec = node.spec if not purpose else _NOTHING  # what prepares a node does not pursue its objective
         requires = resolve((*skill.requires, *spec.requires))
         return Session(
@@ -115,16 +120,7 @@ class SessionCompiler:
             accept=resolve((*spec.accept, *promiser.guarantees)),
             scene=Scene(name=self.graph.spec.scene, seed=self.seed, episode=self.goal),
             seed=compute_seed(self.seed, "node", name, "attempt", attempt),
-            limits=Limits(
-                timeout_s=node.spec.timeout_s or defaults_of_goal.timeout_s,
-                wall_timeout_s=defaults_of_goal.wall_timeout_s,
-                queue_s=defaults_of_goal.queue_s,
-                preflight_s=defaults_of_goal.preflight_s,
-                heartbeat_s=defaults_of_goal.heartbeat_s,
-                stall_s=defaults_of_goal.stall_s,
-                think_s=defaults_of_goal.think_s,
-                policy_s=defaults_of_goal.policy_s,
-            ),
+            limits=limits,
             strategy=revision.strategy if revision else OWN_WAY,
             priority=node.spec.priority + (revision.lead if revision else 0),
             resources=tuple(dict.fromkeys((*skill.needs.resources, *spec.resources))),

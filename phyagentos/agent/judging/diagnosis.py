@@ -19,14 +19,14 @@ from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import Environment, Status
 from phyagentos.protocol.world.predicates.builtins import MOVED_M
 from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
-from phyagentos.protocol.world.predicates.syntax import Call, Formula
+from phyagentos.protocol.world.predicates.syntax import Call
 from phyagentos.protocol.world.truth import Truth
 
 DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
 GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
 FELL_M = 0.1  # nor is one that lies so much lower
 ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
-SURE = 0.7  # confidence of a pose from which it may be concluded that a thing cannot be had again
+SURE = 0.7  # least confidence of a pose that shows an object out of reach
 
 HOPELESS = frozenset(cause for cause in Cause if CODES[cause].retry is Retry.NEVER)
 """Causes that another attempt cannot mend."""
@@ -56,7 +56,7 @@ _OF_ENDS = {
     Ended.CANCELLED: Cause.CANCELLED,
 }
 _OF_STOPS = {  # nothing about the motion was wrong; to go slower would only give the next one more occasions
-    "LEASE_LOST": Cause.RUNNER_LOST,  # whoever supervised it was gone
+    "LEASE_LOST": Cause.RUNNER_LOST,  # its supervisor was gone
     "DEADMAN": Cause.STALLED,  # a command came too late
 }
 _UNSEEN = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.OBJECT_GONE})
@@ -77,11 +77,10 @@ _OF_ADAPTERS = frozenset(
 )
 
 
-_OF_POLICIES = {  # how a policy's loop ends whatever the world looks like afterwards
+_OF_POLICIES = {  # stale sensors; a chunk of another form than declared, refused before any adapter
     "OBSERVATION_UNAVAILABLE": Cause.SENSOR_STALE,
     **dict.fromkeys(("WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"), Cause.POLICY_FAILED),
 }
-"""Its sensors did not show it the present; a chunk of another form than declared, refused before any adapter."""
 
 
 class Layer(StrEnum):
@@ -96,29 +95,22 @@ class Layer(StrEnum):
     ACCEPTANCE = "acceptance"
 
 
-_OF_LAYERS = {
-    Cause.EVIDENCE_MISSING: Layer.EVIDENCE,
-    Cause.SENSOR_STALE: Layer.EVIDENCE,
-    Cause.UNDECIDABLE: Layer.EVIDENCE,
-    Cause.NO_CRITERIA: Layer.EVIDENCE,
-    Cause.CRITERIA_CONTRADICT: Layer.ACCEPTANCE,
-    Cause.JUDGES_DISAGREE: Layer.EVIDENCE,
-    Cause.JUDGE_FAILED: Layer.EVIDENCE,
-    Cause.OBJECT_GONE: Layer.WORLD,
-    Cause.OBJECT_HIDDEN: Layer.WORLD,
-    Cause.OBJECT_MOVED: Layer.WORLD,
-    Cause.CONSTRAINT_VIOLATED: Layer.SAFETY,
-    Cause.SAFETY_STOP: Layer.SAFETY,
-    Cause.RUNNER_LOST: Layer.RUNTIME,
-    Cause.TARGET_LOST: Layer.RUNTIME,
-    Cause.TIMED_OUT: Layer.RUNTIME,
-    Cause.CANCELLED: Layer.RUNTIME,
-    Cause.NO_PLAN: Layer.PLANNING,
-    Cause.IMPOSSIBLE: Layer.PLANNING,
-    Cause.PLACED_WRONG: Layer.ACCEPTANCE,
-    Cause.WITHOUT_EFFECT: Layer.ACCEPTANCE,
-    Cause.NOTHING_CHANGED: Layer.ACCEPTANCE,
+_LAYERS = {
+    Layer.EVIDENCE: (
+        Cause.EVIDENCE_MISSING,
+        Cause.SENSOR_STALE,
+        Cause.UNDECIDABLE,
+        Cause.NO_CRITERIA,
+        Cause.JUDGES_DISAGREE,
+        Cause.JUDGE_FAILED,
+    ),
+    Layer.WORLD: (Cause.OBJECT_GONE, Cause.OBJECT_HIDDEN, Cause.OBJECT_MOVED),
+    Layer.SAFETY: (Cause.CONSTRAINT_VIOLATED, Cause.SAFETY_STOP),
+    Layer.RUNTIME: (Cause.RUNNER_LOST, Cause.TARGET_LOST, Cause.TIMED_OUT, Cause.CANCELLED),
+    Layer.PLANNING: (Cause.NO_PLAN, Cause.IMPOSSIBLE),
+    Layer.ACCEPTANCE: (Cause.CRITERIA_CONTRADICT, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT, Cause.NOTHING_CHANGED),
 }
+_OF_LAYERS = {cause: layer for layer, causes in _LAYERS.items() for cause in causes}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,8 +151,8 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     """The cause why `criteria` are not all true on this evidence."""
     timeline = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
     cause, fact = _find_cause(bundle, criteria, timeline)
-    is_told = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
-    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(timeline, is_told=is_told)
+    is_recorded = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
+    hopeless = cause in HOPELESS or bundle.after is None or _is_out_of_reach(timeline, is_recorded=is_recorded)
     if cause is Cause.CONSTRAINT_VIOLATED:
         hopeless = hopeless or any(_is_still_violated(criterion, bundle) for criterion in criteria)
     return Diagnosis(
@@ -271,25 +263,21 @@ def _judge_completed(
         return cause, f"{unknown.text} is unknown: {unknown.because}"
     if bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
-    wanted = [criterion.text for criterion in criteria if criterion.truth is Truth.FALSE]
-    if any(_is_holding(find_formula(text)) for text in wanted):
+    wanted = [find_formula(criterion.text) for criterion in criteria if criterion.truth is Truth.FALSE]
+    if any(isinstance(each, Call) and each.name == "holding" for each in wanted):
         return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
     if moved_m > MOVED_M:
         return Cause.PLACED_WRONG, f"{name} moved {moved_m:.3f} m, but not to where it was wanted"
     return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {moved_m:.3f} m in {bundle.execution.ticks} commands"
 
 
-def _is_holding(formula: Formula | None) -> bool:
-    return isinstance(formula, Call) and formula.name == "holding"
-
-
-def _is_out_of_reach(timeline: ManipulationTimeline, *, is_told: bool = True) -> bool:
+def _is_out_of_reach(timeline: ManipulationTimeline, *, is_recorded: bool = True) -> bool:
     """Whether the object fell off its support or was taken away; a lost runner leaves a motion unrecorded."""
     was, now = timeline.was, timeline.now
     if was is None or now is None or now.confidence < SURE or _was_held(timeline):
         return False
     fell_m = was.pose.position_m[2] - now.pose.position_m[2]
-    return fell_m > FELL_M or (is_told and timeline.moved_m > GONE_M and timeline.stage < Stage.LIFTED)
+    return fell_m > FELL_M or (is_recorded and timeline.moved_m > GONE_M and timeline.stage < Stage.LIFTED)
 
 
 def _was_held(timeline: ManipulationTimeline) -> bool:

@@ -72,14 +72,12 @@ class Evidence:
     def read(self, status: SessionStatus, *, with_course: bool = True) -> Bundle:
         """The bundle of an executed session, empty where unreadable; `with_course` includes trace and events."""
         bundle = self._read(status, with_course)
-        age = self._ages.setdefault(bundle.session.id, self._compute_age(status))
+        # verdicts of an earlier agent come first, in their order; then those of this one
+        own = (0, status.updated_at) if status.state in FINAL_STATES else (len(self._ages) + 1, "")
+        age = self._ages.setdefault(bundle.session.id, own)
         for seen in (self.all, self.by_target.setdefault(bundle.session.target, Seen())):
             seen.take_in(age, bundle)
         return bundle
-
-    def _compute_age(self, status: SessionStatus) -> Age:
-        """Verdicts of an earlier agent come first, in their order; then those of this one."""
-        return (0, status.updated_at) if status.state in FINAL_STATES else (len(self._ages) + 1, "")
 
     def take_in(self, status: SessionStatus) -> None:
         """Include the snapshots of a session, without reading them again."""
@@ -130,7 +128,6 @@ class Outcome:
     verdict: Verdict
     reason: str
     criteria: tuple[Criterion, ...] = ()
-    initial: Environment | None = None
     now: Environment | None = None
 
 
@@ -146,9 +143,7 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
     else:
         verdict = Verdict.SUCCESS
         reason = f"every node is done and all {len(criteria)} criteria of the goal are true"
-    return Outcome(
-        verdict=verdict, reason=reason, criteria=criteria, initial=evidence.all.initial, now=evidence.all.now
-    )
+    return Outcome(verdict=verdict, reason=reason, criteria=criteria, now=evidence.all.now)
 
 
 def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
@@ -161,7 +156,11 @@ def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
         worlds = {target: worlds[target] for target in named & worlds.keys()}
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
-    answers = {target: _judge_in(predicate.text, seen, only) for target, seen in worlds.items()}
+    answers = {
+        target: evaluate_on(predicate.text, "accept", seen.now, seen.initial, target=only, evidence=seen.now_file)
+        for target, seen in worlds.items()
+        if seen.now is not None
+    }
     if not answers:
         return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because="no session left a snapshot")
     if len({criterion.truth for criterion in answers.values()}) > 1:
@@ -170,8 +169,3 @@ def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
         )
         return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because=because)
     return answers[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]
-
-
-def _judge_in(text: str, seen: Seen, target: str | None) -> Criterion:
-    assert seen.now is not None, "worlds without a snapshot are left out"
-    return evaluate_on(text, "accept", seen.now, seen.initial, target=target, evidence=seen.now_file)

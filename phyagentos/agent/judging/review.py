@@ -1,16 +1,57 @@
-"""Adds a judgement to a session that has its verdict; nothing else changes."""
+"""Judgements outside a mission: of sessions without a goal, and further ones of judged sessions.
+
+A session without a goal has no node and so no budget: it succeeds or fails, and another attempt is a new session.
+"""
 
 import msgspec
 
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.sessions.lifecycle import REVIEW, list_triggers
-from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.sessions.lifecycle import REVIEW, IllegalTransition, SessionState, list_triggers
+from phyagentos.protocol.sessions.session import SessionId, SessionStatus
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import Entry
+from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Journal
+from phyagentos.store.ledger import Ledger
+
+_WAITING = (SessionState.VERIFYING, SessionState.AWAITING_VERIFICATION)
+_TRIGGERS = {Verdict.SUCCESS: "accept", Verdict.UNVERIFIED: "skip"}
+
+
+def judge_goalless_sessions(
+    workspace: Workspace, journal: Journal, verifier: SessionVerifier | None = None
+) -> list[tuple[SessionId, Attempt]]:
+    """Judge every session without a goal that awaits a verdict, the longest waiting first.
+
+    Args:
+        workspace: With the evidence.
+        journal: Opened for the agent's side.
+        verifier: The default one when None.
+
+    Returns:
+        The verdicts that were recorded.
+    """
+    verifier = verifier or SessionVerifier()
+    ledger, follower = Ledger(), Follower(journal.folder)
+    for record in follower.read_new():
+        ledger.apply(record)
+    follower.close()
+    judged = []
+    waiting = [each for each in ledger.live_sessions() if not each.contract.goal and each.state in _WAITING]
+    for status in waiting:
+        attempt = verifier.judge(Evidence(workspace.root).read(status), History())
+        trigger = _TRIGGERS.get(attempt.verdict, "refuse")
+        verdict = Entry(status.contract.id, trigger, {"attempt": attempt}, status.epoch)
+        begin = [] if status.state == SessionState.VERIFYING else [Entry(status.contract.id, "verify")]
+        try:
+            journal.commit([*begin, verdict])
+        except IllegalTransition:  # judged or cancelled by another process meanwhile
+            continue
+        judged.append((status.contract.id, attempt))
+    return judged
 
 
 def review_session(workspace: Workspace, journal: Journal, status: SessionStatus, verifier: SessionVerifier) -> Attempt:

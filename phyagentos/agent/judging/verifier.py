@@ -17,14 +17,16 @@ from phyagentos.agent.judging.judges.judge import ADVISORY_KINDS, Judge, make_un
 from phyagentos.agent.judging.judges.lookahead import LookaheadJudge
 from phyagentos.agent.judging.judges.metrics import MetricJudge
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
-from phyagentos.agent.judging.missing_evidence import find_missing_evidence
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, EvidenceReference, Verdict
 from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.predicate import find_things
 from phyagentos.protocol.world.truth import Truth
 
 DEFAULT_JUDGES: tuple[Judge, ...] = (PredicateJudge(), HoldJudge(), MetricJudge(), LookaheadJudge())
+MOST_MISSING = 8  # a child session looks at one entity, or at a few that stand together
 MOST_REFERENCES = 16  # a bundle has fewer files that can be judged on
 
 
@@ -55,23 +57,29 @@ class SessionVerifier:
     def judge(self, bundle: Bundle, history: History) -> Attempt:
         """One judgement.
 
-        Success needs every criterion to be true. Otherwise the session is replanned while the cause can be mended and the
-        node has budget left, else it has failed. When nothing is false and something is unknown, the cause is
+        Success needs every criterion to be true. Otherwise the session is replanned while the cause can be mended
+        and the budget lasts, else it has failed. When nothing is false and something is unknown, the cause is
         `EVIDENCE_MISSING`, and `missing_evidence` names the entities to look at again.
         """
         if self.mode is VerificationMode.OFF:
-            return self._skip(bundle)
+            reason = f"verification is off, nobody judged: the execution ended {bundle.execution.ended}."
+            return Attempt(
+                verdict=Verdict.UNVERIFIED,
+                criteria=(),
+                reason=reason,
+                sensing="none",
+                verifier=self.name,
+                mode=self.mode,
+            )
         if self.mode is VerificationMode.ENFORCE:
             history = replace(history, max_replans=0)
-        attempt = self._weigh(bundle, history, self._ask(bundle))
-        return _audit(attempt, bundle) if self.mode is VerificationMode.AUDIT else attempt
-
-    def _ask(self, bundle: Bundle) -> tuple[Criterion, ...]:
         criteria = [criterion for judge in self.judges for criterion in judge.judge(bundle)]
         for judge in self.costly:
             if all(each.truth is not Truth.FALSE for each in _choose_decisive(criteria)):
                 criteria += judge.judge(bundle)
-        return (*criteria, *_find_unanswered(bundle.session, criteria))
+        criteria += _find_unanswered(bundle.session, criteria)
+        attempt = self._weigh(bundle, history, tuple(criteria))
+        return _audit(attempt, bundle) if self.mode is VerificationMode.AUDIT else attempt
 
     def _weigh(self, bundle: Bundle, history: History, criteria: tuple[Criterion, ...]) -> Attempt:
         decisive = _choose_decisive(criteria)
@@ -89,12 +97,6 @@ class SessionVerifier:
             reason=f"{_explain(diagnosis, decisive)} {self._explain_decision(diagnosis, history, missing)}",
             missing=missing,
             diagnosis=diagnosis,
-        )
-
-    def _skip(self, bundle: Bundle) -> Attempt:
-        reason = f"verification is off, nobody judged: the execution ended {bundle.execution.ended}."
-        return Attempt(
-            verdict=Verdict.UNVERIFIED, criteria=(), reason=reason, sensing="none", verifier=self.name, mode=self.mode
         )
 
     def _sign(
@@ -169,6 +171,20 @@ def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
     verdict = Verdict.SUCCESS if ended is Ended.COMPLETED else Verdict.FAILURE
     reason = f"audit: the execution ended {ended}, which decides; the evidence says {attempt.found}. {attempt.reason}"
     return msgspec.structs.replace(attempt, verdict=verdict, reason=reason)
+
+
+def find_missing_evidence(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:
+    """Entities of acceptance that the last snapshot does not show well enough, in the order of the criteria."""
+    if after is None:
+        return ()
+    unknown = [each for each in criteria if each.kind == "accept" and each.truth is Truth.UNKNOWN]
+    found: dict[str, None] = {}
+    for things in (find_things(each.text, after) for each in unknown):
+        unseen = [name for name in things if not after.shows(name)]
+        if not unseen and after.sensing != "truth":  # seen, not sharply
+            unseen = [name for name in things if name in after.entities and after.entities[name].movable]
+        found |= dict.fromkeys(unseen)
+    return tuple(found)[:MOST_MISSING]
 
 
 def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceReference, ...]:

@@ -30,7 +30,7 @@ from phyagentos.protocol.sessions.lifecycle import Fenced, IllegalTransition
 from phyagentos.protocol.sessions.session import GoalId, check_goal_id
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.admission import Entry, IllegalEvent
+from phyagentos.store.admission import IllegalEvent
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
@@ -121,7 +121,7 @@ class Mission:
         elif file.resolve() != graph_file.resolve():
             _write_durably(file, graph_file.read_bytes())
         controller = self._make_controller(SessionCompiler(graph=graph, catalogue=catalogue, goal=id, seed=seed))
-        self._commit(controller, controller.open)
+        self._journal.commit(controller.open())
         return self._pursue(controller)
 
     def resume(self, goal: GoalId) -> MissionReport:
@@ -202,13 +202,21 @@ class Mission:
         return bool(goal.verdict) or goal.is_cancelled if goal else self._journal.knows(f"goal:{id}")
 
     def _pursue(self, goal: GoalController) -> MissionReport:
-        begin_s = self._clock.now_s()
+        begin_s, refused = self._clock.now_s(), 0
         with Watch([self._journal.folder], clock=self._clock) as watch:
             while True:
                 self._read(goal)
                 if goal.is_over:
                     break
-                if self._commit(goal, goal.cancel if self._cancelled.is_set() else goal.decide):
+                if entries := goal.cancel() if self._cancelled.is_set() else goal.decide():
+                    try:
+                        self._journal.commit(entries, durable=False)
+                    except (IllegalTransition, Fenced, IllegalEvent):
+                        refused += 1
+                        if refused == TRIES or not self._read(goal):  # else another writer was faster
+                            raise
+                        continue
+                    refused, self._is_durable = 0, False
                     watch.drain()  # before the look: what comes after it wakes the wait
                     continue
                 self._turns.note(goal.goal, self.ledger.seq)
@@ -257,23 +265,6 @@ class Mission:
             for observer in self._observers:
                 observer.on_change(goal.status, self.ledger)
         return len(records)
-
-    def _commit(self, goal: GoalController, decide: Callable[[], list[Entry]]) -> int:
-        """Record what `decide` wants; decides anew when another writer was faster. How many entries there were."""
-        for _ in range(TRIES):
-            entries = decide()
-            if not entries:
-                return 0
-            try:
-                self._journal.commit(entries, durable=goal.goal not in self.ledger.goals)
-            except (IllegalTransition, Fenced, IllegalEvent) as error:
-                refused = error
-                if not self._read(goal):
-                    raise
-                continue
-            self._is_durable = False
-            return len(entries)
-        raise refused
 
     def _publish(self, *, at_once: bool = False) -> None:
         """TASK.md, when something changed and it is time."""

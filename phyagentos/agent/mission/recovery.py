@@ -11,7 +11,7 @@ import msgspec
 from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
-from phyagentos.agent.judging.missing_evidence import find_missing_evidence
+from phyagentos.agent.judging.verifier import find_missing_evidence
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_foreseen
 from phyagentos.agent.repair import clearing, looking

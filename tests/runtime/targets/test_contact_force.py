@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from phyagentos.agent.judging.judges.metric_table import read_course
+from phyagentos.agent.judging.judges.metrics import read_course
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.worker.recorder import Recorder

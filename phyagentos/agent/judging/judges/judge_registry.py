@@ -5,7 +5,7 @@ such a judge raises, or answers with anything but criteria, its answer is unknow
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 
 from phyagentos.agent.judging.causes import Cause
@@ -65,7 +65,7 @@ class JudgeRegistry:
         for point in sorted(entry_points(group=JUDGE_ENTRY_POINTS), key=lambda point: point.name):
             try:
                 definition = point.load()
-            except Exception as error:  # code of others; who never asks for it is not to suffer
+            except Exception as error:  # foreign code
                 self.register(_make_unloadable(point.name, f"{type(error).__name__}: {error}"))
                 continue
             if not isinstance(definition, JudgeDefinition) or definition.name != point.name:
@@ -117,7 +117,7 @@ class ForeignJudge:
         """Criteria of the wrapped judge; an unknown one where it failed."""
         try:
             criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
-        except Exception as error:  # code of others; whatever it raises, the session must be judged
+        except Exception as error:  # foreign code; the session must be judged
             return [self._fail(f"the judge raised {type(error).__name__}: {error}")]
         known = [each for each in criteria if isinstance(each, Criterion)]
         if len(known) == len(criteria):
@@ -140,9 +140,4 @@ def _make_unloadable(name: str, reason: str) -> JudgeDefinition:
 
 
 def _make_closed(definition: JudgeDefinition) -> JudgeDefinition:
-    return JudgeDefinition(
-        name=definition.name,
-        open=lambda settings: ForeignJudge(definition.open(settings), definition.name),
-        is_costly=definition.is_costly,
-        description=definition.description,
-    )
+    return replace(definition, open=lambda settings: ForeignJudge(definition.open(settings), definition.name))

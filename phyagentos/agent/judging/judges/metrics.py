@@ -1,17 +1,104 @@
-"""The judge of numbers: `metric(name) <= bound`.
+"""The judge of numbers, `metric(name) <= bound`, and how each metric is computed from the bundle.
 
 Beside the metrics of the trajectory, every number of a leaf or of the session's outputs counts under its own name. An
-unmeasured metric is unknown.
+unmeasured metric is unknown. Peaks are taken over every control period, so that a spike of one period counts.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from phyagentos.agent.judging.judges.metric_table import TRAJECTORY_METRICS, read_course, read_report
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.protocol.sessions.evidence import EXECUTION, TRAJECTORY, Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.predicates.predicate import has_metric, iter_metrics
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Course = Mapping[str, NDArray[np.float64]]
+
+MAX_BYTES = 64 * 1024 * 1024  # of a trajectory: an hour of a seven-jointed arm
+
+
+def _read_last(array: str) -> "Callable[[Course], float]":
+    """The largest magnitude in the last row."""
+    return lambda course: float(abs(course[array][-1]).max())
+
+
+def _read_peak(array: str) -> "Callable[[Course], float]":
+    """The largest magnitude in any row."""
+    return lambda course: float(abs(course[array]).max())
+
+
+def _read_error(course: "Course", rows: slice) -> float:
+    """The largest difference of a joint between what was commanded and what was measured [rad]."""
+    return float(abs(course["q_commanded"] - course["q_measured"])[rows].max())
+
+
+def _read_peak_acceleration(course: "Course") -> float:
+    """The largest change of a joint's velocity between two periods, by their distance in time [rad/s2]."""
+    import numpy as np
+
+    step_s = np.diff(course["time_s"])[:, None]
+    return float((abs(np.diff(course["qd_measured"], axis=0)) / step_s).max())
+
+
+TRAJECTORY_METRICS: "Mapping[str, Callable[[Course], float]]" = {
+    "final_joint_speed_rad_s": _read_last("qd_measured"),
+    "final_tracking_error_rad": lambda course: _read_error(course, slice(-1, None)),
+    "final_gripper_width_m": _read_last("gripper_measured_m"),
+    "peak_joint_speed_rad_s": _read_peak("qd_measured"),
+    "peak_joint_acceleration_rad_s2": _read_peak_acceleration,
+    "peak_tracking_error_rad": lambda course: _read_error(course, slice(None)),
+    "peak_force_n": _read_peak("force_n"),
+}
+"""Name -> how it is computed from the arrays of the trajectory. `peak_force_n` needs a target that feels contacts and
+so records `force_n`, the greatest of each control period; for any other it is unknown."""
+
+
+def read_report(bundle: Bundle) -> Iterator[tuple[str, float]]:
+    """Numbers that the runtime reported: of the trace, of the outputs, of the execution; the later ones win."""
+    for event in bundle.trace:
+        yield from _iter_numbers(event.numbers)
+    execution = bundle.execution
+    yield from _iter_numbers(execution.outputs)
+    yield "sim_time_s", execution.sim_time_s
+    yield "ticks", float(execution.ticks)
+    yield "interventions", float(execution.interventions)
+
+
+def read_course(folder: Path, wanted: set[str]) -> dict[str, float]:
+    """Metrics of the recorded trajectory; empty when there is none, or it cannot be read."""
+    import numpy as np
+
+    path = folder / TRAJECTORY
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            return {}
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            course = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
+        return {}
+    found = {}
+    for name in sorted(wanted & TRAJECTORY_METRICS.keys()):
+        try:
+            value = TRAJECTORY_METRICS[name](course)
+        except (KeyError, IndexError, ValueError):  # not recorded, or nothing was commanded
+            continue
+        if math.isfinite(value):
+            found[name] = value
+    return found
+
+
+def _iter_numbers(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    for name, value in values.items():
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            yield name, float(value)
 
 
 @dataclass(frozen=True, slots=True)
