@@ -60,12 +60,7 @@ class Library:
 
     def names_of_trees(self) -> list[str]:
         """Every tree, sorted."""
-        return sorted(
-            {
-                path.relative_to(root / "trees").with_suffix("").as_posix()
-                for root, path in self._iter("trees", "**/*.yaml")
-            }
-        )
+        return self._names_below("trees")
 
     def names_of_skills(self) -> list[str]:
         """Every skill, sorted."""
@@ -73,12 +68,7 @@ class Library:
 
     def names_of_scenes(self) -> list[str]:
         """Every scene, sorted."""
-        return sorted(
-            {
-                path.relative_to(root / "scenes").with_suffix("").as_posix()
-                for root, path in self._iter("scenes", "**/*.yaml")
-            }
-        )
+        return self._names_below("scenes")
 
     def names_of_targets(self) -> list[str]:
         """Every target, sorted."""
@@ -88,10 +78,12 @@ class Library:
         """Every goal graph, sorted."""
         return sorted({path.stem for _, path in self._iter("goal_graphs", "*.yaml")})
 
+    def _names_below(self, folder: str) -> list[str]:
+        found = self._iter(folder, "**/*.yaml")
+        return sorted({path.relative_to(root / folder).with_suffix("").as_posix() for root, path in found})
+
     def _iter(self, folder: str, pattern: str) -> Iterator[tuple[Path, Path]]:
-        for root in self.roots:
-            for path in sorted((root / folder).glob(pattern)):
-                yield root, path
+        return ((root, path) for root in self.roots for path in (root / folder).glob(pattern))
 
     def _get(self, what: str, name: str, relative: str, list_names: Callable[[], list[str]]) -> Path:
         for path in _list_places(self.roots, relative):

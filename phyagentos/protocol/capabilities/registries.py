@@ -3,9 +3,9 @@
 One `## name` and one YAML block an entry.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
@@ -22,6 +22,7 @@ from phyagentos.protocol.documents.markdown import format_moment, publish, rende
 from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
 
 _BlockT = TypeVar("_BlockT")
+_EntryT = TypeVar("_EntryT", bound=Authored)
 
 _SKILLS_HEAD = """# Skills that this workspace can run
 
@@ -52,65 +53,29 @@ _NOTHING = "The registry has not run yet.\n"
 
 
 def render_skill_registry(library: Library) -> str:
-    """SKILLRUNTIME.md of a library.
-
-    Raises:
-        DefinitionError: With every problem of every SKILL.md.
-    """
-    skills: list[SkillRuntime] = []
-    problems: list[Problem] = []
-    for name in library.names_of_skills():
-        try:
-            skills.append(read_skill(library.get_skill(name))[0])
-        except DefinitionError as error:
-            problems += error.problems
-    if problems:
-        raise DefinitionError(problems)
-    return render_skills(skills)
+    """SKILLRUNTIME.md of a library; raises DefinitionError with every problem of every SKILL.md."""
+    return render_skills(_read_all(library.names_of_skills(), lambda name: read_skill(library.get_skill(name))[0]))
 
 
 def render_skills(skills: Sequence[SkillRuntime]) -> str:
     """SKILLRUNTIME.md."""
-    front = render_front(Front(phy=SKILLRUNTIME.phy))
-    if not skills:
-        return f"{front}{_SKILLS_HEAD}{_NOTHING}"
-    rows = ((each.skill, each.description, _code(each.guarantees), each.tree) for each in skills)
-    table = render_table(("skill", "does", "guarantees", "tree"), rows)
-    sections = [f"## {each.skill}\n\n{render_block(_to_plain(each))}\n" for each in skills]
-    return f"{front}{_SKILLS_HEAD}{table}\n{''.join(sections)}"
+    rows = [(each.skill, each.description, _code(each.guarantees), each.tree) for each in skills]
+    return _render(SKILLRUNTIME, _SKILLS_HEAD, ("skill", "does", "guarantees", "tree"), rows, skills)
 
 
 def render_target_registry(library: Library) -> str:
-    """TARGETS.md of a library; no worker has been started yet.
-
-    Raises:
-        DefinitionError: With every problem of every target.yaml.
-    """
-    targets: list[RegisteredTarget] = []
-    problems: list[Problem] = []
-    for name in library.names_of_targets():
-        path = library.get_target(name)
-        try:
-            targets.append(RegisteredTarget.model_validate(read_target(path).model_dump()))
-        except DefinitionError as error:
-            problems += error.problems
-    if problems:
-        raise DefinitionError(problems)
-    return render_targets(targets)
+    """TARGETS.md of a library, no worker started; raises DefinitionError with every problem of every target.yaml."""
+    profiles = _read_all(library.names_of_targets(), lambda name: read_target(library.get_target(name)))
+    return render_targets([RegisteredTarget.model_validate(each.model_dump()) for each in profiles])
 
 
 def render_targets(targets: Sequence[RegisteredTarget]) -> str:
     """TARGETS.md."""
-    front = render_front(Front(phy=TARGETS.phy))
-    if not targets:
-        return f"{front}{_TARGETS_HEAD}{_NOTHING}"
-    rows = (
+    rows = [
         (each.target, _describe_health(each.health), each.description, each.kind, ", ".join(each.capabilities))
         for each in targets
-    )
-    table = render_table(("target", "health", "is", "kind", "capabilities"), rows)
-    sections = [f"## {each.target}\n\n{render_block(_to_plain(each))}\n" for each in targets]
-    return f"{front}{_TARGETS_HEAD}{table}\n{''.join(sections)}"
+    ]
+    return _render(TARGETS, _TARGETS_HEAD, ("target", "health", "is", "kind", "capabilities"), rows, targets)
 
 
 def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
@@ -136,11 +101,7 @@ def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
 
 
 def read_target(path: Path) -> TargetProfile:
-    """Read `robots/<name>/target.yaml`.
-
-    Raises:
-        DefinitionError: With every problem of the file.
-    """
+    """Read `robots/<name>/target.yaml`; raises DefinitionError with every problem."""
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
     if profile.target != path.parent.name:
@@ -153,20 +114,12 @@ def read_target(path: Path) -> TargetProfile:
 
 
 def read_skill_registry(path: Path) -> dict[str, SkillRuntime]:
-    """Every skill of SKILLRUNTIME.md, by name.
-
-    Raises:
-        DefinitionError: With every problem of the document.
-    """
+    """Every skill of SKILLRUNTIME.md, by name; raises DefinitionError with every problem."""
     return _read(path, SKILLRUNTIME)
 
 
 def read_target_registry(path: Path) -> dict[str, TargetProfile]:
-    """Every profile of TARGETS.md, by name; `model` is relative to `library/robots/<target>/`.
-
-    Raises:
-        DefinitionError: With every problem of the document.
-    """
+    """Every profile of TARGETS.md, by name; `model` is relative to `library/robots/<target>/`."""
     targets = _read(path, TARGETS)
     return {name: TargetProfile.model_validate(each.model_dump(exclude={"health"})) for name, each in targets.items()}
 
@@ -181,8 +134,34 @@ def _read(path: Path, format: DocumentFormat[_BlockT]) -> dict[str, _BlockT]:
     return read_document(text, format, str(path)).blocks
 
 
-def _to_plain(entry: Authored) -> dict[str, Any]:
-    return entry.model_dump(mode="json", exclude_defaults=True, by_alias=True)
+def _read_all(names: Iterable[str], read: Callable[[str], _EntryT]) -> list[_EntryT]:
+    """Every entry; raises DefinitionError with the problems of all files."""
+    entries: list[_EntryT] = []
+    problems: list[Problem] = []
+    for name in names:
+        try:
+            entries.append(read(name))
+        except DefinitionError as error:
+            problems += error.problems
+    if problems:
+        raise DefinitionError(problems)
+    return entries
+
+
+def _render(
+    format: DocumentFormat[_BlockT],
+    head: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    entries: Sequence[Authored],
+) -> str:
+    """A registry: a table, and a section for each entry; the first column holds their names."""
+    front = render_front(Front(phy=format.phy))
+    if not entries:
+        return f"{front}{head}{_NOTHING}"
+    blocks = (render_block(each.model_dump(mode="json", exclude_defaults=True, by_alias=True)) for each in entries)
+    sections = [f"## {row[0]}\n\n{block}\n" for row, block in zip(rows, blocks, strict=True)]
+    return f"{front}{head}{render_table(columns, rows)}\n{''.join(sections)}"
 
 
 def _describe_health(health: TargetHealth) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeGuard
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
@@ -161,11 +161,7 @@ SKILLRUNTIME = DocumentFormat(
 
 
 def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
-    """Read `skills/<name>/SKILL.md`.
-
-    Raises:
-        DefinitionError: With every problem of the front matter.
-    """
+    """Read `skills/<name>/SKILL.md`; raises DefinitionError with every problem."""
     front, first_line = split_front_matter(path.read_text(encoding="utf-8"), str(path))
     located = parse_yaml(front, str(path), first_line)
     skill = validate(SkillRuntime, located)
@@ -178,8 +174,6 @@ def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
 
 def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:
     """The problem of a name that no SKILL.md carries."""
-    from phyagentos.errors import format_hint, format_names
-
     return Problem(
         code="UNKNOWN_SKILL",
         address=address,

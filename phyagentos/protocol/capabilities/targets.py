@@ -192,9 +192,5 @@ TARGETS = DocumentFormat(
 
 
 def read_targets(text: str, source: str = "") -> Document[RegisteredTarget]:
-    """Read TARGETS.md: targets by name.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
+    """Read TARGETS.md: targets by name; raises DefinitionError with every problem."""
     return read_document(text, TARGETS, source)

@@ -4,8 +4,9 @@ Structure is checked here, ports where leaves are known. `$name` refers to a key
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
@@ -157,11 +158,7 @@ class Tree:
 
 
 def read_tree(path: Path) -> Tree:
-    """Read one tree file; a file that has not changed is parsed once in a process.
-
-    Raises:
-        DefinitionError: With every structural problem, each at file:line:column.
-    """
+    """Read one tree file, parsed once in a process while unchanged; raises DefinitionError with every problem."""
     tree, problems = load_tree(path)
     if tree is None or problems:
         raise DefinitionError(problems)
@@ -169,11 +166,7 @@ def read_tree(path: Path) -> Tree:
 
 
 def load_tree(path: Path) -> tuple[Tree | None, tuple[Problem, ...]]:
-    """A tree as far as it can be read, and every structural problem of its file.
-
-    Raises:
-        DefinitionError: When the file is unreadable or no YAML.
-    """
+    """A tree as far as it can be read, and every structural problem; raises DefinitionError for what is no YAML."""
     try:
         changed = path.stat()
     except OSError:
@@ -213,27 +206,20 @@ def _build(located: Located, address: Address, problems: list[Problem], default_
     data: Any = located.data
     for step in address:
         data = data[step]
-    if isinstance(data, str):
+    is_bare = isinstance(data, str)  # a leaf without ports
+    if is_bare:
         data = {data: None}
     if not isinstance(data, dict) or len(data) != 1:
         shown = f"a mapping with keys {', '.join(map(str, data))}" if isinstance(data, dict) else type(data).__name__
         problems.append(located.problem("NOT_A_NODE", address, shown, "a mapping with one key: a node kind or a leaf"))
         return None
     key, body = next(iter(data.items()))
-    place = (*address, key) if isinstance(located_value(located, address), dict) else address
+    place = address if is_bare else (*address, key)
     if key == NodeKind.CONDITION:
         return _build_condition(located, place, body, problems, default_name)
     if key in _FORMS:
         return _build_control(located, NodeKind(key), place, problems, default_name)
     return _build_leaf(located, str(key), place, body, problems, default_name)
-
-
-def located_value(located: Located, address: Address) -> Any:
-    """The data at an address."""
-    data: Any = located.data
-    for step in address:
-        data = data[step]
-    return data
 
 
 def _build_condition(
@@ -287,15 +273,12 @@ def _build_control(
 
 def _name_apart(children: list[Node]) -> tuple[Node, ...]:
     """Give siblings of the same name a number, so that paths in traces are unique."""
-    from dataclasses import replace
-
-    seen: dict[str, int] = {}
-    out = []
-    for child in children:
-        count = seen.get(child.name, 0) + 1
-        seen[child.name] = count
-        out.append(child if count == 1 else replace(child, name=f"{child.name}.{count}"))
-    return tuple(out)
+    seen: Counter[str] = Counter()
+    for index, child in enumerate(children):
+        seen[child.name] += 1
+        if seen[child.name] > 1:
+            children[index] = replace(child, name=f"{child.name}.{seen[child.name]}")
+    return tuple(children)
 
 
 def _parse_value(value: Any) -> Any:

@@ -159,11 +159,7 @@ def build_schema(format: DocumentFormat[Any]) -> dict[str, Any]:
 
 
 def split_front_matter(text: str, source: str) -> tuple[str, int]:
-    """The YAML between the first two `---` lines, and the line it begins on.
-
-    Raises:
-        DefinitionError: When the text does not begin with front matter.
-    """
+    """The YAML between the first two `---` lines, and the line it begins on; raises DefinitionError without any."""
     match = _FRONT.match(text)
     if match is None:
         raise DefinitionError(

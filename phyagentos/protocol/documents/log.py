@@ -56,11 +56,7 @@ LOG: DocumentFormat[Any] = DocumentFormat(
 
 
 def read_log(text: str, source: str = "") -> Log:
-    """Read LOG.md.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
+    """Read LOG.md; raises DefinitionError with every problem."""
     source = source or LOG.file
     lines, problems = _read_lines(text, source)
     try:

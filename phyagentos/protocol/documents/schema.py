@@ -51,11 +51,7 @@ class Located:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file that a person may have written.
-
-    Raises:
-        DefinitionError: When it is not there, or not UTF-8.
-    """
+    """Read a text file that a person may have written; raises DefinitionError unless it is UTF-8."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -103,10 +99,10 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
     return Located(data=data, source=source, marks=marks)
 
 
-def _tell_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable[[Any, Any], Any]:
+def _report_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable[[Any, Any], Any]:
     """As `construct`; a scalar that fails to parse is reported like any other error, with its place."""
 
-    def construct_or_tell(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
+    def construct_or_report(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
         try:
             value = construct(loader, node)
             if not isinstance(value, int) or -(2**63) <= value < 2**64:  # more the journal does not take
@@ -116,12 +112,12 @@ def _tell_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable[[
         problem = f"{node.value[:40]!r} is no {kind}; quote it where it is text"
         raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
 
-    return construct_or_tell
+    return construct_or_report
 
 
 for _tag, _kind in {"bool": "truth value", "float": "number", "int": "integer of 64 bits", "timestamp": "date"}.items():
     _construct = yaml.SafeLoader.yaml_constructors[f"tag:yaml.org,2002:{_tag}"]
-    Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _tell_failure(_construct, _kind))
+    Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _report_failure(_construct, _kind))
 
 
 def _check_depth(text: str) -> None:

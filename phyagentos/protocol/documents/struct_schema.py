@@ -58,7 +58,7 @@ def build_authored_schema(kind: type[Authored]) -> tuple[dict[str, Any], dict[st
     schema = kind.model_json_schema(by_alias=True)
     definitions = schema.pop("$defs", {})
     describe(schema, kind)
-    for each in _iter_models(kind, set()):
+    for each in _iter_kinds(kind, set()):
         if each.__name__ in definitions:
             describe(definitions[each.__name__], each)
     return schema, definitions
@@ -127,28 +127,18 @@ def _iter_leaf_problems(kind: Any, value: Any, located: Located, path: Address) 
 
 
 def _iter_kinds(kind: Any, seen: set[Any]) -> Iterator[type]:
-    """Every struct and enum that a type is made of."""
+    """Every struct, authored model and enum that a type is made of."""
     kind = getattr(kind, "__supertype__", kind)
-    if isinstance(kind, EnumType):
-        yield kind
-    elif isinstance(kind, type) and issubclass(kind, msgspec.Struct) and kind not in seen:
+    parts: list[Any] = list(get_args(kind))
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct | Authored | Enum) and kind not in seen:
         seen.add(kind)
         yield kind
-        for field in msgspec.structs.fields(kind):
-            yield from _iter_kinds(field.type, seen)
-    for arm in get_args(kind):
-        yield from _iter_kinds(arm, seen)
-
-
-def _iter_models(kind: Any, seen: set[Any]) -> Iterator[type[Authored]]:
-    """Every authored model that a type is made of."""
-    if isinstance(kind, type) and issubclass(kind, Authored) and kind not in seen:
-        seen.add(kind)
-        yield kind
-        for info in kind.model_fields.values():
-            yield from _iter_models(info.annotation, seen)
-    for arm in get_args(kind):
-        yield from _iter_models(arm, seen)
+        if issubclass(kind, msgspec.Struct):
+            parts += [field.type for field in msgspec.structs.fields(kind)]
+        elif issubclass(kind, Authored):
+            parts += [info.annotation for info in kind.model_fields.values()]
+    for part in parts:
+        yield from _iter_kinds(part, seen)
 
 
 def _read_docstring(kind: type) -> tuple[str, dict[str, str]]:

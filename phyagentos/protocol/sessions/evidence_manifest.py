@@ -132,11 +132,7 @@ def get_object_name(name: str, sha256: str) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """The manifest of a bundle; None when it has not been sealed.
-
-    Raises:
-        ExecutionError: `MANIFEST_DAMAGED`.
-    """
+    """The manifest of a bundle; None when it is not sealed; raises ExecutionError `MANIFEST_DAMAGED`."""
     path = folder / MANIFEST
     try:
         return msgspec.json.decode(path.read_bytes(), type=Manifest)

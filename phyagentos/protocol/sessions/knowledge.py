@@ -48,9 +48,5 @@ def render_knowledge(facts: Iterable[Fact]) -> str:
 
 
 def read_knowledge(text: str, source: str = "") -> Document[Fact]:
-    """Read KNOWLEDGE.md: facts by id.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
+    """Read KNOWLEDGE.md: facts by id; raises DefinitionError with every problem."""
     return read_document(text, KNOWLEDGE, source)

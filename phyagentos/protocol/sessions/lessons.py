@@ -56,9 +56,5 @@ def render_lessons(lessons: Iterable[Lesson]) -> str:
 
 
 def read_lessons(text: str, source: str = "") -> Document[Lesson]:
-    """Read LESSONS.md: lessons by id.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
+    """Read LESSONS.md: lessons by id; raises DefinitionError with every problem."""
     return read_document(text, LESSONS, source)

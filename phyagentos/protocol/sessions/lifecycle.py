@@ -48,18 +48,6 @@ class SessionState(StrEnum):
     """Ended on request. Final."""
 
 
-FINAL_STATES = frozenset(
-    {
-        SessionState.SUCCEEDED,
-        SessionState.FAILED,
-        SessionState.REPLANNED,
-        SessionState.UNVERIFIED,
-        SessionState.REJECTED,
-        SessionState.CANCELLED,
-    }
-)
-
-
 class Side(StrEnum):
     """Who may fire a trigger."""
 
@@ -75,6 +63,7 @@ _S = SessionState
 _HELD = (_S.PREFLIGHT, _S.RUNNING, _S.HALTING)
 _JUDGED = (_S.SUCCEEDED, _S.FAILED, _S.REPLANNED, _S.UNVERIFIED)  # final, and there is evidence to judge again
 _ANY = (Side.AGENT, Side.RUNTIME, Side.OPERATOR)
+FINAL_STATES = frozenset({*_JUDGED, _S.REJECTED, _S.CANCELLED})
 
 SESSION_TRANSITIONS: tuple[Row, ...] = (
     Row("amend", (_S.PENDING,), _S.PENDING, (Side.OPERATOR,)),

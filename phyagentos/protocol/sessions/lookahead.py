@@ -79,11 +79,7 @@ class LookaheadResult(Rollouts, frozen=True, kw_only=True):
 
 
 def read_lookahead(folder: Path) -> LookaheadResult | None:
-    """The look-ahead result of a bundle; None when none was requested.
-
-    Raises:
-        ExecutionError: `EVIDENCE_UNREADABLE` when it is damaged.
-    """
+    """The look-ahead result of a bundle; None without one; raises ExecutionError `EVIDENCE_UNREADABLE`."""
     path = folder / LOOKAHEAD
     try:
         return msgspec.json.decode(path.read_bytes(), type=LookaheadResult)

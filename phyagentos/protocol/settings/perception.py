@@ -77,11 +77,7 @@ class Perception(Authored):
 
 
 def read_perception(path: Path) -> Perception:
-    """Read perception.yaml.
-
-    Raises:
-        DefinitionError: With every problem; also when it names a sensor that sensors.yaml beside it lacks.
-    """
+    """Read perception.yaml, also against sensors.yaml beside it; raises DefinitionError with every problem."""
     located = read_yaml(path)
     perception = validate(Perception, located)
     beside = path.parent / "sensors.yaml"
@@ -105,11 +101,7 @@ def read_perception(path: Path) -> Perception:
 
 
 def declare_sensing(path: Path, sensing: Sensing) -> None:
-    """Write the choice into perception.yaml, which is hashed into the evidence; comments stay.
-
-    Raises:
-        DefinitionError: With every problem of the file.
-    """
+    """Write the choice into perception.yaml, which is hashed into the evidence; comments stay."""
     if read_perception(path).sensing is not sensing:
         text = re.sub(r"(?m)^sensing:[ \t]*[\"']?\w+[\"']?", f"sensing: {sensing}", path.read_text(encoding="utf-8"))
         publish(path, text)

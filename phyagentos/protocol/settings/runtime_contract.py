@@ -79,20 +79,12 @@ class RuntimeContract(Authored):
 
 
 def declare_world_mode(path: Path, mode: WorldMode) -> None:
-    """Write the mode into runtime_contract.yaml, which is hashed into the evidence; comments stay.
-
-    Raises:
-        DefinitionError: With every problem of the file.
-    """
+    """Write the mode into runtime_contract.yaml, which is hashed into the evidence; comments stay."""
     if read_runtime_contract(path).world_mode is not mode:
         text = re.sub(r"(?m)^world_mode:[ \t]*[\"']?\w+[\"']?", f"world_mode: {mode}", path.read_text(encoding="utf-8"))
         publish(path, text)
 
 
 def read_runtime_contract(path: Path) -> RuntimeContract:
-    """Read runtime_contract.yaml.
-
-    Raises:
-        DefinitionError: With every problem of the file.
-    """
+    """Read runtime_contract.yaml; raises DefinitionError with every problem."""
     return validate(RuntimeContract, read_yaml(path))

@@ -116,11 +116,7 @@ class Safety(Authored):
 
 
 def read_safety(path: Path) -> Safety:
-    """Read safety.yaml.
-
-    Raises:
-        DefinitionError: With every problem: a limit without a source, in another unit, or that bounds nothing.
-    """
+    """Read safety.yaml; raises DefinitionError with every problem, a limit without a source among them."""
     located = read_yaml(path)
     safety = validate(Safety, located)
     problems = [

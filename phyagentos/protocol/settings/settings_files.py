@@ -13,18 +13,13 @@ from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_
 from phyagentos.protocol.settings.safety import Safety, read_safety
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors
 
-SETTINGS_FILES: dict[str, type[Authored]] = {
-    "safety.yaml": Safety,
-    "sensors.yaml": Sensors,
-    "perception.yaml": Perception,
-    "runtime_contract.yaml": RuntimeContract,
+_FILES: dict[str, tuple[type[Authored], Callable[[Path], Authored]]] = {
+    "safety.yaml": (Safety, read_safety),
+    "sensors.yaml": (Sensors, read_sensors),
+    "perception.yaml": (Perception, read_perception),
+    "runtime_contract.yaml": (RuntimeContract, read_runtime_contract),
 }
-_READERS: dict[str, Callable[[Path], Authored]] = {
-    "safety.yaml": read_safety,
-    "sensors.yaml": read_sensors,
-    "perception.yaml": read_perception,
-    "runtime_contract.yaml": read_runtime_contract,
-}
+SETTINGS_FILES: dict[str, type[Authored]] = {name: model for name, (model, _) in _FILES.items()}
 
 
 def compute_file_hash(path: Path) -> str:
@@ -33,9 +28,5 @@ def compute_file_hash(path: Path) -> str:
 
 
 def check_settings(path: Path) -> None:
-    """Check one of the settings files by its name.
-
-    Raises:
-        DefinitionError: With every problem.
-    """
-    _READERS[path.name](path)
+    """Check one of the settings files by its name; raises DefinitionError with every problem."""
+    _FILES[path.name][1](path)

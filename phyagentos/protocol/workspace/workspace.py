@@ -88,11 +88,7 @@ class Workspace:
 
     @classmethod
     def open(cls, root: Path) -> "Workspace":
-        """An existing workspace.
-
-        Raises:
-            DefinitionError: `NOT_A_WORKSPACE`.
-        """
+        """An existing workspace; raises DefinitionError `NOT_A_WORKSPACE`."""
         root = root.resolve()
         if not (root / MARKER).is_file():
             found = "no such folder" if not root.exists() else f"no {MARKER}"

@@ -305,11 +305,7 @@ ENVIRONMENT = DocumentFormat(
 
 
 def read_environment(text: str, source: str = "") -> Snapshot:
-    """Read ENVIRONMENT.md.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column; `NOTHING_OBSERVED` when it holds no snapshot.
-    """
+    """Read ENVIRONMENT.md; raises DefinitionError with every problem, `NOTHING_OBSERVED` when it holds no snapshot."""
     blocks = read_document(text, ENVIRONMENT, source).blocks
     if "Snapshot" not in blocks:
         raise DefinitionError(

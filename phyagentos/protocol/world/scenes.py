@@ -198,11 +198,7 @@ class SceneSpec(Authored):
 
 
 def read_scene(path: Path) -> SceneSpec:
-    """Read one scene.
-
-    Raises:
-        DefinitionError: With every problem, names that refer to nothing included.
-    """
+    """Read one scene; raises DefinitionError with every problem, dangling names included."""
     located = read_yaml(path)
     spec, problems = salvage(SceneSpec, located)
     if spec is None:

@@ -5,7 +5,8 @@ Tolerances are chosen for table-top things of 2 to 20 cm.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from functools import partial
+from typing import Any
 
 from phyagentos.geometry import UP, compute_tilt, compute_turn, rotate, to_child
 from phyagentos.protocol.world.environment import Entity, TargetState
@@ -64,7 +65,7 @@ def _combine(view: View, entities: Sequence[Entity | None], stated: str, perceiv
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
     """Let go of; centre within the sides of the interior box, lowest point between floor and rim, in its frame."""
     if a.held_by:
-        return _tell_held(a)
+        return _read_held(a)
     box = get_place(view, b, 5.0)
     if box.half_m == (0.0, 0.0, 0.0):
         return Reading(-1.0, {"interior": False}, f"{b} has no interior")
@@ -90,7 +91,7 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
 def measure_on(view: View, a: Entity, b: str) -> Reading:
     """Let go of; centre of the footprint above b's surface, vertical gap within a centimetre."""
     if a.held_by:
-        return _tell_held(a)
+        return _read_held(a)
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
     gap_m = _find_gap(view, a, b, FOOTPRINT_SLACK_M)
     if doubt_m:
@@ -105,7 +106,7 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
     return Reading(1.0 - abs(gap_m) / GAP_M, measured, because, doubt_m / GAP_M)
 
 
-def _tell_held(a: Entity) -> Reading:
+def _read_held(a: Entity) -> Reading:
     """What a hand still holds goes where the hand goes next."""
     return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
 
@@ -124,7 +125,8 @@ def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
 
 
 def measure_holding(view: View, target: str, a: str) -> Reading:
-    """Both fingers of the target touch it. Touch sensors tell that they touch something, perception tells what."""
+    """Both fingers of the target touch it."""
+    # touch sensors show that they touch something, perception shows what
     state = view.now.targets.get(target)
     if view.now.sensing != "truth":
         return _measure_perceived_holding(view, target, a, state)
@@ -302,64 +304,43 @@ def _get_joint(a: Entity) -> float:
 
 
 _A = Argument("a", ArgumentKind.ENTITY)
-_ANYWHERE = Argument("b", ArgumentKind.PLACE)
+_IN = Argument("b", ArgumentKind.CONTAINER)
+_B = Argument("b", ArgumentKind.PLACE)
+_PLACE = Argument("place", ArgumentKind.PLACE)
 
 
-def _state(
-    name: str, measure: Callable[..., Reading], *more: Argument, max_age_s: float = 5.0, lasting: bool = True
-) -> PredicateDefinition:
-    return PredicateDefinition(
-        name=name,
-        arguments=(_A, *more),
-        measure=measure,
-        max_age_s=max_age_s,
-        lasting=lasting,
-        description=(measure.__doc__ or "").splitlines()[0],
-    )
+def _define(name: str, measure: Callable[..., Reading], *arguments: Argument, **more: Any) -> PredicateDefinition:
+    description = (measure.__doc__ or "").splitlines()[0]
+    return PredicateDefinition(name=name, arguments=arguments, measure=measure, description=description, **more)
 
 
-def _number(name: str, measure: Callable[..., Reading], *more: Argument, max_age_s: float) -> PredicateDefinition:
-    return replace(_state(name, measure, *more, max_age_s=max_age_s, lasting=False), is_number=True)
-
+_number = partial(_define, is_number=True, lasting=False)
 
 BUILTINS: tuple[PredicateDefinition, ...] = (
-    _state("inside", measure_inside, Argument("b", ArgumentKind.CONTAINER)),
-    _state("on", measure_on, Argument("b", ArgumentKind.CONTAINER)),
-    _state("at", measure_at, Argument("place", ArgumentKind.PLACE), Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
-    _state("near", measure_near, _ANYWHERE, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
-    _state("upright", measure_upright),
-    _state("fallen", measure_fallen),
-    _state("open", measure_open),
-    _state("closed", measure_closed),
-    _state("moved", measure_moved, lasting=False),
-    replace(_state("visible", measure_visible, lasting=False), by_name=True),
-    replace(_state("exists", measure_exists, max_age_s=30.0), by_name=True),
-    PredicateDefinition(
-        name="holding",
-        arguments=(Argument("target", ArgumentKind.TARGET), _A),
-        measure=measure_holding,
+    _define("inside", measure_inside, _A, _IN),
+    _define("on", measure_on, _A, _IN),
+    _define("at", measure_at, _A, _PLACE, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
+    _define("near", measure_near, _A, _B, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
+    _define("upright", measure_upright, _A),
+    _define("fallen", measure_fallen, _A),
+    _define("open", measure_open, _A),
+    _define("closed", measure_closed, _A),
+    _define("moved", measure_moved, _A, lasting=False),
+    _define("visible", measure_visible, _A, lasting=False, by_name=True),
+    _define("exists", measure_exists, _A, max_age_s=30.0, by_name=True),
+    _define(
+        "holding",
+        measure_holding,
+        Argument("target", ArgumentKind.TARGET),
+        _A,
         max_age_s=0.5,
         lasting=False,
         by_name=True,
-        description="Both fingers of the target touch it.",
     ),
-    PredicateDefinition(
-        name="metric",
-        arguments=(Argument("name", ArgumentKind.METRIC),),
-        measure=measure_metric,
-        is_number=True,
-        lasting=False,
-        description=(measure_metric.__doc__ or "").splitlines()[0],
-    ),
-    PredicateDefinition(
-        name="unstated",
-        arguments=(),
-        measure=measure_unstated,
-        lasting=False,
-        description=(measure_unstated.__doc__ or "").splitlines()[0],
-    ),
-    _number("tilt", measure_tilt, max_age_s=1.0),
-    _number("height", measure_height, max_age_s=1.0),
-    _number("distance", measure_distance, _ANYWHERE, max_age_s=1.0),
-    _number("speed", measure_speed, max_age_s=0.5),
+    _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),
+    _define("unstated", measure_unstated, lasting=False),
+    _number("tilt", measure_tilt, _A, max_age_s=1.0),
+    _number("height", measure_height, _A, max_age_s=1.0),
+    _number("distance", measure_distance, _A, _B, max_age_s=1.0),
+    _number("speed", measure_speed, _A, max_age_s=0.5),
 )

@@ -96,6 +96,13 @@ def evaluate(formula: Formula, view: View) -> Evaluation:
 
 
 def _evaluate(formula: Formula, view: View) -> Evaluation:
+    try:
+        return _evaluate_known(formula, view)
+    except FactUnknown as reason:
+        return _unknown(str(reason))
+
+
+def _evaluate_known(formula: Formula, view: View) -> Evaluation:
     match formula:
         case Call():
             return _evaluate_statement(formula, view)
@@ -114,24 +121,18 @@ def _evaluate(formula: Formula, view: View) -> Evaluation:
 
 
 def _evaluate_statement(call: Call, view: View) -> Evaluation:
-    try:
-        reading = _measure(call, view)
-    except FactUnknown as reason:
-        return _unknown(str(reason))
-    truth = Truth.TRUE if reading.value >= 0 else Truth.FALSE
+    reading = _measure(call, view)
     if abs(reading.value) < reading.doubt:
         return _doubt(reading)
+    truth = Truth.TRUE if reading.value >= 0 else Truth.FALSE
     return Evaluation(truth, reading.measured, reading.because, reading.value)
 
 
 def _evaluate_number(call: Call, relation: str, bound: float, view: View) -> Evaluation:
-    try:
-        reading = _measure(call, view)
-    except FactUnknown as reason:
-        return _unknown(str(reason))
-    truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
-    if reading.doubt and abs(reading.value - bound) < reading.doubt:
+    reading = _measure(call, view)
+    if abs(reading.value - bound) < reading.doubt:
         return _doubt(reading)
+    truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
     margin = _compute_margin(reading.value, relation, bound) / max(abs(bound), 0.01)
     because = f"{reading.because} (asked: {relation} {format_number(bound)})"
     return Evaluation(truth, reading.measured, because, margin)
@@ -169,11 +170,7 @@ def _measure(call: Call, view: View) -> Reading:
     resolved = _resolve(definition, call.terms, view)
     try:
         reading = definition.measure(view, *resolved)
-    except (
-        ArithmeticError,
-        LookupError,
-        ValueError,
-    ) as error:  # a malformed entity, or a plug-in that did not expect it
+    except (ArithmeticError, LookupError, ValueError) as error:  # a malformed entity
         raise FactUnknown(f"{render(call)} could not be measured: {type(error).__name__}: {error}") from error
     numbers = [value for value in reading.measured.values() if isinstance(value, float)]
     if not all(map(math.isfinite, (reading.value, *numbers))):

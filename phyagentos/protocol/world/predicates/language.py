@@ -48,11 +48,7 @@ class PredicateSyntaxError(ValueError):
 
 
 def parse(text: str) -> Formula:
-    """Parse one predicate.
-
-    Raises:
-        PredicateSyntaxError: With the column of the first offending piece.
-    """
+    """Parse one predicate; raises PredicateSyntaxError at the first offending piece."""
     parser = _Parser(tuple(_iter_tokens(text)))
     formula = parser.parse_or()
     parser.expect("end")

@@ -134,11 +134,7 @@ class PredicateLibrary:
         self._definitions: dict[str, PredicateDefinition] = {}
 
     def register(self, definition: PredicateDefinition) -> None:
-        """Add one predicate.
-
-        Raises:
-            ValueError: When the name is taken; a plug-in never replaces another.
-        """
+        """Add one predicate; raises ValueError when the name is taken."""
         if definition.name in self._definitions:
             raise ValueError(f"predicate {definition.name!r} is registered already")
         self._definitions[definition.name] = definition
@@ -170,11 +166,7 @@ def get_predicate_library() -> PredicateLibrary:
 
 
 def get_entity(view: View, name: str, max_age_s: float) -> Entity:
-    """What is known of a thing, fresh enough to be believed.
-
-    Raises:
-        FactUnknown: When it is missing, was not visible, or was seen too long ago. Fixed things do not age.
-    """
+    """What is known of a thing; raises FactUnknown when it is missing, was not visible, or was seen too long ago."""
     entity = view.now.entities.get(name)
     if entity is None:
         raise FactUnknown(f"{name} is not in the snapshot")
@@ -190,11 +182,7 @@ def get_entity(view: View, name: str, max_age_s: float) -> Entity:
 
 
 def get_place(view: View, name: str, max_age_s: float) -> Place:
-    """A region, the interior of a thing, or the centre of a thing without one.
-
-    Raises:
-        FactUnknown: As `get_entity`.
-    """
+    """A region, the interior of a thing, or the centre of a thing without one; raises as `get_entity`."""
     region = view.now.regions.get(name)
     if region is not None:
         return Place(name, region.pose, region.half_m)

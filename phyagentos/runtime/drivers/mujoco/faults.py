@@ -14,18 +14,22 @@ import msgspec
 import numpy as np
 
 from phyagentos.protocol.world.faults import (
+    Blackout,
     Draw,
     Fault,
     FaultFile,
+    Freeze,
+    Miscalibrate,
+    Misdate,
     Move,
     Nudge,
     Remove,
     SensorFault,
     Slip,
     Stall,
+    When,
 )
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.protocol.world.sensor_corruption import Blackout, Freeze, Miscalibrate, Misdate, When
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
 from phyagentos.runtime.targets.wire import RecordedFault
 
