@@ -24,7 +24,12 @@ UP: Vector = (0.0, 0.0, 1.0)
 
 
 class Pose(msgspec.Struct, frozen=True):
-    """A rigid pose `parent_T_child` with a unit quaternion."""
+    """A rigid pose `parent_T_child`.
+
+    Attributes:
+        position_m: (3,) [m].
+        quaternion_wxyz: (4,) unit quaternion.
+    """
 
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     quaternion_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
