@@ -124,7 +124,7 @@ def panda(root):
 
 
 @FEW
-@given(health=HEALTH, description=TEXTS, width_m=NUMBERS)
+@given(health=HEALTH, description=TEXTS, width_m=NUMBERS.filter(lambda width_m: width_m > 0))
 def test_targets_come_back_as_they_were(panda, health, description, width_m):
     gripper = panda["gripper"] | {"max_width_m": width_m}
     target = RegisteredTarget.model_validate(
