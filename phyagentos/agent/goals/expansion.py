@@ -27,11 +27,6 @@ class DataEdge:
     output: str
     path: Path
 
-    @property
-    def reference(self) -> str:
-        """The text between the braces."""
-        return f"{self.node}.outputs.{self.output}"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:

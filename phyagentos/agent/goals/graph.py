@@ -8,7 +8,7 @@ from typing import Any
 import networkx as nx
 
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.checks import check_bindings, check_spec
+from phyagentos.agent.goals.checks import Checks
 from phyagentos.agent.goals.expansion import Node, expand_nodes
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import GoalSpec
@@ -99,10 +99,11 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
             located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
         )
         dag.remove_edge(cycle[-2], cycle[-1])  # only to find what else is wrong
-    problems += check_spec(spec, nodes, located, catalogue)
+    checks = Checks(spec, nodes, located, catalogue)
+    problems += checks.check_spec()
     rank = {name: index for index, name in enumerate(nodes)}
     order = tuple(nx.lexicographical_topological_sort(dag, key=rank.__getitem__))
-    choices, more = check_bindings(spec, nodes, dag, order, located, catalogue)
+    choices, more = checks.check_bindings(dag, order)
     by_finding = {(problem.code, problem.address, problem.found): problem for problem in reversed([*problems, *more])}
     unique = list(reversed(by_finding.values()))
     if len(choices) < len(nodes):

@@ -26,7 +26,6 @@ from phyagentos.protocol.world.predicates.syntax import (
     Term,
     Variable,
     format_value,
-    iter_calls,
 )
 
 ANY = "any"
@@ -88,7 +87,9 @@ def select(
     _, chosen, where, parameters, reasons = candidates[0]
     more = list(reasons)
     if target == ANY:
-        more.append(f"{where} offers what {chosen} needs: {_describe_needs(catalogue.skills[chosen])}")
+        needs = catalogue.skills[chosen].needs
+        needed = ", ".join((*needs.observations, *needs.actions, *needs.capabilities)) or "nothing"
+        more.append(f"{where} offers what {chosen} needs: {needed}")
     for _, other, place, _, _ in candidates[1:]:
         rejected[f"{other} on {place}"] = f"possible, but {chosen} on {where} comes first: fewer assumptions, then name"
     return Choice(skill=chosen, target=where, parameters=parameters, reasons=tuple(more), rejected=rejected)
@@ -193,27 +194,25 @@ def _fit(wanted: Predicate, runtime: SkillRuntime, arguments: Mapping[str, Any])
 
 def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, Any], established: Iterable[str]) -> str | None:
     """A thing that the skill must hold from the start and that nothing before it takes hold of."""
-    before = {parse_predicate(text, template=True).text for text in established}
+    before = [_find_held(parse_predicate(text, template=True)) for text in established]
     for text in runtime.requires:
         predicate = parse_predicate(substitute(text, parameters), template=True)
-        is_held = any(_held(predicate) == _held(parse_predicate(other, template=True)) for other in before)
-        if _is_holding(predicate) and not is_held:
+        held = _find_held(predicate)
+        if held is not None and held not in before:
             return predicate.text
     return None
 
 
 def begins_with_holding(runtime: SkillRuntime) -> bool:
     """Whether a skill must hold something from the start."""
-    return any(_is_holding(parse_predicate(text, template=True)) for text in runtime.requires)
+    return any(_find_held(parse_predicate(text, template=True)) is not None for text in runtime.requires)
 
 
-def _is_holding(predicate: Predicate) -> bool:
-    return isinstance(predicate.formula, Call) and predicate.formula.name == "holding"
-
-
-def _held(predicate: Predicate) -> Term | None:
-    calls = [call for call in iter_calls(predicate.formula) if call.name == "holding"]
-    return calls[0].terms[1] if calls and isinstance(predicate.formula, Call) else None
+def _find_held(predicate: Predicate) -> Term | None:
+    match predicate.formula:
+        case Call("holding", (_, held)):
+            return held
+    return None
 
 
 def find_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:
@@ -225,11 +224,6 @@ def find_lacks(runtime: SkillRuntime, target: TargetProfile) -> Iterator[str]:
         ("capability", needs.capabilities, target.capabilities),
     ):
         yield from (f"{what} {name}" for name in needed if name not in offered)
-
-
-def _describe_needs(runtime: SkillRuntime) -> str:
-    needs = (*runtime.needs.observations, *runtime.needs.actions, *runtime.needs.capabilities)
-    return ", ".join(needs) or "nothing"
 
 
 def _describe_nothing(

@@ -16,16 +16,11 @@ _GRIPPING = frozenset({Role.PLAN_GRASP, Role.GRASP, Role.VERIFY, Role.CARRY, Rol
 class Stage(IntEnum):
     """How far a skill of manipulation came with its thing."""
 
-    BEFORE = 0
-    """The fingers have not closed."""
-    CLOSED = 1
-    """They have closed."""
-    GRASPED = 2
-    """Both fingers touched the thing."""
-    LIFTED = 3
-    """It was still held after lifting."""
-    RELEASED = 4
-    """The fingers let it go."""
+    BEFORE = 0  # fingers still open
+    CLOSED = 1  # fingers closed
+    GRASPED = 2  # both fingers touched the object
+    LIFTED = 3  # still held after lifting
+    RELEASED = 4  # fingers opened
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

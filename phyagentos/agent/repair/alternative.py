@@ -18,21 +18,13 @@ class AlternativeKind(StrEnum):
     """What is done next."""
 
     RETRY = "retry"
-    """The same skill again, its parameters changed."""
     OTHER_GRASP = "another grasp"
-    """The same skill by another grasp or at another site."""
     OTHER_SKILL = "another skill"
-    """A skill that promises the same."""
     CLEAR = "clear the obstruction"
-    """Move away what is in the way, then the same again."""
     OTHER_TARGET = "another target"
-    """The same skill by another arm."""
     LOOK = "look again"
-    """More evidence before anything else is decided."""
     RESTART = "restart"
-    """Everything from the beginning."""
     GIVE_UP = "give up"
-    """The node cannot be done."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

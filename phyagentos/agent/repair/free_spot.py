@@ -52,7 +52,8 @@ def find_free_spot(
             continue
         if any(math.dist(spot[:2], place[:2]) < AWAY_M for place in away_from):
             continue
-        if any(_is_in_region(region.half_m, to_child(region.pose, spot)) for region in world.regions.values()):
+        local = ((region.half_m, to_child(region.pose, spot)) for region in world.regions.values())
+        if any(all(abs(p) <= h + ROOM_M for p, h in zip(point, half, strict=True)) for half, point in local):
             continue
         if all(compute_distance(other, spot) >= ROOM_M for other in others):
             return spot
@@ -97,7 +98,3 @@ def _iter_grid(support: Entity) -> Iterator[tuple[float, float]]:
         x, y = cx - hx + EDGE_M + i * STEP_M, cy - hy + EDGE_M + j * STEP_M
         if x <= cx + hx - EDGE_M and y <= cy + hy - EDGE_M:
             yield round(x, 4), round(y, 4)
-
-
-def _is_in_region(half_m: tuple[float, ...], point: Vector) -> bool:
-    return all(abs(p) <= h + ROOM_M for p, h in zip(point, half_m, strict=True))

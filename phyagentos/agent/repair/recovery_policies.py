@@ -7,8 +7,7 @@ from phyagentos.agent.repair.alternative import Alternative, AlternativeKind, De
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
-from phyagentos.agent.repair.other_skill import propose_other_skill
-from phyagentos.agent.repair.other_target import propose_other_target
+from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
 from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 

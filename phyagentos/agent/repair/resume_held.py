@@ -13,7 +13,7 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import LEAD
-from phyagentos.agent.repair.other_skill import bind_requires, find_false, find_promises
+from phyagentos.agent.repair.other_means import bind_requires, find_false, find_promises
 from phyagentos.agent.repair.retrying import keep_requires
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.world.predicates.predicate import parse_predicate

@@ -1,4 +1,4 @@
-"""Repair by another skill with the same guarantee, such as a push for a pick and place.
+"""Repair by other means: another skill with the same guarantee, such as a push for a pick and place, or another target.
 
 A promise covers another when they unify, or when the reached place lies inside the wanted region, tolerance included.
 """
@@ -11,7 +11,7 @@ from phyagentos.agent.goals.selector import Choice, find_lacks, unify
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case
-from phyagentos.agent.repair.retrying import keep_requires
+from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
@@ -19,6 +19,8 @@ from phyagentos.protocol.world.predicates.syntax import Call, Formula, Name, Num
 from phyagentos.protocol.world.truth import Truth
 
 _CHANCE = 0.6
+_CHANCE_TARGET = 0.5
+_BROKEN = frozenset({Cause.TARGET_LOST, Cause.RUNNER_LOST, Cause.STALLED, Cause.SAFETY_STOP})
 _FITTING = frozenset(
     {Cause.IMPOSSIBLE, Cause.NO_PLAN, Cause.GRASP_MISSED, Cause.GRASP_LOST, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}
 )
@@ -50,6 +52,34 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
                 requires=tuple(dict.fromkeys((*requires, *keep_requires(case)))),
                 reasons=(case.explanation, because),
                 choice=Choice(skill=name, target=case.session.target, parameters=parameters, reasons=(because,)),
+            ),
+        )
+
+
+def propose_other_target(case: Case) -> Iterator[Alternative]:
+    """One alternative for each target of the same world that offers what the skill needs."""
+    if case.cause not in _BROKEN or case.replans_left <= 0:
+        return
+    skill = case.catalogue.skills[case.session.skill]
+    tried = {status.contract.target for status in case.lineage} | {case.session.target}
+    there = case.world.targets if case.world is not None else {}
+    for name, profile in sorted(case.catalogue.targets.items()):
+        if name in tried or name not in there or next(find_lacks(skill, profile), None):
+            continue
+        because = f"{name} offers what {skill.skill} needs, and {case.session.target} ended with {case.cause}"
+        parameters = case.session.parameters
+        yield Alternative(
+            kind=AlternativeKind.OTHER_TARGET,
+            effect=f"{skill.skill} on {name} instead of {case.session.target}",
+            chance=_CHANCE_TARGET,
+            sim_time_s=case.time_of.get(skill.skill, SESSION_S),
+            because=because,
+            revision=Revision(
+                parent=case.latest.id,
+                strategy=case.session.strategy,
+                requires=revise_requires(case.miss, find_of_skill(case.session, case.catalogue))[0],
+                reasons=(case.explanation, because),
+                choice=Choice(skill=skill.skill, target=name, parameters=parameters, reasons=(because,)),
             ),
         )
 
