@@ -117,14 +117,8 @@ def run_agent(
 ) -> MissionReport:
     """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
 
-    Args:
-        root: The workspace.
-        graph: The goal graph.
-        seed: Root of every random choice.
-        overrides: Dotted path -> YAML value (`targets.arm` -> `panda`).
-        verify: As of `open_agent`.
-        memory: As of `open_agent`.
-        goal: Its id; with one, a goal that has its verdict is reported and not begun anew.
+    `overrides` maps dotted paths to YAML values (`targets.arm` -> `panda`). With the id of a `goal` that has a verdict,
+    that is reported and nothing begins anew. `verify` and `memory` are those of `open_agent`.
     """
     workspace = open_project(root, find_project(graph))
     with open_agent(workspace, SystemClock(), verify=verify, memory=memory) as agent:

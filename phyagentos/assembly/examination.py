@@ -14,17 +14,11 @@ from phyagentos.errors import ExecutionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.worker.orders import Check, Checked
 
-DOCUMENTS = (
-    "SKILLRUNTIME.md",
-    "TARGETS.md",
-    "safety.yaml",
-    "sensors.yaml",
-    "perception.yaml",
-    "runtime_contract.yaml",
-)
+DOCUMENTS = ("SKILLRUNTIME.md", "TARGETS.md", *SETTINGS_FILES)
 LOG_TAIL = 400  # characters of a worker's log that go into a message
 
 

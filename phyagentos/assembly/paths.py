@@ -1,6 +1,7 @@
 """Where things lie that only the assembly knows, and how a workspace comes to stand."""
 
 import hashlib
+import itertools
 import os
 import tempfile
 from pathlib import Path
@@ -23,6 +24,11 @@ def find_project(graph: Path) -> Path:
     """The project folder that a goal graph belongs to: the parent of its `goal_graphs/`, else its own folder."""
     folder = graph.resolve().parent
     return folder.parent if folder.name == "goal_graphs" else folder
+
+
+def choose_folder(parent: Path, name: str) -> Path:
+    """`<parent>/<name>-<n>`, the first that does not exist."""
+    return next(path for number in itertools.count(1) if not (path := parent / f"{name}-{number}").exists())
 
 
 def make_socket_folder(root: Path) -> Path:

@@ -46,12 +46,9 @@ def make_command(process: str, root: Path, target: str, *options: str) -> list[s
 def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
     """The process of one world, and of every target in it, until its supervisor ends.
 
-    Args:
-        root: The workspace.
-        world: Its name; that of its only target where none shares it.
-        socket: Where the only target listens: the path of a UNIX socket, or `ws://host:port` for commanders of another
-            workspace. Targets that share a world listen beside that path, each at `<target>.world`.
-        outlives: Whether it waits for another watchdog when the process that started it dies.
+    A world that is not shared has the name of its only target, which listens at `socket`: the path of a UNIX socket, or
+    `ws://host:port` for commanders of another workspace. Targets that share a world listen beside that path, each at
+    `<target>.world`. With `outlives`, it waits for another watchdog when the process that started it dies.
 
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.

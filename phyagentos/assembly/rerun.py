@@ -5,20 +5,19 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from phyagentos.assembly.paths import RECORDED_FAULTS
+from phyagentos.assembly.paths import RECORDED_FAULTS, choose_folder
 from phyagentos.assembly.runtime_plane import hire_worker, start_world
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Run, ToWorker
 from phyagentos.runtime.worker.rerun import find_differences
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import choose_lane
-
-SETTINGS = ("safety.yaml", "sensors.yaml", "perception.yaml", "runtime_contract.yaml")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +41,8 @@ def rerun_session(root: Path, session: str) -> Rerun:
     status = find_session(recorded, session)
     folder = recorded.evidence_of(SessionId(session))
     _refuse_shared(recorded, status)
-    repeated = Workspace.create(_choose_folder(recorded.root / "reruns", session), recorded.library())
-    for name in SETTINGS:
+    repeated = Workspace.create(choose_folder(recorded.root / "reruns", session), recorded.library())
+    for name in SETTINGS_FILES:
         shutil.copyfile(recorded.root / name, repeated.root / name)
     (repeated.root / RECORDED_FAULTS).parent.mkdir(exist_ok=True)
     shutil.copyfile(folder / evidence.FAULTS, repeated.root / RECORDED_FAULTS)
@@ -104,10 +103,3 @@ def find_session(workspace: Workspace, session: str) -> SessionStatus:
         )
         raise DefinitionError(problem)
     return status
-
-
-def _choose_folder(parent: Path, name: str) -> Path:
-    number = 1
-    while (path := parent / f"{name}-{number}").exists():
-        number += 1
-    return path

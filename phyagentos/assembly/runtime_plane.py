@@ -52,14 +52,9 @@ def run_watch(
 ) -> None:
     """The runtime plane: supervise until interrupted; raises `WATCHED_ALREADY`.
 
-    Args:
-        root: The workspace.
-        faults: Fault file for the simulated worlds.
-        pictures: Whether evidence has pictures.
-        world_mode: Declared in the workspace's runtime_contract.yaml; None leaves what stands there.
-        sense: Declared in the workspace's perception.yaml; None leaves what stands there.
-        once_idle: End when every goal has its verdict.
-        outlived: Whether worlds wait for another watchdog when this one dies.
+    `faults`, `world_mode` and `sense` are written into the workspace; None leaves what is declared there. With
+    `once_idle` it ends when every goal has its verdict. With `outlived`, worlds wait for another watchdog when this one
+    dies.
     """
     workspace, clock = open_project(root), SystemClock()
     become_sole(workspace.root / WATCHDOG_LOCK, clock, "WATCHED_ALREADY", "another watchdog supervises this workspace")
@@ -200,11 +195,7 @@ def _read_rules(workspace: Workspace) -> RuntimeContract:
 def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: bool = False) -> WorldProcess | None:
     """Start the process of a target's world, or adopt the one that lives; None where the driver needs none.
 
-    Args:
-        workspace: With the documents that count.
-        target: Its name.
-        sockets: Folder for the sockets of its targets.
-        outlives: Whether the world waits for another watchdog when this process dies.
+    With `outlives`, the world waits for another watchdog when this process dies.
     """
     profile = read_target_registry(workspace.target_registry)[target]
     try:

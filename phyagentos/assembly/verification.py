@@ -28,11 +28,7 @@ def build_verifier(
 ) -> SessionVerifier:
     """The verifier that the workspace's settings describe; without runtime_contract.yaml the strictest defaults hold.
 
-    Args:
-        workspace: With its settings.
-        clock: Bounds the wait for a model.
-        mode: Instead of the one in the settings.
-        judges: Instead of those in the settings, as `--with` names them.
+    `mode` and `judges` (named as by `--with`) replace those of the settings.
 
     Raises:
         DefinitionError: With every problem of the file; `UNKNOWN_JUDGE`, `VISION_NOT_CONFIGURED`, `API_KEY_MISSING`.

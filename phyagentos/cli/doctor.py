@@ -17,14 +17,13 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 from packaging.requirements import Requirement
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from phyagentos.cli.outcome import Exit, ExitCode, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.store.edits.exchange import exchange
@@ -82,7 +81,7 @@ def examine_machine(
         raise DefinitionError(Problem(code="UNKNOWN_FOLDER", address=str(folder), expected="a folder that exists"))
     findings = list(iter_findings(folder, SystemClock()))
     if as_json:
-        print_result(msgspec.json.format(msgspec.json.encode(findings)).decode())
+        print_json(findings)
     else:
         Console(highlight=False).print(_build_table(findings))
     if any(each.grade is Grade.BROKEN for each in findings):

@@ -120,15 +120,13 @@ def _describe(report: "RetentionReport", *, dry_run: bool) -> list[str]:
     late = "would be sealed" if dry_run else "sealed"
     lines += [f"{session}: {late} late, its hashes are those of today" for session in report.sealed_late]
     lines += [f"{session}: damaged, left alone; see `paos evidence verify`" for session in report.damaged]
-    freed = report.bytes_before - report.bytes_after
+    freed, left, over = (
+        f"{count / 1e6:.1f} MB"
+        for count in (report.bytes_before - report.bytes_after, report.bytes_after, report.bytes_over)
+    )
     lines.append(
-        f"{len(report.thinned)} thinned, {report.whole} whole; "
-        f"{_megabytes(freed)} {'to free' if dry_run else 'freed'}, {_megabytes(report.bytes_after)} left"
+        f"{len(report.thinned)} thinned, {report.whole} whole; {freed} {'to free' if dry_run else 'freed'}, {left} left"
     )
     if report.bytes_over:
-        lines.append(f"{_megabytes(report.bytes_over)} above max_bytes: the rest must be kept, or is damaged")
+        lines.append(f"{over} above max_bytes: the rest must be kept, or is damaged")
     return lines
-
-
-def _megabytes(count: int) -> str:
-    return f"{count / 1e6:.1f} MB"

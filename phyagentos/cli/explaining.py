@@ -4,10 +4,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
-from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, iter_edges, iter_steps
@@ -42,7 +41,7 @@ def show_graph(
         print_result(render_graph(status))
     elif as_json:
         facts = {"goal": status.id, "graph": status.graph, "verdict": status.verdict, "steps": steps, "edges": edges}
-        print_result(msgspec.json.format(msgspec.json.encode(facts), indent=2).decode())
+        print_json(facts)
     else:
         print_result(f"{status.id}: {status.objective or status.graph} ({status.verdict or 'no verdict yet'})")
         before: dict[str, list[str]] = {step.name: [] for step in steps}

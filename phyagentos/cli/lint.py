@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from phyagentos.cli.projects import FOLDERS, open_library
+from phyagentos.cli.arguments import FOLDERS, open_library
 from phyagentos.errors import DefinitionError, Problem, find_nearest
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.schema import read_text, read_yaml

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from phyagentos.cli.outcome import print_note, print_result
+from phyagentos.cli.outcome import print_json, print_note, print_result
 
 if TYPE_CHECKING:
     from phyagentos.agent.memory.episodes import Episode
@@ -36,7 +36,7 @@ def show(
             entries = [each for each in entries if each.id in found or _mentions(each, words)]
         shown = [each for each in entries if everything or each.state is Standing.ACTIVE]
         if as_json:
-            _print_json({"version": memory.version, "entries": shown})
+            print_json({"version": memory.version, "entries": shown})
             return
         for each in shown:
             mark = (
@@ -56,7 +56,7 @@ def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:
         found = _find(memory, entry, workspace)
         episodes, edits = _trace(memory, entry)
         if as_json:
-            _print_json({"entry": found, "episodes": episodes, "edits": edits})
+            print_json({"entry": found, "episodes": episodes, "edits": edits})
             return
         lines = [f"{found.id}: {found.state}", f"  says        {found.statement}"]
         lines += [f"  because     {found.reason}"] if found.reason else []
@@ -87,7 +87,7 @@ def forget(
         _find(memory, entry, workspace)
         memory.record([Edit(entry=entry, retracts=True, reason=reason, by=getpass.getuser())])
         if as_json:
-            _print_json({"entry": _find(memory, entry, workspace), "version": memory.version})
+            print_json({"entry": _find(memory, entry, workspace), "version": memory.version})
         else:
             print_result(f"{entry}: retracted; {memory.version} does without it")
 
@@ -160,9 +160,3 @@ def _tell(episode: "Episode") -> list[str]:
 def _mentions(entry: "MemoryEntry", words: list[str]) -> bool:
     text = f"{entry.id} {entry.statement}".lower()
     return all(word.lower() in text for word in words)
-
-
-def _print_json(value: Any) -> None:
-    import msgspec
-
-    print_result(msgspec.json.format(msgspec.json.encode(value), indent=2).decode())

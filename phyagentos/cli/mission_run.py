@@ -18,13 +18,13 @@ from rich.console import Console
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
+from phyagentos.assembly.paths import choose_folder
 from phyagentos.assembly.planes import Plane, start_watch
+from phyagentos.cli.arguments import get_file, open_library, parse_overrides
 from phyagentos.cli.console import RunConsole
 from phyagentos.cli.lint import lint_file
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
-from phyagentos.cli.overrides import parse_overrides
 from phyagentos.cli.progress import RunFold
-from phyagentos.cli.projects import get_file, open_library
 from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
@@ -192,10 +192,7 @@ def iter_misses(faults: Path, scene: Path) -> Iterator[Problem]:
 
 def choose_workspace(name: str, seed: int) -> Path:
     """`workspaces/<graph>-<seed>-<n>` under the working directory, the first that does not exist."""
-    number = 1
-    while (path := Path("workspaces") / f"{name}-{seed}-{number}").exists():
-        number += 1
-    return path
+    return choose_folder(Path("workspaces"), f"{name}-{seed}")
 
 
 def start_planes(order: Order, graph: Path, faults: Path | None, workspace: Workspace) -> list[Plane]:

@@ -55,6 +55,13 @@ def print_result(text: str) -> None:
     sys.stdout.flush()
 
 
+def print_json(value: object) -> None:
+    """A value of structs and plain data as indented JSON on stdout."""
+    import msgspec
+
+    print_result(msgspec.json.format(msgspec.json.encode(value), indent=2).decode())
+
+
 def print_problems(problems: Iterable[Problem]) -> int:
     """Every problem on its own line of stderr, duplicates once. Returns how many were printed."""
     unique = dict.fromkeys(problems)

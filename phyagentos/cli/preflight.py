@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from phyagentos.cli.arguments import Overrides, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
-from phyagentos.cli.overrides import Overrides, parse_overrides
 
 if TYPE_CHECKING:
     from phyagentos.errors import Problem
@@ -73,7 +73,7 @@ def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str
     from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.goals.compiler import SessionCompiler
     from phyagentos.agent.goals.graph import read_goal_graph
-    from phyagentos.cli.projects import get_file, open_library
+    from phyagentos.cli.arguments import get_file, open_library
     from phyagentos.protocol.sessions.session import GoalId
     from phyagentos.protocol.workspace.workspace import Workspace
 
@@ -90,10 +90,10 @@ def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str
 
 def _find_session(subject: str, root: Path | None) -> _Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
+    from phyagentos.cli.arguments import get_file
     from phyagentos.cli.explaining import get_session
     from phyagentos.cli.forecasts import find_forecast
     from phyagentos.cli.history import read_ledger
-    from phyagentos.cli.projects import get_file
     from phyagentos.errors import DefinitionError
     from phyagentos.protocol.workspace.workspace import Workspace
 

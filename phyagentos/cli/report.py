@@ -25,7 +25,7 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
         report: Version of this format.
         wall_s: Of the whole command, both planes started and ended [s].
         pictures: Session -> files.
-        goal: The agent's own report; None when it never got so far.
+        goal: The agent's own report; None without a goal.
     """
 
     report: int = 1

@@ -55,14 +55,16 @@ def repair(
 ) -> int:
     """Cut a torn end; mend damage where --accept-loss is given. Damaged files are kept beside. See docs/journal.md."""
     from phyagentos.clock import SystemClock
+    from phyagentos.protocol.sessions.lifecycle import Side
+    from phyagentos.store.journal import Journal
     from phyagentos.store.repair import repair_lane
     from phyagentos.store.segments import SystemIO
 
     folder = _find_lane(workspace, lane)
     done = repair_lane(folder, accept_loss=accept_loss, by=_BY, clock=SystemClock(), file_io=SystemIO())
     is_cut = done.is_only_torn
-    if is_cut:
-        _cut_end(folder)
+    if is_cut:  # by opening the journal, as any writer does
+        Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), lane=folder.name).close()
     is_refused = done.is_needed and not done.is_done and not is_cut
     if as_json:
         facts = {"is_needed": done.is_needed, "is_done": done.is_done or is_cut, "lost": done.lost}
@@ -136,15 +138,6 @@ def _find_lane(workspace: Path, lane: str | None) -> Path:
         )
         raise DefinitionError(problem)
     return folder
-
-
-def _cut_end(folder: Path) -> None:
-    """Every writer that opens the journal cuts a torn end and records it."""
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.sessions.lifecycle import Side
-    from phyagentos.store.journal import Journal
-
-    Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), lane=folder.name).close()
 
 
 def _describe_repair(done: "Repair") -> Iterator[str]:

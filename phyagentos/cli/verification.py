@@ -47,7 +47,8 @@ def verify(
     from phyagentos.store.journal import Journal
 
     place, clock = Workspace.open(workspace), SystemClock()
-    verifier = build_verifier(place, clock, mode=mode, judges=_parse_judges(with_))
+    names = None if with_ is None else tuple(filter(None, map(str.strip, with_.split(",")))) or (with_,)
+    verifier = build_verifier(place, clock, mode=mode, judges=names)
     sessions = read_ledger(place.root, session).sessions
     status = sessions[get_session(session, sessions)]
     if from_frames:
@@ -87,10 +88,3 @@ def _verify_from_frames(
         for difference in again.differences:
             print_result(f"  differs: {difference}")
     return int(ExitCode.GOAL_NOT_MET if again.differences else ExitCode.GOAL_MET)
-
-
-def _parse_judges(text: str | None) -> tuple[str, ...] | None:
-    """The names as written; the registry knows which of them there are."""
-    if text is None:
-        return None
-    return tuple(name.strip() for name in text.split(",") if name.strip()) or (text,)

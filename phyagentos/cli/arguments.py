@@ -1,14 +1,23 @@
-"""Which library a command uses, and which file an argument means.
+"""What arguments mean: files and names in the library that a command uses, and `--set` for roles of `targets`.
 
 A project is a folder with any of goal_graphs/, trees/, skills/, scenes/, robots/, faults/. The folder of the given file
 comes first, then the working directory, then installed libraries and what ships.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
+import typer
+
+from phyagentos.cli.outcome import Exit, ExitCode
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 
+Overrides = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Bind a role: targets.arm=NAME. Repeatable.")
+]
+PREFIX = "targets."
 FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "protocol")
 
 
@@ -49,3 +58,12 @@ def get_file(argument: Path, folder: str) -> Path:
             hint=format_hint(argument.stem, known),
         )
     )
+
+
+def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
+    """`["targets.arm=ur5e"]` as `{"targets.arm": "ur5e"}`; raises Exit for anything else."""
+    pairs = [text.partition("=") for text in texts or ()]
+    wrong = [key for key, _, value in pairs if not key.startswith(PREFIX) or not value]
+    if wrong:
+        raise Exit(ExitCode.INVALID_INPUT, f"--set {wrong[0]}: expected {PREFIX}ROLE=NAME")
+    return {key: value for key, _, value in pairs}
