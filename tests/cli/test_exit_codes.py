@@ -57,14 +57,14 @@ def fail() -> None:
 
 
 def test_a_defect_of_this_program_is_one_line(paos, monkeypatch):
-    monkeypatch.setitem(showing._NAMES, showing.Listing.LEAVES, fail)
+    monkeypatch.setattr(showing, "_find_names", fail)
     result = paos("list", "leaves")
     assert result.code == ExitCode.INTERNAL_ERROR
     assert result.err == "paos: ZeroDivisionError: planted. Add --debug for the traceback.\n"
 
 
 def test_debug_shows_the_traceback(paos, monkeypatch):
-    monkeypatch.setitem(showing._NAMES, showing.Listing.LEAVES, fail)
+    monkeypatch.setattr(showing, "_find_names", fail)
     monkeypatch.delenv("PAOS_DEBUG", raising=False)
     result = paos("--debug", "list", "leaves")
     assert result.code == ExitCode.INTERNAL_ERROR
@@ -75,7 +75,7 @@ def test_ctrl_c_is_130(paos, monkeypatch):
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(showing._NAMES, showing.Listing.LEAVES, interrupt)
+    monkeypatch.setattr(showing, "_find_names", interrupt)
     assert paos("list", "leaves").code == ExitCode.INTERRUPTED
 
 
