@@ -106,7 +106,7 @@ class Attacker:
 
     def ask(self, request: wire.Request) -> Any:
         """One request, its reply."""
-        wire.send(self.link, request)
+        self.link.send_bytes(wire.REQUESTS.encode(request))
         return wire.receive_reply(self.link, 30.0)
 
     def ask_bytes(self, message: bytes) -> Any:

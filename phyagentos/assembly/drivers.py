@@ -1,4 +1,4 @@
-"""The drivers that ship, registered by name; each is imported when it is opened."""
+"""The shipped drivers by name; each is imported when it is opened."""
 
 import os
 import stat
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def build_driver_registry() -> DriverRegistry:
-    """What ships, and what installed packages announce."""
+    """Shipped drivers and installed plug-ins."""
     registry = DriverRegistry()
     registry.register("debug", DriverSpec(open=_open_debug, kinds=("debug",), own_process=False))
     registry.register("mujoco", DriverSpec(open=_open_mujoco, kinds=("simulation",)))
@@ -32,7 +32,7 @@ def build_driver_registry() -> DriverRegistry:
 
 
 def choose_graphics() -> None:
-    """Render without a display where there is none; MuJoCo reads this when it is imported."""
+    """Render without a display by EGL; MuJoCo reads this when it is imported."""
     if not os.environ.get("DISPLAY"):
         os.environ.setdefault("MUJOCO_GL", "egl")
 
@@ -127,7 +127,7 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
 
 
 def read_secret(path: Path) -> bytes:
-    """The token of a target that is served elsewhere, in hexadecimal digits, from a file of this user alone.
+    """The token of a remote target, in hexadecimal digits, from a file that only this user can read.
 
     Raises:
         DefinitionError: `NO_TOKEN` when the file is missing, holds no token, or can be read by others.

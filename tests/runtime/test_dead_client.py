@@ -43,7 +43,7 @@ def target(tmp_path):
     thread.start()
     yield target, socket
     with connect(socket) as last:
-        wire.send(last, wire.Shutdown())
+        last.send_bytes(wire.REQUESTS.encode(wire.Shutdown()))
         thread.join(PATIENCE_S)
 
 
@@ -62,9 +62,9 @@ def make_command() -> wire.Command:
 def test_a_command_in_the_pipe_is_carried_out_only_while_its_sender_lives(target, lives):
     world, socket = target
     client = connect_to_world(socket, TOKEN, SystemClock())
-    wire.send(client, wire.Begin(session="s", epoch=1))
+    client.send_bytes(wire.REQUESTS.encode(wire.Begin(session="s", epoch=1)))
     assert world.busy.wait(PATIENCE_S)
-    wire.send(client, make_command())
+    client.send_bytes(wire.REQUESTS.encode(make_command()))
     if not lives:
         client.close()
     world.may_go_on.set()

@@ -19,13 +19,14 @@ from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.actions.violations import Intervention, Violation
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.server import Loopback
 
-EXPIRY_PERIODS = 3  # a command that waits longer than this belongs to a past that nobody sees any more
-REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds; a world that is silent for this long is lost
+EXPIRY_PERIODS = 3  # an older command was made for a state that has passed
+REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds
 SHARED_TIMEOUT_S = 600.0  # time may stand so long for other targets of a shared world: one plans, one is judged
 LOAD_TIMEOUT_S = 120.0  # a scene with meshes compiles in seconds
 
-OPERATIONS: dict[type[wire.Request], str] = {  # of a session; what is not here belongs to the worker
+OPERATIONS: dict[type[wire.Request], str] = {  # of a session; other requests belong to the worker
     wire.Command: "apply",
     wire.Observe: "observe",
     wire.Halt: "halt",
@@ -48,9 +49,7 @@ class CommandRefused(ExecutionError):
     def __init__(
         self, code: str, message: str, by: str, violation: Violation | None = None, reaction: str = "refuse"
     ) -> None:
-        self.by = by
-        self.violation = violation
-        self.reaction = reaction
+        self.by, self.violation, self.reaction = by, violation, reaction
         super().__init__(code, message)
 
 
@@ -58,7 +57,6 @@ class TargetSessionHandle:
     """Authority of one session over one target.
 
     Args:
-        connection: To the world process.
         limits: Of this target, from safety.yaml.
         is_stopped: Whether the emergency stop is latched; called before every command.
         collision: The guard's stage for contacts of a posture.
@@ -83,10 +81,10 @@ class TargetSessionHandle:
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
         self._connection = connection
-        self._here = connection if isinstance(connection, wire.Here) else None
+        self._local = connection if isinstance(connection, Loopback) else None
         self._limits = limits
         self._description: wire.Description | None = None
-        self._loaded: tuple[Scene, wire.Loaded] | None = None  # this connection's world; nobody else loads scenes
+        self._loaded: tuple[Scene, wire.Loaded] | None = None  # this connection's world; no other one loads scenes
         self._guard: SafetyGuard | None = None  # of the session that has authority
         self._made: tuple[wire.Description, SafetyGuard] | None = None  # for the target as it described itself
         self._session = ""
@@ -113,10 +111,8 @@ class TargetSessionHandle:
     def load(self, scene: Scene, snapshot: bytes = b"", *, may_reset: bool = True) -> wire.Loaded:
         """Make the scene's episode the present world; no request is sent when it already is.
 
-        Args:
-            scene: Name, seed and episode.
-            snapshot: The driver's own, to start from instead of a fresh world (rerun of a recorded session).
-            may_reset: Whether another episode may end for it; else the target refuses with `RESET_FORBIDDEN`.
+        A rerun starts from the driver's own `snapshot`. The target refuses to end another episode with
+        `RESET_FORBIDDEN` unless it `may_reset`.
         """
         if not snapshot and self._loaded is not None and self._loaded[0] == scene:
             if not self._shares_time:
@@ -143,11 +139,7 @@ class TargetSessionHandle:
             self._made = (description, guard)
         self._guard = self._made[1]
         self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))
-        self._step = wire.Step(
-            time_s=observation.time_s,
-            target=observation.target,
-            tracking_error_rad=0.0,
-        )
+        self._step = wire.Step(observation.time_s, observation.target, tracking_error_rad=0.0)
         return observation
 
     def guard_against(self, world: Environment) -> None:
@@ -215,8 +207,7 @@ class TargetSessionHandle:
         if violation is None:
             raise ExecutionError("PROTOCOL_BROKEN", "a command was refused for no reason")
         if ruling.reaction.startswith("stop"):
-            category = int(ruling.reaction[-1])
-            self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category), wire.Step)
+            self.halt(int(ruling.reaction[-1]))
         message = f"the guard refused a command: {violation}"
         raise CommandRefused(violation.code, message, "guard", violation, ruling.reaction)
 
@@ -224,9 +215,9 @@ class TargetSessionHandle:
         """The present sensing, with the target's snapshot of the same moment on request; time does not move."""
         return self._ask(wire.Observe(truth=self._sees_truth, snapshot=snapshot), wire.Observation)
 
-    def halt(self) -> wire.Step:
-        """Let the target bring itself to rest."""
-        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch), wire.Step)
+    def halt(self, category: int = 2) -> wire.Step:
+        """Let the target bring itself to rest, by a stop of this category."""
+        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category), wire.Step)
         return self._step
 
     def settle(self, duration_s: float) -> wire.Step:
@@ -266,8 +257,8 @@ class TargetSessionHandle:
     def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
         if (operation := OPERATIONS.get(type(request))) is not None:
             self._check_permitted(operation)
-        if self._here is not None:
-            reply = self._here.ask(request)
+        if self._local is not None:
+            reply = self._local.ask(request)
         elif self._shares_time and isinstance(request, wire.MOTIONS):
             reply = wire.exchange(self._connection, request, SHARED_TIMEOUT_S, self._on_wait)
         else:
@@ -281,9 +272,8 @@ class TargetSessionHandle:
 
     def _check_permitted(self, operation: str) -> None:
         if operation not in self._permitted:
-            raise CommandRefused(
-                "OPERATION_FORBIDDEN", f"{operation!r} is not in the manifest of the session", "handle"
-            )
+            message = f"{operation!r} is not in the manifest of the session"
+            raise CommandRefused("OPERATION_FORBIDDEN", message, "handle")
 
     @property
     def _shares_time(self) -> bool:

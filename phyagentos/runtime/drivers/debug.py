@@ -1,11 +1,8 @@
-"""A target without physics, in memory: it stands where the last command put it, and every movable body rides on it.
-
-Upstream: `served_target`. It is what `kind: debug` in a target.yaml gives: the wire, authority and receive log of any
-other target, so that everything around a robot can be tried, tested and measured without one.
-"""
+"""A target without physics (`kind: debug`): it is where the last command put it, and every movable body rides on it."""
 
 import math
 
+import msgspec
 import numpy as np
 from typing_extensions import override
 
@@ -14,21 +11,17 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, TargetState
-from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
+from phyagentos.protocol.world.scenes import Body, read_scene
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 
-END_STOP = 1e9  # it has no end stops; safety.yaml sets the limits
+END_STOP = 1e9  # no end stops; safety.yaml sets the limits
 
 
 class DebugDriver(TargetDriver):
     """One debug target, one scene at a time.
 
-    The tool centre point stands above the mount by the first joint's position [m], without turning.
-
-    Args:
-        profile: The target; its `model` is not read.
-        library: Where scenes are found.
+    The tool centre point is above the mount by the first joint's position [m], without rotation.
     """
 
     def __init__(self, profile: TargetProfile, library: Library) -> None:
@@ -54,7 +47,7 @@ class DebugDriver(TargetDriver):
     @property
     @override
     def is_moving(self) -> bool:
-        return False  # it is where it was told to be
+        return False
 
     @override
     def describe(self) -> wire.Description:
@@ -76,7 +69,7 @@ class DebugDriver(TargetDriver):
                 tcp_m=profile.mount_position_m,
                 slides=(True,) * n,
             ),
-            gripper_force_n=0.0,  # what it holds only rides along
+            gripper_force_n=0.0,
             joints=profile.arm.joints,
             version=wire.WIRE_VERSION,
             driver="debug",
@@ -93,18 +86,15 @@ class DebugDriver(TargetDriver):
                 message = f"a state of shape {state.shape}; expected a tick and the joints"
                 raise ExecutionError("MALFORMED", message)
             tick, q = int(state[0]), state[1:]
-        self._place(read_scene(self._library.get_scene(request.scene)))
-        self._tick, self._q = tick, q
-        return wire.Loaded(request.episode, "")
-
-    def _place(self, spec: SceneSpec) -> None:
-        """The bodies of a scene: what is fixed stands where the scene puts it, what is not rides on the target."""
+        spec = read_scene(self._library.get_scene(request.scene))
         entities = [(_make_entity(name, body), body.fixed) for name, body in spec.bodies.items()]
         self._fixed = tuple(entity for entity, fixed in entities if fixed)
         self._riding = tuple(entity for entity, fixed in entities if not fixed)
         self._regions = tuple(
             Region(name=name, pose=Pose(region.center_m), half_m=region.half_m) for name, region in spec.regions.items()
         )
+        self._tick, self._q = tick, q
+        return wire.Loaded(request.episode, "")
 
     @override
     def apply(self, command: wire.Command) -> str:
@@ -125,7 +115,7 @@ class DebugDriver(TargetDriver):
 
     @override
     def halt(self, category: int = 2) -> None:
-        """It is at rest."""
+        """The target is always at rest."""
 
     @override
     def report(self) -> wire.Step:
@@ -134,12 +124,8 @@ class DebugDriver(TargetDriver):
     def _read_target(self) -> TargetState:
         x, y, z = self._profile.mount_position_m
         q = tuple(self._q.tolist())
-        return TargetState(
-            q_rad=q,
-            qd_rad_s=(0.0,) * len(q),
-            gripper_width_m=self._width_m,
-            tcp=Pose((x, y, z + q[0])),
-        )
+        zeros = (0.0,) * len(q)
+        return TargetState(q_rad=q, qd_rad_s=zeros, gripper_width_m=self._width_m, tcp=Pose((x, y, z + q[0])))
 
     @override
     def observe(self, *, truth: bool) -> wire.Observation:
@@ -151,24 +137,14 @@ class DebugDriver(TargetDriver):
             time_s=now_s,
             target=target,
             entities=tuple(
-                Entity(
-                    name=entity.name,
-                    kind=entity.kind,
-                    pose=pose,
-                    movable=entity.movable,
-                    shapes=entity.shapes,
-                    color=entity.color,
-                    observed_at_s=now_s,
-                    source="debug",
-                )
-                for entity, pose in seen
+                msgspec.structs.replace(entity, pose=pose, observed_at_s=now_s, source="debug") for entity, pose in seen
             ),
             regions=self._regions,
         )
 
     @override
     def snapshot(self) -> wire.Artefact:
-        """As a simulation's: an NPZ of `state` (the tick, then the joints), `time`, `qpos`, `qvel` and `act`."""
+        """NPZ as of a simulation: `state` (the tick, then the joints), `time`, `qpos`, `qvel` and `act`."""
         arrays = {
             "state": np.array((self._tick, *self._q.tolist()), dtype=np.float64),
             "time": np.asarray(self.time_s, dtype=np.float64),
@@ -180,7 +156,7 @@ class DebugDriver(TargetDriver):
 
 
 def _make_entity(name: str, body: Body) -> Entity:
-    """A body as the scene describes it, at its fixed place; nothing is drawn at random."""
+    """A body of the scene at its fixed place, without randomness."""
     shapes = tuple(
         Shape(kind=solid.kind, size_m=solid.size_m, pose=Pose(solid.position_m))
         for solid in body.shapes

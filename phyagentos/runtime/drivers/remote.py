@@ -1,8 +1,6 @@
-"""A target behind a connection: another process, or another machine, that serves the same wire.
+"""A target behind a connection (`driver: remote`): another process or machine that serves the same wire.
 
-Upstream: `served_target`, which holds this side's authority. Downstream: a target that is served there, under its own
-authority, with its own receive log, stops and deadman: it halts by itself when this side falls silent. It is what
-`driver: remote` in a target.yaml gives; over which transport the messages travel is the channel's own affair.
+It is served there under its own authority, receive log, stops and deadman: it halts when this side disconnects.
 """
 
 import math
@@ -25,11 +23,7 @@ ReplyT = TypeVar("ReplyT", bound=wire.Reply)
 
 
 class RemoteDriver(TargetDriver):
-    """One target that is served elsewhere.
-
-    Args:
-        profile: As this side knows the target.
-        channel: To the target; admitted already.
+    """One target that is served elsewhere, over an open channel.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the target is gone or silent; else its own refusals.
@@ -65,7 +59,7 @@ class RemoteDriver(TargetDriver):
     @override
     def load(self, request: wire.LoadScene) -> wire.Loaded:
         loaded = self._ask(request, wire.Loaded, SLOW_REPLY_S)
-        self.observe(truth=False)  # what time it is there
+        self.observe(truth=False)  # reads its time
         return loaded
 
     @override
@@ -90,7 +84,7 @@ class RemoteDriver(TargetDriver):
     def report(self) -> wire.Step:
         step, self._step = self._step, None
         if step is not None:
-            return msgspec.structs.replace(step, stopped="")  # said by `apply`
+            return msgspec.structs.replace(step, stopped="")  # returned by `apply`
         now = self.observe(truth=False)
         return wire.Step(time_s=now.time_s, target=now.target, tracking_error_rad=0.0)
 
@@ -127,14 +121,14 @@ class RemoteDriver(TargetDriver):
 
     @override
     def close(self) -> None:
-        """Hang up; the target there halts and takes back its authority."""
+        """Disconnect; the target there halts and ends the authority."""
         self._channel.close()
 
     def _move(self, request: wire.Command | wire.Settle | wire.Halt) -> wire.Step:
-        """A request that takes time; the greatest contact force is kept until it is reported."""
+        """A request that takes time; the maximum contact force is kept until it is reported."""
         step = self._ask(request, wire.Step)
-        felt = [each.contact_force_n for each in (step, self._step) if each is not None]
-        forces = [force for force in felt if force is not None]
+        both = (step.contact_force_n, self._step.contact_force_n if self._step is not None else None)
+        forces = [force for force in both if force is not None]
         self._step = msgspec.structs.replace(step, contact_force_n=max(forces, default=None))
         self._time_s = step.time_s
         return step

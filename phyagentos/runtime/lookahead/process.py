@@ -15,7 +15,8 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.channel import Child, Codec
+from phyagentos.runtime.channel import Child
+from phyagentos.runtime.codec import Codec
 
 if TYPE_CHECKING:
     from phyagentos.runtime.lookahead.forecast import Forecaster

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.runtime.channel import SPIN_S, Child, Codec
+from phyagentos.runtime.channel import SPIN_S, Child
+from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.motion.requests import Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Messages between a session and a policy server: msgpack, one request, one reply. Paper section 4.3.
 
-Arrays are in C order with their shape (`runtime.array_codec`). Any language with msgpack can serve a policy;
+Arrays are in C order with their shape (`runtime.codec`). Any language with msgpack can serve a policy;
 docs/policies.md has the fields. The version is `protocol.capabilities.policy_descriptors.POLICY_PROTOCOL`.
 """
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL
-from phyagentos.runtime.channel import Codec
+from phyagentos.runtime.codec import Codec
 
 Array = NDArray[np.float64]
 

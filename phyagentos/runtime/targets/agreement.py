@@ -1,8 +1,7 @@
-"""What runs in a world that several targets share: said by the runtime plane, heard by the world process.
+"""The sessions that run in a shared world: sent by the runtime plane, received by the world process.
 
-Upstream: `supervision.shared_time`. Downstream: the simulation, which lets time move only while it finds the same
-sessions at work. Each datagram holds the whole, so one that is lost is made good by the next. Since a session's start
-is ordered after the datagram that stops time for it, no session begins or ends between two of them unnoticed.
+Simulated time moves only while the world finds the same sessions running. Each datagram holds the whole: the next one
+repairs a loss. A session's start is ordered after the datagram that stops time for it, so none begins unnoticed.
 """
 
 import contextlib
@@ -18,21 +17,16 @@ _BYTES_MAX = 65536
 
 
 class AgreementSender:
-    """Says what runs to one world process.
-
-    Args:
-        path: Of the world's datagram socket; it may not exist yet.
-    """
+    """Sends what runs to the datagram socket of one world process, which may not exist yet."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK)
 
     def send(self, running: Mapping[str, str] | None) -> bool:
-        """Say which session runs on each target; None while that may change, so that time stands.
+        """Send the session that runs on each target, None while that may change; whether the world process received it.
 
-        Returns:
-            Whether the world process takes it; one that is starting or gone does not.
+        One that is starting or gone does not.
         """
         try:
             self._socket.sendto(msgspec.json.encode(running), str(self._path))
@@ -41,16 +35,12 @@ class AgreementSender:
         return True
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         self._socket.close()
 
 
 class AgreementReceiver:
-    """Hears what runs.
-
-    Args:
-        path: Of the datagram socket; one that an earlier process left is replaced.
-    """
+    """Receives what runs at a datagram socket; replaces one that an earlier process left."""
 
     def __init__(self, path: Path) -> None:
         path.unlink(missing_ok=True)
@@ -59,14 +49,14 @@ class AgreementReceiver:
         self._latest: dict[str, str] | None = None
 
     def read(self) -> dict[str, str] | None:
-        """The session that runs on each target, as said last; None while time must stand."""
+        """The session that runs on each target, by the latest datagram; None while time must stand."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 self._take(self._socket.recv(_BYTES_MAX, socket.MSG_DONTWAIT))
         return self._latest
 
     def wake(self, lock: threading.Condition) -> None:
-        """Wake whoever waits for this lock, at every news; never returns."""
+        """Notify the waiters of this lock at every datagram; never returns."""
         while True:
             news = self._socket.recv(_BYTES_MAX)
             with lock:
@@ -74,7 +64,7 @@ class AgreementReceiver:
                 lock.notify_all()
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         self._socket.close()
 
     def _take(self, news: bytes) -> None:

@@ -1,18 +1,13 @@
-"""Who may command a target: one session at a time, under an epoch that never runs backwards.
+"""Which session may command a target: one at a time, under an epoch that never decreases.
 
-Upstream: `served_target`. It decides from what the target itself has seen, so that a sender with an old belief is
-refused even when everything between it and the target is gone.
+It decides by what the target itself has received, so that a stale sender is refused without any other process.
 """
 
 from phyagentos.runtime.targets.wire import Command, Refused
 
 
 class Authority:
-    """The target's own memory of claims.
-
-    Attributes:
-        session: The one that may command; empty when none may.
-    """
+    """The target's own record of claims; `session` may command, empty when none may."""
 
     def __init__(self) -> None:
         self.session = ""

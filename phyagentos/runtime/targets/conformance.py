@@ -1,4 +1,4 @@
-"""What every driver must do, as checks that any package can run over its own driver.
+"""Requirements of every driver, as checks that any package can run over its own.
 
     from phyagentos.runtime.targets.conformance import CHECKS, Subject
 
@@ -6,8 +6,8 @@
     def test_my_driver(check):
         check(Subject(open=open_my_driver, scene="tabletop/cubes_and_trays"))
 
-A check drives a fresh driver through `ServedTarget` and raises AssertionError with what it found. Motions are small:
-one joint by a few hundredths of a radian (metres, for a slide) from where the driver stands after `load`.
+A check drives a fresh driver through `ServedTarget` and raises AssertionError. Motions are small: one joint by a few
+hundredths of a radian (metres, for a slide) from its posture after `load`.
 """
 
 from collections.abc import Callable
@@ -33,14 +33,7 @@ Check = Callable[["Subject"], None]
 
 @dataclass(slots=True, kw_only=True)
 class Subject:
-    """One driver under test.
-
-    Attributes:
-        open: Makes a fresh driver of the same target each time.
-        scene: It can load this one.
-        joint: Index of the joint that is moved.
-        way: How far [rad or m].
-    """
+    """One driver under test, which moves `joint` (an index) by `way` [rad or m]; `open` makes a fresh one each time."""
 
     open: Callable[[], TargetDriver]
     scene: str
@@ -56,7 +49,7 @@ class Subject:
         return Client(self._targets[-1], self)
 
     def close(self) -> None:
-        """Let go of what was served."""
+        """Close every served target."""
         while self._targets:
             self._targets.pop().close()
 

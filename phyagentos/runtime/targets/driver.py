@@ -1,7 +1,5 @@
-"""The port of a target: what a simulation or a device can do, without any question of who may ask.
+"""The port of a target: what a simulation or a device can do; `served_target` adds authority, receive log and stops.
 
-Upstream: `served_target`, which adds authority, receive log and stops, so that no driver has to. Downstream: a
-simulator, a controller, another machine. A driver is found by name (`driver_registry`); `conformance` tests it.
 Alternatives rejected: one class per simulator inside the worker (a crash of the physics would take the evidence with
 it); gym's `step` (no authority, no expiry, no halt).
 """
@@ -29,8 +27,8 @@ from phyagentos.runtime.targets.wire import (
 class TargetDriver(ABC):
     """One body. Calls come one at a time; time moves only in `apply`, `hold`, `halt`, `begin` and `end`.
 
-    A method refuses by raising ExecutionError with a code; nothing has moved then. Units are SI, joints are in the
-    order of the profile, poses are in the world frame.
+    A method refuses by an ExecutionError with a code; nothing has moved then. Units are SI, joints are in the order of
+    the profile, poses are in the world frame.
     """
 
     @property
@@ -46,19 +44,18 @@ class TargetDriver(ABC):
     @property
     @abstractmethod
     def is_moving(self) -> bool:
-        """Whether the latest command left a motion in its middle, so that another one must follow."""
+        """Whether the latest command left the body in motion, so that another one must follow."""
 
     @abstractmethod
     def describe(self) -> Description:
-        """What the body is, read from what moves it; `driver`, `tools` and `ground_truth` included."""
+        """What the body is, from the live model; `driver`, `tools` and `ground_truth` included."""
 
     @abstractmethod
     def load(self, request: LoadScene) -> Loaded:
-        """Begin an episode; a device checks that it stands at home. Never called while a session has authority.
+        """Begin an episode; a device checks that it is at home. Never called while a session has authority.
 
         Raises:
-            ExecutionError: `MALFORMED` or `TARGET_LIMIT` for a snapshot that it cannot start from; what stood before
-                still stands.
+            ExecutionError: `MALFORMED` or `TARGET_LIMIT` for an unusable snapshot; the previous episode stays.
         """
 
     def begin(self, session: str, epoch: int) -> None:  # noqa: B027 - most drivers need nothing here
@@ -66,19 +63,15 @@ class TargetDriver(ABC):
 
     @abstractmethod
     def observe(self, *, truth: bool) -> Observation:
-        """The present, without a snapshot.
-
-        Args:
-            truth: With entities and regions; only asked of a driver that describes itself with `ground_truth`.
-        """
+        """The present, without a snapshot; `truth` adds entities and regions, where `ground_truth` is described."""
 
     @abstractmethod
     def report(self) -> Step:
-        """The present as a controller needs it, with the greatest contact force since the latest report."""
+        """The present for a controller, with the maximum contact force since the latest report."""
 
     @abstractmethod
     def snapshot(self) -> Artefact | None:
-        """All of its state, from which `load` can go on; None where there is no such thing."""
+        """The whole state, from which `load` can start; None where the driver has none."""
 
     def capture(self, request: Capture) -> Frames:
         """The latest frames of its RGB-D cameras; none by default.
@@ -92,13 +85,10 @@ class TargetDriver(ABC):
 
     @abstractmethod
     def apply(self, command: Command) -> str:
-        """Carry out one control period of set-points.
-
-        Args:
-            command: Its arrays have any shape and value: the driver checks them.
+        """Carry out one control period of set-points; the driver checks shapes and values of their arrays.
 
         Returns:
-            Code of the body's own protective stop, when it broke the command off and came to rest; empty otherwise.
+            Code of the body's own protective stop, after which it is at rest; empty otherwise.
 
         Raises:
             ExecutionError: `MALFORMED`, `TARGET_LIMIT`: nothing moved.
@@ -110,25 +100,17 @@ class TargetDriver(ABC):
 
     @abstractmethod
     def halt(self, category: int = 2) -> None:
-        """Come to rest within the limits, by its own means, and hold.
-
-        Args:
-            category: Of the stop (IEC 60204-1, 9.2.2).
-        """
+        """Come to rest within the limits, by its own means, and hold; stop category of IEC 60204-1, 9.2.2."""
 
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> ToolResult:
-        """Use one of the described tools.
-
-        Raises:
-            ExecutionError: `MALFORMED` for arguments that it does not take.
-        """
+        """Use one of the described tools; raises ExecutionError `MALFORMED` for wrong arguments."""
         raise ExecutionError("UNKNOWN_TOOL", f"the target has no tool {name!r}")
 
     def end(self) -> tuple[RecordedFault, ...]:
-        """The session's authority ends: come to rest; faults meanwhile, for the evidence."""
+        """The session's authority ends: come to rest; returns its faults, for the evidence."""
         if self.is_moving:
             self.halt()
         return ()
 
-    def close(self) -> None:  # noqa: B027 - not every driver holds something
-        """Let go of files, devices and connections."""
+    def close(self) -> None:  # noqa: B027 - not every driver needs it
+        """Close files, devices and connections."""

@@ -1,8 +1,7 @@
-"""The registry of drivers, by the names that target profiles use: which one moves a target, and what it needs.
+"""The registry of drivers, by the names that target profiles use.
 
-Upstream: TARGETS.md (`kind`, `driver`), assembly. Downstream: `TargetDriver`. A plug-in is a `DriverSpec`, announced by
-the entry point group `phyagentos.drivers`; it imports nothing heavy before `open` is called. What ships is registered
-by assembly, since drivers import this room and never the reverse.
+A plug-in is a `DriverSpec` in the entry point group `phyagentos.drivers`; it imports nothing heavy before `open` is
+called. Assembly registers the shipped drivers, since drivers import this room and never the reverse.
 """
 
 from collections.abc import Callable
@@ -20,19 +19,12 @@ if TYPE_CHECKING:
     from phyagentos.runtime.targets.driver import TargetDriver
 
 ENTRY_POINT_GROUP = "phyagentos.drivers"
-OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has none of itself
+OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has no default
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriverSite:
-    """Where a driver is opened.
-
-    Attributes:
-        profile: The target.
-        folder: Of its profile; `profile.model` is relative to it.
-        workspace: Settings and library that are in force.
-        clock: The wall clock.
-    """
+    """What a driver is opened with; `profile.model` is relative to `folder`."""
 
     profile: TargetProfile
     folder: Path
@@ -45,10 +37,10 @@ class DriverSpec:
     """How a driver is opened.
 
     Attributes:
-        open: Makes the driver of one target; raises DefinitionError or ExecutionError where it cannot.
-        kinds: Kinds of targets that it moves. A simulation never stands in for a real robot.
-        own_process: Whether it runs in a process of its own, which outlives workers and keeps real time; otherwise it
-            runs in the worker, and begins anew with it.
+        open: Makes the driver of one target; raises DefinitionError or ExecutionError.
+        kinds: Kinds of targets that it moves. A simulation never replaces a real robot.
+        own_process: Whether it runs in a process of its own, which outlives workers and keeps real time, or in the
+            worker.
     """
 
     open: "Callable[[DriverSite], TargetDriver]"
@@ -81,7 +73,7 @@ class DriverRegistry:
         """The driver that moves a target.
 
         Raises:
-            DefinitionError: `NO_DRIVER`, when the kind has none, none has this name, or it moves other kinds.
+            DefinitionError: `NO_DRIVER`.
         """
         name = find_driver_name(profile)
         spec = self._specs.get(name)
@@ -101,5 +93,5 @@ class DriverRegistry:
 
 
 def find_driver_name(profile: TargetProfile) -> str:
-    """The driver that a profile names, or that of its kind; empty where there is none."""
+    """The driver that a profile names, or that of its kind; empty without one."""
     return profile.driver or OF_KIND.get(profile.kind, "")

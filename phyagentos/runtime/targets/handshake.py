@@ -1,8 +1,7 @@
-"""How a connection to a target begins: version, size limit and the token of the epoch, on every transport alike.
+"""The start of a connection to a target: version, size limit and the token of the epoch, on every transport alike.
 
-Upstream: whoever supervises the target. It makes a token for each commander (an epoch of the connection) and hands it
-to both ends over descriptors that they inherited: never in argv, in the environment or in a file that others can read.
-The newest token alone admits, so a commander that was replaced stays outside. Downstream: `server`.
+The supervisor makes a token for each commander (an epoch of the connection) and hands it to both ends over inherited
+descriptors: never in argv, in the environment or in a file that others can read. Only the newest token admits.
 """
 
 import hmac
@@ -16,17 +15,12 @@ from phyagentos.runtime.channel import MESSAGE_MAX_BYTES, Channel, PeerChannel
 
 WIRE_VERSION = 3  # grows when a message changes its meaning; preflight compares it too
 TOKEN_BYTES = 32
-GREETING_S = 2.0  # a client that connects says its first word at once
-_PATIENCE_S = 10.0  # until the answer to it; a target in the middle of a halt answers after that
+GREETING_S = 2.0  # until the first message of a client
+_PATIENCE_S = 10.0  # until the answer to it; a target finishes its halt first
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):
-    """The first message of a client. Reply: `Welcome` or `Denied`.
-
-    Attributes:
-        version: Of the wire that it speaks.
-        max_bytes: Longest message that it takes.
-    """
+    """The first message of a client, with its wire version and longest message. Reply: `Welcome` or `Denied`."""
 
     version: int
     token: bytes
@@ -34,32 +28,23 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Grant(msgspec.Struct, frozen=True, tag=True):
-    """The first message of a supervisor that adopts a running target: from now on this token admits. It then hangs up.
+    """The next token, as the only message of a supervisor that adopts a running target.
 
-    Believed from one process alone, which the kernel names: the one that holds the watchdog's lock.
+    It is accepted from one process alone, identified by the kernel: the holder of the watchdog's lock.
     """
 
     token: bytes
 
 
 class Welcome(msgspec.Struct, frozen=True, tag=True):
-    """The connection is open.
-
-    Attributes:
-        version: Of the wire that the target speaks.
-        max_bytes: Longest message that it takes.
-    """
+    """The connection is open; wire version and longest message of the target."""
 
     version: int = WIRE_VERSION
     max_bytes: int = MESSAGE_MAX_BYTES
 
 
 class Denied(msgspec.Struct, frozen=True, tag=True):
-    """The connection stays shut.
-
-    Attributes:
-        code: `BAD_TOKEN`, `VERSION_MISMATCH`, `MALFORMED`.
-    """
+    """The connection is refused. Codes: `BAD_TOKEN`, `VERSION_MISMATCH`, `MALFORMED`."""
 
     code: str
     message: str
@@ -76,10 +61,9 @@ def make_token() -> bytes:
 
 
 class Tokens:
-    """What admits a client to one target: the newest token, and nothing before the first one.
+    """The newest token admits a client to one target; an empty one admits none.
 
     Args:
-        token: The first one; empty when it comes later.
         is_supervisor: Whether a process, by its id, may grant a token.
     """
 
@@ -87,11 +71,7 @@ class Tokens:
         self._token, self._is_supervisor = token, is_supervisor
 
     def renew(self, token: bytes) -> None:
-        """From now on this token admits, and no earlier one.
-
-        Raises:
-            ValueError: When it could be guessed.
-        """
+        """Admit this token only; raises ValueError when it is of another length."""
         if len(token) != TOKEN_BYTES:
             raise ValueError(f"a token of {len(token)} bytes; {TOKEN_BYTES} are needed")
         self._token = token
@@ -100,7 +80,7 @@ class Tokens:
         """Read the first message of a client and answer it.
 
         Raises:
-            ConnectionError: The client is not admitted, or was a supervisor, which has nothing else to say.
+            ConnectionError: The client is not admitted, or was a supervisor, which sends nothing else.
             EOFError: The client is gone; also OSError.
         """
         reply: Welcome | Denied
@@ -131,21 +111,21 @@ def greet(channel: Channel, token: bytes) -> Welcome:
     """Open a connection, as a client.
 
     Raises:
-        ExecutionError: `BAD_TOKEN`, `VERSION_MISMATCH`; `TARGET_LOST` when nothing answers.
+        ExecutionError: `BAD_TOKEN`, `VERSION_MISMATCH`; `TARGET_LOST` without an answer.
     """
-    return _say(channel, Hello(version=WIRE_VERSION, token=token))
+    return _open(channel, Hello(version=WIRE_VERSION, token=token))
 
 
 def grant(channel: Channel, token: bytes) -> None:
     """Give a running target its next token, as its supervisor.
 
     Raises:
-        ExecutionError: `BAD_TOKEN` when it knows another supervisor; `TARGET_LOST` when nothing answers.
+        ExecutionError: `BAD_TOKEN` when it has another supervisor; `TARGET_LOST` without an answer.
     """
-    _say(channel, Grant(token=token))
+    _open(channel, Grant(token=token))
 
 
-def _say(channel: Channel, greeting: Hello | Grant) -> Welcome:
+def _open(channel: Channel, greeting: Hello | Grant) -> Welcome:
     try:
         channel.send_bytes(_ENCODER.encode(greeting))
         if not channel.poll(_PATIENCE_S):

@@ -1,8 +1,7 @@
-"""Real time: a target whose simulated time keeps pace with the wall clock, whether commands come or not.
+"""Real time: a target whose simulated time keeps pace with the wall clock, with or without commands.
 
-Upstream: the world process. Downstream: any target that can coast. A command is carried out when its control period is
-due; where none is there in time, the target coasts: it brings itself to rest and holds. Lockstep needs nothing of this.
-Stop requests are looked for in every control period, so they never wait for a client.
+A command is carried out when its control period is due; without one in time the target halts and holds. Stop requests
+are read in every control period, so they never wait for a client.
 """
 
 from collections.abc import Callable
@@ -16,33 +15,26 @@ from phyagentos.runtime.targets.server import Door, answer
 from phyagentos.runtime.targets.wire import Command, Halt, Request, Settle
 
 AHEAD_PERIODS = 2  # a client may be this far ahead, so that it need not meet every period to the millisecond
-LATE_PERIODS = 3  # what came in time is still carried out when this process was late to look
-BEHIND_MAX_S = 1.0  # a process that slept longer (a debugger, SIGSTOP) does not catch up; its time was lost
+LATE_PERIODS = 3  # a request that arrived in time is still carried out when this process polls late
+BEHIND_MAX_S = 1.0  # a process that slept longer (a debugger, SIGSTOP) does not catch up; its time is lost
 
 MOVING = (Command, Halt, Settle)  # requests that take simulated time
 
 
 class Paced(Protocol):
-    """What simulates."""
+    """A simulation."""
 
     @property
     def time_s(self) -> float:
         """Simulated time [s]; NaN while there is no world."""
-        ...
 
     @property
     def control_period_s(self) -> float:
         """Length of a command [s]."""
-        ...
 
 
 class Pace:
-    """How far simulated time is behind the wall clock.
-
-    Args:
-        target: Whose time is paced.
-        clock: The wall clock.
-    """
+    """How far simulated time is behind the wall clock."""
 
     def __init__(self, target: Paced, clock: Clock) -> None:
         self._target, self._clock = target, clock
@@ -68,19 +60,14 @@ class Pace:
 def serve_realtime(
     target: ServedTarget, door: Door, tokens: Tokens, clock: Clock, should_end: Callable[[], bool] = lambda: False
 ) -> None:
-    """Answer one client at a time and let time pass, until a `Shutdown`.
+    """Answer one client at a time and let time pass, until a `Shutdown`; the door is closed at the end.
 
-    Args:
-        target: What moves.
-        door: Where its clients come from; closed at the end.
-        tokens: What admits them.
-        clock: The wall clock.
-        should_end: Asked in every control period.
+    `should_end` is called in every control period.
     """
     pace = Pace(target, clock)
 
     def keep_pace(request: Request) -> None:
-        """A client that is far ahead waits; a command that comes to be stopped is refused without waiting on."""
+        """Delay a client that is far ahead; a command under an emergency stop is refused at once."""
         period_s = target.control_period_s
         while isinstance(request, MOVING):
             ahead_s = -pace.compute_lag_s() - AHEAD_PERIODS * period_s
@@ -120,7 +107,7 @@ def serve_realtime(
 
 
 def _wait_for(source: PeerChannel | Door, target: ServedTarget, pace: Pace) -> bool:
-    """Wait a control period at most, and let it pass once it is due; whether there is something to read before."""
+    """Wait one control period at most and coast when it is over; whether there is something to read before."""
     target.look_for_stops()
     period_s = target.control_period_s
     lag_s = pace.compute_lag_s()

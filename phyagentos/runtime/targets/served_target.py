@@ -1,21 +1,19 @@
 """One driver under authority: what a target process serves, and the same for every driver.
 
-Upstream: `server`, `realtime`, or a test. Downstream: a `TargetDriver`. Commands carry session, epoch, sequence number
-and expiry, and are refused here when they do not match. So are commands after a stop, and whatever cannot be written
-to the receive log. Requests are refused, never raised over the wire.
+Commands are refused when session, epoch, sequence number or expiry do not match, after a stop, and when the receive log
+cannot be written. Requests are refused, never raised over the wire.
 """
 
 import contextlib
 import math
 from collections.abc import Callable
-from typing import Any
 
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError, format_names
 from phyagentos.runtime.targets.authority import Authority
 from phyagentos.runtime.targets.driver import TargetDriver
-from phyagentos.runtime.targets.receive_log import STATE_WRITE, UNTOLD, ReceiveLog, Reception
+from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
 from phyagentos.runtime.targets.wire import (
     Ack,
     Begin,
@@ -39,18 +37,16 @@ from phyagentos.runtime.targets.wire import (
     Step,
 )
 
-SETTLE_MAX_S = 60.0  # nothing needs longer to come to rest
+SETTLE_MAX_S = 60.0
 
 
 class ServedTarget:
-    """A driver, who may command it, and what was asked of it.
+    """A driver with its authority and its receive log.
 
     Args:
-        driver: What moves.
-        log: The receive log.
         is_estopped: Whether the emergency stop is latched.
-        keep_stop: Makes the latch durable; called once the target is at rest, since a disk may take its time.
-        truth: Whether the ground truth may be read here, where the driver has one.
+        keep_stop: Makes the latch durable; called once the target is at rest, since a disk may be slow.
+        truth: Whether the driver's ground truth may be read here, where it has one.
     """
 
     def __init__(
@@ -70,7 +66,7 @@ class ServedTarget:
         self._description: Description | None = None  # of this scene
 
     def close(self) -> None:
-        """Let go of driver and log."""
+        """Close driver and log."""
         self.driver.close()
         self._log.close()
 
@@ -86,7 +82,7 @@ class ServedTarget:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the latest command left a motion in its middle."""
+        """Whether the latest command left the body in motion."""
         return self.driver.is_moving
 
     def withdraw(self) -> None:
@@ -98,7 +94,7 @@ class ServedTarget:
             self._note_event("Withdraw")
 
     def coast(self) -> None:
-        """One control period without a command: a motion that was left in its middle is stopped, then held."""
+        """One control period without a command: an unfinished motion is stopped, then held."""
         if self._scene is None:
             return
         if self.driver.is_moving and self._authority.session:
@@ -107,7 +103,7 @@ class ServedTarget:
         self.driver.hold(self.control_period_s)
 
     def look_for_stops(self) -> bool:
-        """Come to rest where the emergency stop is latched; whether it is."""
+        """Halt when the emergency stop is latched; whether it is."""
         if not self._is_estopped():
             return False
         if self._authority.session and self._authority.stopped != "ESTOPPED":
@@ -123,43 +119,41 @@ class ServedTarget:
         self._log.stamp()
         reply: Reply
         try:
-            reply = self._carry_out(request)
+            match request:
+                case Command():
+                    reply = self._apply(request)
+                case Observe():
+                    reply = self._observe(request)
+                case Capture():
+                    reply = self.driver.capture(request)
+                case Describe():
+                    reply = self._describe()
+                case LoadScene():
+                    reply = self._load(request)
+                case Begin():
+                    reply = self._begin(request)
+                case InvokeTool():
+                    reply = self._invoke_tool(request)
+                case Shutdown():
+                    reply = Ack()
+                case _:
+                    reply = self._authority.check(request.session, request.epoch) or self._bring_to_rest(request)
         except ExecutionError as error:
             reply = Refused(error.code, str(error).removeprefix(f"{error.code}: "))
         except DefinitionError as error:
             reply = Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:
             reply = Refused("MALFORMED", f"{type(request).__name__}: {error}")
-        if self._changes_something(request):
-            self._note(request, reply)
+        if self._is_logged(request):
+            self._note(type(request).__name__, request, reply)
         return reply
 
-    def _changes_something(self, request: Request) -> bool:
-        """Whether a request stands in the receive log: what changes nothing comes too often."""
+    def _is_logged(self, request: Request) -> bool:
+        """Whether a request stands in the receive log; those that change nothing are too frequent."""
         if isinstance(request, InvokeTool):
             tools = self._description.tools if self._description is not None else ()
             return any(tool.moves and tool.name == request.name for tool in tools)
         return not isinstance(request, Observe | Describe | Capture | Shutdown)
-
-    def _carry_out(self, request: Request) -> Reply:
-        match request:
-            case Command():
-                return self._apply(request)
-            case Observe():
-                return self._observe(request)
-            case Capture():
-                return self.driver.capture(request)
-            case Describe():
-                return self._describe()
-            case LoadScene():
-                return self._load(request)
-            case Begin():
-                return self._begin(request)
-            case InvokeTool():
-                return self._invoke_tool(request)
-            case Shutdown():
-                return Ack()
-        return self._authority.check(request.session, request.epoch) or self._bring_to_rest(request)
 
     def _apply(self, command: Command) -> Reply:
         self._refuse_unlogged()
@@ -169,13 +163,14 @@ class ServedTarget:
             return refused
         stopped = self.driver.apply(command)
         self._authority.count()
+        step = self.driver.report()
         if stopped:
             self._authority.stop(stopped)
-            return msgspec.structs.replace(self.driver.report(), stopped=stopped)
-        return self.driver.report()
+            step = msgspec.structs.replace(step, stopped=stopped)
+        return step
 
     def _bring_to_rest(self, request: Halt | Settle | End) -> Step | Ended:
-        """What only the session in authority may ask for, even after a stop."""
+        """Requests that only the session in authority may send, even after a stop."""
         match request:
             case Halt():
                 self.driver.halt(request.category)
@@ -201,8 +196,8 @@ class ServedTarget:
 
     def _load(self, request: LoadScene) -> Reply:
         if self._authority.session:
-            holder = self._authority.session
-            return Refused("NO_AUTHORITY", f"{holder} has authority; scenes are loaded between sessions")
+            message = f"{self._authority.session} has authority; scenes are loaded between sessions"
+            return Refused("NO_AUTHORITY", message)
         standing = self._scene
         if standing is not None and self._loaded is not None:
             if request.episode == standing.episode and not request.snapshot:
@@ -216,7 +211,7 @@ class ServedTarget:
                 return Refused("RESET_FORBIDDEN", message)
         self._loaded = self.driver.load(request)
         self._scene, self._description = request, None  # cameras belong to the scene
-        self._log.note(Reception(time_s=self.time_s, kind=STATE_WRITE, episode=request.episode))
+        self._note(STATE_WRITE)
         return self._loaded
 
     def _begin(self, request: Begin) -> Reply:
@@ -258,21 +253,18 @@ class ServedTarget:
 
     def _refuse_unlogged(self) -> None:
         if self._log.is_behind:
-            raise ExecutionError("LOG_UNWRITABLE", UNTOLD)
-
-    def _now_s(self) -> float:
-        return 0.0 if math.isnan(self.time_s) else self.time_s
+            raise ExecutionError("LOG_UNWRITABLE", LOG_BEHIND)
 
     def _note_event(self, kind: str) -> None:
-        """What happened without a request."""
+        """An event without a request."""
         self._log.stamp()
-        self._log.note(Reception(time_s=self._now_s(), kind=kind, episode=self._scene.episode if self._scene else ""))
+        self._note(kind)
 
-    def _note(self, request: Any, reply: Reply) -> None:
+    def _note(self, kind: str, request: Request | None = None, reply: Reply | None = None) -> None:
         self._log.note(
             Reception(
-                time_s=self._now_s(),
-                kind=type(request).__name__,
+                time_s=0.0 if math.isnan(self.time_s) else self.time_s,
+                kind=kind,
                 episode=self._scene.episode if self._scene else "",
                 session=getattr(request, "session", ""),
                 epoch=getattr(request, "epoch", 0),

@@ -1,7 +1,6 @@
 """Serves one target, one client at a time: the main loop of a target process, over any transport.
 
-Upstream: `handle`, in the worker. Clients come through a `Door` and are admitted by `handshake`. A client that goes
-away loses its authority and the target halts; the next client finds the world as it was.
+A client that disconnects loses its authority and the target halts; the next client finds the world unchanged.
 """
 
 import contextlib
@@ -15,7 +14,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import SPIN_S, Link, PeerChannel
 from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.wire import Here, Refused, Reply, Request, Shutdown, answer_bytes, receive_request, send
+from phyagentos.runtime.targets.wire import REPLIES, REQUESTS, Refused, Reply, Request, Shutdown
 
 WAIT_S = 60.0  # for a request; a client that steps a world in lockstep has the next one ready within a millisecond
 
@@ -25,24 +24,16 @@ class Door(Protocol):
 
     def poll(self, timeout_s: float = 0.0, /) -> bool:
         """Whether a client waits, within `timeout_s` [s]."""
-        ...
 
     def accept(self) -> PeerChannel:
         """Wait for the next client."""
-        ...
 
     def close(self) -> None:
-        """Let no further client in."""
-        ...
+        """Admit no further client."""
 
 
 class UnixDoor:
-    """A UNIX socket, which only this user can reach where its folder is private.
-
-    Args:
-        path: Of the socket; one that another process left there is replaced.
-        spin_s: See `Link`.
-    """
+    """A UNIX socket, private where its folder is; replaces one that another process left there."""
 
     def __init__(self, path: str, spin_s: float = SPIN_S) -> None:
         Path(path).unlink(missing_ok=True)
@@ -58,18 +49,14 @@ class UnixDoor:
         return Link(self._listener.accept(), spin_s=self._spin_s)
 
     def close(self) -> None:
-        """Let no further client in."""
+        """Admit no further client."""
         self._listener.close()
 
 
 def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable[[], bool] = lambda: False) -> None:
     """Answer requests until a `Shutdown`, in lockstep: time moves by requests alone.
 
-    Args:
-        target: What moves.
-        door: Where its clients come from; closed at the end.
-        tokens: What admits them.
-        should_end: Asked between clients.
+    `should_end` is called between clients; the door is closed at the end.
     """
     with contextlib.closing(door):
         while not should_end():
@@ -89,39 +76,27 @@ def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable
 def answer(
     client: PeerChannel, target: ServedTarget, before: Callable[[Request], None] = lambda _request: None
 ) -> bool:
-    """Answer one request.
+    """Answer one request; whether it was a `Shutdown`.
 
-    Args:
-        client: Who asks.
-        target: What moves.
-        before: Called with the request before it is carried out; it may wait, and this process be stopped meanwhile.
-
-    Returns:
-        Whether it was a `Shutdown`.
+    `before` is called with the request before it is carried out; it may wait.
 
     Raises:
         EOFError: The client is gone; also OSError.
     """
     try:
-        request = receive_request(client)
+        request = REQUESTS.decode(client.recv_bytes())
     except ExecutionError as error:
-        send(client, Refused(error.code, str(error)))
+        client.send_bytes(REPLIES.encode(Refused(error.code, str(error))))
         return False
     before(request)
     if client.is_gone():  # it has no authority any more: what it left in the pipe must not happen
         raise EOFError
-    send(client, target.handle(request))
+    client.send_bytes(REPLIES.encode(target.handle(request)))
     return isinstance(request, Shutdown)
 
 
-class Loopback(Here):
-    """A `Channel` to a target that lives in this process; the same messages, without a process in between.
-
-    A client that knows it as `Here` asks it with the message itself; it takes bytes like any other channel.
-
-    Args:
-        target: What answers.
-    """
+class Loopback:
+    """A `Channel` to a target of this process; `ask` takes the message itself, without bytes in between."""
 
     def __init__(self, target: ServedTarget) -> None:
         self._target = target
@@ -133,7 +108,7 @@ class Loopback(Here):
 
     def send_bytes(self, message: bytes, /) -> None:
         """Have one request answered."""
-        self._replies.append(answer_bytes(self._target.handle, message))
+        self._replies.append(REPLIES.encode(self._target.handle(REQUESTS.decode(message))))
 
     def recv_bytes(self) -> bytes:
         """The oldest reply; raises EOFError when nothing was asked."""
@@ -146,5 +121,5 @@ class Loopback(Here):
         return bool(self._replies)
 
     def close(self) -> None:
-        """Let go of the target."""
+        """Close the target."""
         self._target.close()

@@ -1,8 +1,6 @@
-"""Hears stop requests inside the world process, so that an emergency stop passes through nobody else.
+"""Reads stop requests (files in `signals/new/`) inside the target process, without another process in between.
 
-Upstream: files in `signals/new/`, dropped by any tool. Downstream: the world. Looking costs one system call while
-nothing comes. A stop is in force when it is heard and kept when the target is at rest: what a disk does with it, or
-refuses to do, holds nothing up.
+A stop is in force when it is read, and made durable once the target is at rest: a slow or full disk delays no halt.
 """
 
 import contextlib
@@ -13,16 +11,11 @@ from phyagentos.protocol.sessions.estop import Latch, is_latched, latch, provide
 from phyagentos.protocol.sessions.stop_signals import SignalReader
 from phyagentos.store.watch import Watch
 
-RETRY_S = 0.5  # a full disk is asked again this often
+RETRY_S = 0.5  # between attempts to write to a full disk
 
 
 class StopListener:
-    """Listens to one workspace.
-
-    Args:
-        signals: Its folder `signals/`.
-        clock: For the time of a latch that does not tell its own, and between two tries to write it.
-    """
+    """Watches the folder `signals/` of one workspace; the clock stamps latches that carry no time."""
 
     def __init__(self, signals: Path, clock: Clock) -> None:
         (signals / "new").mkdir(parents=True, exist_ok=True)
@@ -36,13 +29,13 @@ class StopListener:
         self._is_latched = self._look()
 
     def is_latched(self) -> bool:
-        """Whether the emergency stop is in force now; a request that was just dropped is."""
+        """Whether the emergency stop is in force now; a request that was just written is."""
         if self._watch.drain() or not self._watch.is_event_driven:
             self._is_latched = self._look()
         return self._heard is not None or self._is_latched
 
     def keep(self) -> None:
-        """Make a stop durable that was heard; again and again while the disk takes nothing, until then by heart."""
+        """Write a pending stop to the disk; repeated while that fails, in force meanwhile."""
         if self._heard is None or self._clock.now_s() < self._retry_at_s:
             return
         try:
@@ -53,7 +46,7 @@ class StopListener:
             self._heard, self._is_latched = None, True
 
     def close(self) -> None:
-        """Let go of the folder."""
+        """Stop watching."""
         self._stack.close()
 
     def _look(self) -> bool:

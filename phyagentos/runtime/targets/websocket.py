@@ -1,7 +1,7 @@
 """The wire of targets over WebSocket, for a target behind a TCP port: the same messages, one a frame.
 
-Upstream: `server` (as a `Door`), `drivers.remote` (as a client). It keeps message boundaries, size limits and liveness
-(pings) to the library `websockets`. It is meant for 127.0.0.1 or a tunnel: the token admits, and nothing is encrypted.
+The library `websockets` keeps message boundaries, size limits and liveness (pings). It is meant for 127.0.0.1 or a
+tunnel: the token admits, and nothing is encrypted.
 """
 
 import contextlib
@@ -19,17 +19,12 @@ from websockets.sync.server import ServerConnection, serve
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import MESSAGE_MAX_BYTES
 
-BACKLOG = 8  # clients that may wait while one is served
+BACKLOG = 8  # waiting clients while one is served
 _OPEN_S = 5.0
 
 
 class WebSocketChannel:
-    """A `Channel` over one WebSocket connection.
-
-    Args:
-        connection: What carries it.
-        opened: What to leave when it is closed.
-    """
+    """A `Channel` over one WebSocket connection; `opened` is left when it is closed."""
 
     def __init__(self, connection: Connection, opened: contextlib.ExitStack | None = None) -> None:
         self._connection, self._opened = connection, opened or contextlib.ExitStack()
@@ -63,11 +58,11 @@ class WebSocketChannel:
         return self._connection.state is not State.OPEN
 
     def find_peer(self) -> int:
-        """No process of this machine is known to be at the other end."""
+        """0: the process at the other end is unknown."""
         return 0
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close this end."""
         self._connection.close()
         self.is_closed.set()
         self._opened.close()
@@ -84,12 +79,7 @@ class WebSocketChannel:
 
 
 class WebSocketDoor:
-    """Where WebSocket clients of one target knock, one at a time.
-
-    Args:
-        host: To listen at.
-        port: Likewise; 0 takes a free one.
-    """
+    """A `Door` for WebSocket clients, one at a time; port 0 takes a free one."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         self._waiting: queue.Queue[WebSocketChannel] = queue.Queue(BACKLOG)
@@ -115,12 +105,12 @@ class WebSocketDoor:
         return channel if channel is not None else self._waiting.get()
 
     def close(self) -> None:
-        """Admit no further client; those that are connected are closed."""
+        """Admit no further client; close those that are connected."""
         self._server.shutdown()
         self._thread.join()
 
     def _receive(self, connection: ServerConnection) -> None:
-        """In a thread of the connection, which closes when this returns."""
+        """In the thread of the connection, which closes when this returns."""
         channel = WebSocketChannel(connection)
         try:
             self._waiting.put_nowait(channel)
@@ -130,11 +120,7 @@ class WebSocketDoor:
 
 
 def connect_websocket(endpoint: str) -> WebSocketChannel:
-    """A connection to a target that listens at `ws://host:port`.
-
-    Raises:
-        ExecutionError: `TARGET_LOST`.
-    """
+    """A connection to a target at `ws://host:port`; raises ExecutionError `TARGET_LOST`."""
     opened = contextlib.ExitStack()
     try:
         if urlsplit(endpoint).scheme not in {"ws", "wss"}:

@@ -5,7 +5,6 @@ Arrays travel in C order with their shape: float64, pictures as uint8, depth as 
 """
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -15,14 +14,15 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
-from phyagentos.runtime.channel import Channel, Codec
+from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.targets import handshake
 
 Array = NDArray[np.float64]
 Colours = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Crop = tuple[int, int, int, int]  # left, top, width, height [pixels]
-WAIT_SLICE_S = 0.2  # a client that waits long shows its life this often
+WAIT_SLICE_S = 0.2  # interval of heartbeats during a long wait
 WIRE_VERSION = handshake.WIRE_VERSION
 NPZ = "application/x-npz"
 RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`
@@ -30,11 +30,7 @@ SCENE_MODEL = "scene_model"  # tool: the compiled scene, artefacts by file name
 
 
 class Artefact(msgspec.Struct, frozen=True):
-    """Bytes that a driver made, and what they are.
-
-    Attributes:
-        media_type: As in MIME (`application/x-npz`, `image/png`).
-    """
+    """Bytes that a driver made, with their MIME type."""
 
     media_type: str
     data: bytes
@@ -47,12 +43,12 @@ class Describe(msgspec.Struct, frozen=True, tag=True):
 class LoadScene(msgspec.Struct, frozen=True, tag=True):
     """Begin an episode: build the scene, place the target at home, let things settle. Reply: `Loaded`.
 
-    The only moment at which simulator state is written. Refused for an episode that is already loaded with another
-    scene or seed; a no-op for the one that is.
+    Only this request writes simulator state. It is refused when the episode is loaded with another scene or seed, and
+    changes nothing when it is loaded with the same ones.
 
     Attributes:
         snapshot: The driver's own snapshot to start from (rerun of a recorded session); empty for a fresh start.
-        may_reset: Whether the world in which another episode stands may be begun anew. Else it is refused.
+        may_reset: Whether this episode may replace another one.
     """
 
     scene: str
@@ -63,11 +59,7 @@ class LoadScene(msgspec.Struct, frozen=True, tag=True):
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
-    """Give one session authority over the target. Reply: `Ack`.
-
-    Attributes:
-        epoch: Fencing token; a smaller one than any seen before is refused.
-    """
+    """Give one session authority over the target. Reply: `Ack`. The epoch is a fencing token: it never decreases."""
 
     session: str
     epoch: int
@@ -80,7 +72,7 @@ class Command(msgspec.Struct, frozen=True, tag=True):
         q_rad: (n_steps, n_joints) joint position set-points, one row per physics step.
         qd_rad_s: (n_steps, n_joints) joint velocity set-points.
         gripper_width_m: (n_steps,) opening set-points.
-        sequence: Grows by one per command of a session.
+        sequence: Number of the command in its session, from 1.
         expires_at_s: Simulated time after which the command must not be carried out.
     """
 
@@ -97,8 +89,7 @@ class Halt(msgspec.Struct, frozen=True, tag=True):
     """Bring the target to rest within its limits, by its own means, and hold. Reply: `Step`.
 
     Attributes:
-        category: Of the stop (IEC 60204-1, 9.2.2): after 2 the session may command again; after 1 it may not, and the
-            target holds until another session begins.
+        category: Of the stop (IEC 60204-1, 9.2.2): after 2 the session may command again, after 1 only the next one.
     """
 
     session: str
@@ -125,8 +116,8 @@ class Observe(msgspec.Struct, frozen=True, tag=True):
     """Ask for an observation without moving time. Reply: `Observation`.
 
     Attributes:
-        truth: With the ground truth of things and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
-        snapshot: With the driver's snapshot of the same moment.
+        truth: Adds ground truth of entities and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
+        snapshot: Adds the driver's snapshot of the same moment.
     """
 
     truth: bool = False
@@ -134,12 +125,7 @@ class Observe(msgspec.Struct, frozen=True, tag=True):
 
 
 class InvokeTool(msgspec.Struct, frozen=True, tag=True):
-    """Use a tool of the description. Reply: `ToolResult`.
-
-    Attributes:
-        arguments: As the tool takes them.
-        session: Needed, with its epoch, for a tool that moves something.
-    """
+    """Use a tool of the description. Reply: `ToolResult`. A tool that moves the target needs session and epoch."""
 
     name: str
     arguments: dict[str, Any] = {}
@@ -152,8 +138,8 @@ class Capture(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         cameras: Names of sensors.yaml; empty for all.
-        crops: Windows to look at instead of the whole picture, by camera: a small one is cheap enough for 10 Hz.
-        every: Of so many rows and columns only the middle one is read out; odd. 1 for all.
+        crops: Regions to render instead of the whole picture, by camera.
+        every: Subsampling factor of rows and columns, odd; the middle one of each group is read.
     """
 
     cameras: tuple[str, ...] = ()
@@ -170,11 +156,7 @@ class Ack(msgspec.Struct, frozen=True, tag=True):
 
 
 class Refused(msgspec.Struct, frozen=True, tag=True):
-    """Not done; nothing moved.
-
-    Attributes:
-        code: `STALE_TOKEN`, `NO_AUTHORITY`, `OUT_OF_SEQUENCE`, `EXPIRED`, `MALFORMED`, `TARGET_LIMIT`, ...
-    """
+    """Not done; nothing moved. Codes: `STALE_TOKEN`, `NO_AUTHORITY`, `OUT_OF_SEQUENCE`, `EXPIRED`, `MALFORMED`, ..."""
 
     code: str
     message: str
@@ -184,7 +166,7 @@ class Kinematics(msgspec.Struct, frozen=True):
     """A chain of hinges and slides as it stands at joint positions zero, in the world frame.
 
     Attributes:
-        axes: (n_joints, 3) unit vectors that the joints turn about or slide along; zero for a slide without effect.
+        axes: (n_joints, 3) unit vectors of rotation or translation; zero for a slide without effect.
         anchors_m: (n_joints, 3) a point on each axis.
         tcp_m: (3,) the tool centre point.
         slides: (n_joints,) which joints slide; empty when all turn.
@@ -197,11 +179,7 @@ class Kinematics(msgspec.Struct, frozen=True):
 
 
 class Tool(msgspec.Struct, frozen=True):
-    """Something that a target does besides moving along set-points.
-
-    Attributes:
-        moves: Whether it moves something, so that it needs authority.
-    """
+    """An operation of a target besides set-points; one that `moves` the target needs authority."""
 
     name: str
     moves: bool = False
@@ -210,19 +188,17 @@ class Tool(msgspec.Struct, frozen=True):
 class Description(msgspec.Struct, frozen=True, tag=True):
     """What the target is, read from the live model rather than from its profile.
 
-    What a target leaves out has no default that would pass: preflight refuses it, and the guard every command.
+    No default of a missing field passes: preflight refuses the target, and the guard refuses every command.
 
     Attributes:
-        kinematics: Where the joints bring the tool centre point; None when not told.
-        gripper_force_n: The most that a finger can press with, 0 for one that cannot press; NaN when not told.
-        joints: In the order in which they are commanded; empty when not told.
-        depth_cameras: Those that `Capture` can ask: the cameras of sensors.yaml that this scene or robot has.
-        version: Of the wire that the target speaks; 0 when not told.
-        driver: What moves it, by its name in the registry; a relay puts its own before it (`remote/mujoco`).
-        tools: What `InvokeTool` may ask for.
-        ground_truth: Whether `Observe` may ask for the ground truth.
+        kinematics: From joint positions to the tool centre point; None when unknown.
+        gripper_force_n: Maximum force of a finger [N], 0 for one that cannot press; NaN when unknown.
+        joints: In the order in which they are commanded; empty when unknown.
+        depth_cameras: Cameras of sensors.yaml that this scene or robot has.
+        version: Of the target's wire; 0 when unknown.
+        driver: Its name in the registry; a relay prepends its own (`remote/mujoco`).
         shares_time: Whether other targets move in the same simulated time, so that a motion may wait for theirs.
-        end_effector: What the tool flange carries: `opening`, `suction` or `none`.
+        end_effector: `opening`, `suction` or `none`.
     """
 
     target: str
@@ -252,11 +228,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
 
 
 class Loaded(msgspec.Struct, frozen=True, tag=True):
-    """The episode's world stands.
-
-    Attributes:
-        model_sha256: Hash of the compiled model, to compare with a recorded one; empty without a model.
-    """
+    """The episode's world is loaded; the hash is that of the compiled model, empty without one."""
 
     episode: str
     model_sha256: str
@@ -267,12 +239,10 @@ class Step(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         time_s: Simulated time.
-        target: The target's own state.
         tracking_error_rad: Largest |q - q_d| at the end of the period.
-        stopped: Code of the target's own protective stop, when the command was broken off; the target has come to rest
-            and takes no further command of this session.
-        contact_force_n: The greatest force between the robot and one other body since the latest report, as its joint
-            torque sensors feel it; None where it cannot feel.
+        stopped: Code of the target's own protective stop. It is at rest then, and the session cannot command it again.
+        contact_force_n: Maximum force on one other body since the latest report, by the joint torque sensors; None
+            without such sensors.
     """
 
     time_s: float
@@ -286,9 +256,8 @@ class Observation(msgspec.Struct, frozen=True, tag=True):
     """What the target senses of itself at one moment, before perception.
 
     Attributes:
-        entities: Ground truth; empty unless it was asked for.
-        regions: Likewise.
-        snapshot: The driver's state at this moment, if asked for; None where the driver keeps none.
+        entities: Ground truth, on request; likewise `regions`.
+        snapshot: The driver's state at this moment, on request; None where the driver has none.
     """
 
     time_s: float
@@ -307,36 +276,27 @@ class RecordedFault(msgspec.Struct, frozen=True):
 
 
 class Ended(msgspec.Struct, frozen=True, tag=True):
-    """Authority is back with the target.
-
-    Attributes:
-        faults: Those that became active during the session.
-    """
+    """Authority is back with the target; the faults became active during the session."""
 
     time_s: float
     faults: tuple[RecordedFault, ...]
 
 
 class ToolResult(msgspec.Struct, frozen=True, tag=True):
-    """What a tool gave.
-
-    Attributes:
-        artefacts: By name.
-        reason: Why there are none, where the tool cannot give any here.
-    """
+    """Artefacts of a tool by name, or the reason why there are none."""
 
     artefacts: dict[str, Artefact]
     reason: str = ""
 
 
 class Frame(msgspec.Struct, frozen=True, kw_only=True):
-    """One picture with depth, as the sensor tells it: noisy, late, and placed by a calibration that may be wrong.
+    """One picture with depth as the sensor reports it: noisy, delayed, with a calibration that may be wrong.
 
     Pixel (u, v) with depth z lies at z * ((u - cx) / fx, (v - cy) / fy, 1) in the camera's frame.
 
     Attributes:
-        time_s: The moment that the sensor claims to show, simulated time.
-        width: Of this frame [pixels]; of the window, when a crop was asked for. cx and cy are of the window too.
+        time_s: Simulated time of exposure, as the sensor states it.
+        width: Of this frame or, with a crop, of its window [pixels]; cx and cy refer to the same.
         world_T_camera: OpenCV's convention: z forward, x right, y down.
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 along z; NaN where nothing was measured.
@@ -356,18 +316,13 @@ class Frame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Frames(msgspec.Struct, frozen=True, tag=True):
-    """What the cameras gave.
-
-    Attributes:
-        frames: In the order asked for, those that came.
-        missing: A code for each camera that gave none: `FRAME_DROPPED`, `CAMERA_SILENT`, `NO_GRAPHICS`.
-    """
+    """Frames in the order of the request; `missing`: `FRAME_DROPPED`, `CAMERA_SILENT` or `NO_GRAPHICS` by camera."""
 
     frames: tuple[Frame, ...]
     missing: dict[str, str] = {}
 
 
-MOTIONS = (Begin, Command, Halt, Settle, End)  # requests during which simulated time may move
+MOTIONS = (Begin, Command, Halt, Settle, End)  # simulated time may move in these requests
 Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
 Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames
 
@@ -376,50 +331,18 @@ REQUESTS = Codec[Request](Request, "request")
 REPLIES = Codec[Reply](Reply, "reply")
 
 
-class Here(ABC):
-    """A channel to a target of this process, which can be asked without bytes in between."""
-
-    @abstractmethod
-    def ask(self, request: Request) -> Reply:
-        """The reply to one request."""
-
-
-def send(connection: Channel, message: Request | Reply) -> None:
-    """Send one message."""
-    connection.send_bytes(REQUESTS.encode(message))
-
-
-def answer_bytes(handle: Callable[[Request], Reply], message: bytes) -> bytes:
-    """One encoded request in, its encoded reply out."""
-    return REPLIES.encode(handle(REQUESTS.decode(message)))
-
-
-def receive_request(connection: Channel) -> Request:
-    """Wait for the next request.
-
-    Raises:
-        EOFError: When the other side is gone.
-        ExecutionError: `MALFORMED` when the bytes are no request; the connection can still be used.
-    """
-    return REQUESTS.decode(connection.recv_bytes())
-
-
 def exchange(
     connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], None] | None = None
 ) -> Reply:
-    """One request and its reply; the connection is closed when there is none, so that none is taken for another.
+    """One request and its reply, within `timeout_s` [s]; without one the connection is closed, so none is mistaken.
 
-    Args:
-        connection: To the target.
-        request: What is asked.
-        timeout_s: The longest wait for the reply [s].
-        on_wait: Called several times a second meanwhile.
+    `on_wait` is called every `WAIT_SLICE_S` meanwhile.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
     """
     try:
-        send(connection, request)
+        connection.send_bytes(REQUESTS.encode(request))
     except OSError as error:
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
     waited_s = 0.0
@@ -439,7 +362,7 @@ def receive_reply(connection: Channel, timeout_s: float) -> Reply:
     """Wait for the reply.
 
     Raises:
-        ExecutionError: `TARGET_LOST` when the world is gone, silent for `timeout_s` [s], or says what is no reply.
+        ExecutionError: `TARGET_LOST` when the target is gone, silent for `timeout_s` [s], or sends no valid reply.
     """
     try:
         if not connection.poll(timeout_s):

@@ -90,7 +90,7 @@ def test_a_guess_an_earlier_token_and_another_version_stay_outside(stand):
 def test_a_request_without_a_greeting_is_not_carried_out(stand):
     target, _, open_channel = stand
     channel = open_channel()
-    wire.send(channel, wire.Begin(session="s", epoch=1))
+    channel.send_bytes(wire.REQUESTS.encode(wire.Begin(session="s", epoch=1)))
 
     assert b"MALFORMED" in channel.recv_bytes()
     with pytest.raises(EOFError):

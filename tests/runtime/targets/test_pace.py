@@ -57,7 +57,7 @@ def stand(tmp_path):
     with contextlib.closing(connect_to_world(socket, token, REAL)) as connection:
 
         def ask(request):
-            wire.send(connection, request)
+            connection.send_bytes(wire.REQUESTS.encode(request))
             return wire.receive_reply(connection, 20.0)
 
         yield arm, clock, ask

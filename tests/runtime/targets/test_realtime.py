@@ -37,7 +37,7 @@ class Served:
         return connect_to_world(self.socket, self.token, CLOCK)
 
     def ask(self, request):
-        wire.send(self.connection, request)
+        self.connection.send_bytes(wire.REQUESTS.encode(request))
         return wire.receive_reply(self.connection, 20.0)
 
     def stream(self, rows):
@@ -141,7 +141,9 @@ def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_at_rest(served):
 def test_a_stop_is_heard_while_a_client_waits_for_its_turn(served, tmp_path):
     assert isinstance(served.ask(wire.Settle(session="s", epoch=1, duration_s=20.0)), wire.Step)
     began_s = CLOCK.now_s()
-    wire.send(served.connection, served.rig.make_command(*served.rows[0][:1], qd=served.rows[0][1]))
+    served.connection.send_bytes(
+        wire.REQUESTS.encode(served.rig.make_command(*served.rows[0][:1], qd=served.rows[0][1]))
+    )
     latch(served.signals, Latch(by="a button"))
     late = wire.receive_reply(served.connection, 60.0)
 

@@ -143,7 +143,7 @@ def test_it_answers_in_its_own_process_as_over_a_socket(world):
     assert not channel.poll()
     with pytest.raises(EOFError):
         channel.recv_bytes()
-    wire.send(channel, wire.Describe())
+    channel.send_bytes(wire.REQUESTS.encode(wire.Describe()))
 
     assert channel.poll()
     assert wire.receive_reply(channel, 1.0).target == "counter"

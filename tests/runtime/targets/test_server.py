@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets.server import answer
-from phyagentos.runtime.targets.wire import Ack, Settle, send
+from phyagentos.runtime.targets.wire import REQUESTS, Ack, Settle
 
 
 class Recording:
@@ -34,7 +34,7 @@ def ends():
 def test_a_request_is_answered(ends):
     ours, theirs = ends
     target = Recording()
-    send(theirs, Settle(session="s", epoch=1, duration_s=0.02))
+    theirs.send_bytes(REQUESTS.encode(Settle(session="s", epoch=1, duration_s=0.02)))
     assert not answer(ours, target)
     assert len(target.handled) == 1
     theirs.close()
@@ -43,7 +43,7 @@ def test_a_request_is_answered(ends):
 def test_a_request_whose_sender_goes_while_it_waits_for_its_period_does_not_happen(ends):
     ours, theirs = ends
     target = Recording()
-    send(theirs, Settle(session="s", epoch=1, duration_s=0.02))
+    theirs.send_bytes(REQUESTS.encode(Settle(session="s", epoch=1, duration_s=0.02)))
     with pytest.raises(EOFError):
         answer(ours, target, lambda _request: theirs.close())
     assert target.handled == []
