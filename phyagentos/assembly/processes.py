@@ -157,7 +157,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.lookahead.process import RehearsalProcess
     from phyagentos.runtime.motion.process import LocalPlanner, NoModel, Planner, PlannerProcess
     from phyagentos.runtime.policies.client import ask_policy
-    from phyagentos.runtime.policies.policy_skills import Policies
+    from phyagentos.runtime.policies.policy_runtime import Policies
     from phyagentos.runtime.preflight.compatibility import Preflight
     from phyagentos.runtime.preflight.examination import Examiner
     from phyagentos.runtime.preflight.settings import read_settings

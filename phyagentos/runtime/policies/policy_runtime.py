@@ -6,6 +6,7 @@ the time it comes are left out.
 """
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -13,11 +14,18 @@ from typing import Any
 import numpy as np
 from py_trees.common import Status
 
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.capabilities.action_spaces import describe_target_space
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
+from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.runtime.actions.bridges.chain import BridgeChain
+from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.actions.chunks import iter_periods
+from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
 from phyagentos.runtime.execution.codes import FailureCode
@@ -119,14 +127,10 @@ class PolicySkillRuntime:
         if client.is_waiting:
             if (chunk := client.poll()) is not None:
                 self._take(chunk)
-        elif not self._is_last and self._failure is None and len(self._periods) <= self._count_ahead():
-            self._ask()
-
-    def _count_ahead(self) -> int:
-        """Control periods that should be left when the next chunk is requested."""
-        if not self._parts.is_realtime:
-            return 0
-        return int(np.ceil(self._parts.descriptor.inference_s / self._context.profile.control_period_s))
+        elif not self._is_last and self._failure is None:
+            inference_s = self._parts.descriptor.inference_s if self._parts.is_realtime else 0.0
+            if len(self._periods) <= np.ceil(inference_s / self._context.profile.control_period_s):
+                self._ask()
 
     def _ask(self) -> None:
         session = self._context.session
@@ -214,3 +218,48 @@ class PolicySkillRuntime:
                 numbers=numbers,
             )
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Policies:
+    """The policy skills of a workspace.
+
+    Attributes:
+        skills: SKILLRUNTIME.md, by name.
+        late_max_s: How late a camera's frame may come; `embedded.max_age_s` of perception.yaml [s].
+        is_realtime: Whether the world keeps real time.
+    """
+
+    skills: Mapping[str, SkillRuntime]
+    profile: TargetProfile
+    sensors: Sensors
+    handle: TargetSessionHandle
+    late_max_s: float
+    is_realtime: bool
+
+    def open(self, session: Session, context: SkillContext) -> PolicySkillRuntime:
+        """The policy of a session that preflight has passed; its server is connected to with the first request.
+
+        Raises:
+            DefinitionError: When the documents have changed since, so that there is no such policy any more.
+        """
+        skill = self.skills[session.skill]
+        target = describe_target_space(self.profile)
+        chain = compile_chain(skill.action_space or target, target)
+        if not isinstance(chain, BridgeChain):
+            raise DefinitionError(chain)
+        assert skill.policy is not None, "preflight refuses a policy skill without a policy"
+        parts = PolicyParts(
+            descriptor=skill.policy,
+            chain=chain,
+            observer=Observer(
+                streams=skill.policy.observations,
+                sensors=self.sensors,
+                handle=self.handle,
+                late_max_s=self.late_max_s,
+                health=context.initial.sensors,
+            ),
+            client=PolicyClient(skill.policy.endpoint, session.limits.policy_s),
+            is_realtime=self.is_realtime,
+        )
+        return PolicySkillRuntime(parts, context)

@@ -15,7 +15,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import SCHEMES
 
 CONNECT_S = 2.0  # a server that is there accepts at once
-REPLY_MAX_BYTES = 2**24  # some hundred times the largest chunk; what says more speaks another protocol
+REPLY_MAX_BYTES = 2**24  # some hundred times the largest chunk
 _LENGTH = struct.Struct(">I")
 
 

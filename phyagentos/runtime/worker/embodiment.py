@@ -16,7 +16,7 @@ from phyagentos.runtime.execution.skill_runtime import SkillRuntime
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.perception.world_model import WorldModel
-from phyagentos.runtime.policies.policy_skills import Policies
+from phyagentos.runtime.policies.policy_runtime import Policies
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.process import Planner

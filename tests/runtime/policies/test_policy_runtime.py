@@ -19,7 +19,7 @@ from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.runtime.actions.chunks import iter_periods
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
-from phyagentos.runtime.policies.policy_skills import Policies
+from phyagentos.runtime.policies.policy_runtime import Policies
 from phyagentos.runtime.policies.server import serve_policy
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
