@@ -58,7 +58,7 @@ class CommandBuffer:
         self._gripper = width_m
 
     def hold(self) -> None:
-        """Command the present set-points once more, so that time goes on."""
+        """Command the present set-points once more where the arm rests and none are set."""
         if self._arm is None and self.at_rest:
             self.set_arm(np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size)))
 
@@ -66,6 +66,7 @@ class CommandBuffer:
         """The merged period, or None when no channel was set; empties the channels."""
         if self._arm is None and self._gripper is None and self.at_rest:
             return None
+        self.hold()
         q, qd = self._arm if self._arm is not None else self._compute_brake()
         width = self._gripper if self._gripper is not None else np.full(self.n_steps, self._width_m)
         self._arm, self._gripper = None, None
@@ -75,8 +76,6 @@ class CommandBuffer:
     def _compute_brake(self) -> tuple[Array, Array]:
         """Rows that ramp the velocity down to zero: qd(t) = qd0 (1 - t / T), each joint within its limit."""
         duration_s = float(np.max(np.abs(self._qd) / (BRAKE_FRACTION * self._acceleration)))
-        if duration_s == 0.0:
-            return np.tile(self._q, (self.n_steps, 1)), np.zeros((self.n_steps, self._q.size))
         t = np.minimum(np.arange(1, self.n_steps + 1) * self.step_s, duration_s)[:, None]  # (n_steps, 1)
         q = self._q + self._qd * (t - t * t / (2.0 * duration_s))
         qd = self._qd * (1.0 - t / duration_s)

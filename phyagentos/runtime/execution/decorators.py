@@ -9,9 +9,8 @@ from py_trees.decorators import Decorator
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
-from phyagentos.runtime.execution.leaf import Leaf
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf
 from phyagentos.runtime.perception.world_model import BELIEF
 
 

@@ -9,10 +9,9 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
-from phyagentos.runtime.execution.leaf import LeafError
+from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, SkillStatus, TickResult
 from phyagentos.runtime.targets.wire import Step
 

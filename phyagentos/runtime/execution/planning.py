@@ -5,11 +5,10 @@ from typing import Any, ClassVar, Generic, TypeVar, cast, final
 from msgspec import to_builtins
 
 from phyagentos.geometry import to_child
-from phyagentos.protocol.world.environment import Entity
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, Status
+from phyagentos.protocol.world.environment import Entity, Pose
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, Status
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
-from phyagentos.runtime.motion.requests import Approaches, Motion, MotionAnswer, MotionRequest, NoPlan, World
+from phyagentos.runtime.motion.requests import Approaches, FindLine, Motion, MotionAnswer, MotionRequest, NoPlan, World
 from phyagentos.runtime.perception.world_model import BELIEF
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
@@ -104,7 +103,19 @@ class ApproachPlanningLeaf(PlanningLeaf[Approaches]):
 
 
 class LinePlanningLeaf(PlanningLeaf[Approaches]):
-    """A leaf that asks for one straight way and writes it to the port `approach`."""
+    """A leaf that requests one straight way and writes it to the port `approach`."""
+
+    def request_line(self, waypoints: tuple[Pose, ...]) -> FindLine:
+        """A line from the present posture through tool poses, with the ports `payload` and `ignore`."""
+        ignored = self.find("ignore")
+        return FindLine(
+            world=self.world(),
+            q_rad=self.context.commands.q_rad,
+            waypoints=waypoints,
+            seed=self.context.draw_seed(self.path),
+            payload=self.find("payload"),
+            ignore=() if ignored is None else (ignored,),
+        )
 
     @final
     def on_answer(self, answer: Approaches) -> Status:
@@ -216,7 +227,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
         return {
             **found,
             "duration_s": round(motion.trajectory.duration_s, 6),
-            "worst_tracking_error_rad": self._player.worst_error_rad,
+            "worst_tracking_error_rad": self._player.lag.worst_error_rad,
         }
 
 

@@ -5,8 +5,8 @@ from enum import StrEnum
 import numpy as np
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.commands import CommandBuffer
+from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.motion.requests import Trajectory
 from phyagentos.runtime.targets.wire import Step
 
@@ -64,18 +64,13 @@ class TrajectoryPlayer:
                 raise ExecutionError(FailureCode.NOT_AT_START, f"the motion begins {jump:.3f} rad from the set-points")
         self._trajectory = trajectory
         self._commands = commands
-        self._lag = Lag(tracking_error_max_rad)
+        self.lag = Lag(tracking_error_max_rad)
         self._row = 0
         self._waited = 0
 
-    @property
-    def worst_error_rad(self) -> float:
-        """Largest tracking error so far [rad]."""
-        return self._lag.worst_error_rad
-
     def tick(self, step: Step) -> Progress:
         """Judge the latest step and command the next rows."""
-        if self._row and self._lag.is_stalled(step):
+        if self._row and self.lag.is_stalled(step):
             return Progress.STALLED
         if self._row >= len(self._trajectory.q_rad):
             return self._come_to_rest(step)

@@ -12,10 +12,10 @@ from py_trees.decorators import Decorator
 
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
-from phyagentos.runtime.execution.tree_loader import BuiltNode, BuiltTree
+from phyagentos.runtime.execution.tree_loader import BuiltTree
 
 IDLE_TICKS_MAX = 1000  # ticks in a row that neither command nor think; a tree may retry a few times without moving
 
@@ -106,24 +106,22 @@ class TreeSkillRuntime:
 
     def _record(self) -> None:
         for index, node in enumerate(self._tree.nodes):
-            now = (node.behaviour.status, getattr(node.behaviour, "activations", 0))
+            behaviour = node.behaviour
+            now = (behaviour.status, getattr(behaviour, "activations", 0))
             if now != self._seen[index]:
                 self._seen[index] = now
-                self._events.append(self._describe(node))
-
-    def _describe(self, node: BuiltNode) -> TraceEvent:
-        behaviour = node.behaviour
-        return TraceEvent(
-            tick=self._commands,
-            time_s=self._context.time_s,
-            path=node.path,
-            leaf=node.type,
-            status=behaviour.status.value,
-            declared_role=getattr(behaviour, "ROLE", None),
-            code=str(getattr(behaviour, "code", "")),
-            message=str(getattr(behaviour, "message", "")),
-            numbers=dict(getattr(behaviour, "numbers", {})),
-        )
+                event = TraceEvent(
+                    tick=self._commands,
+                    time_s=self._context.time_s,
+                    path=node.path,
+                    leaf=node.type,
+                    status=behaviour.status.value,
+                    declared_role=getattr(behaviour, "ROLE", None),
+                    code=str(getattr(behaviour, "code", "")),
+                    message=str(getattr(behaviour, "message", "")),
+                    numbers=dict(getattr(behaviour, "numbers", {})),
+                )
+                self._events.append(event)
 
 
 def _export(value: Any) -> Any:

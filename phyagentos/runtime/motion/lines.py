@@ -13,7 +13,6 @@ from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
 from phyagentos.runtime.motion.requests import (
     Approach,
     Approaches,
-    Array,
     Differential,
     FindLine,
     GoalPosture,
@@ -36,7 +35,10 @@ def find_line(request: FindLine, kinematics: Kinematics, scene: PlanningScene, j
         rows.extend(part.q_rad[1:])
         solved = combine(solved, part.solved)
     if len(request.waypoints) > 1:
-        rows = list(_round(np.array(rows)))
+        rounded = np.array(rows)
+        for _ in range(ROUNDING_PASSES):  # 1-2-1 with the neighbours, the ends kept
+            rounded = np.vstack((rounded[:1], (rounded[:-2] + 2.0 * rounded[1:-1] + rounded[2:]) / 4.0, rounded[-1:]))
+        rows = list(rounded)
     with job.stage("check"):
         tolerated = set(scene.find_contacts(rows[0]))
         for q in rows[1:]:
@@ -52,11 +54,3 @@ def find_line(request: FindLine, kinematics: Kinematics, scene: PlanningScene, j
         timing=job.timing,
         stages=Stages(goals=(GoalPosture("line", solved),)),
     )
-
-
-def _round(rows_rad: Array) -> Array:
-    """Rows (k, n_joints) averaged 1-2-1 with their neighbours, the ends kept."""
-    rows = rows_rad
-    for _ in range(ROUNDING_PASSES):
-        rows = np.vstack((rows[:1], (rows[:-2] + 2.0 * rows[1:-1] + rows[2:]) / 4.0, rows[-1:]))
-    return rows

@@ -4,7 +4,6 @@ The entity keeps the attitude in which it is held. Eight yaws, counted from the 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,22 +23,12 @@ DROP_M = 0.004  # released this far above the support, so that errors do not pre
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way
 
 
-@dataclass(frozen=True, slots=True)
-class _Hand:
-    """Pose of the payload in the hand, and its middle."""
-
-    tcp_T_entity: Array
-    entity_T_tcp: Array
-    center_m: Array
-
-
 def find_placements(
     request: FindPlacements, held: Entity, kinematics: Kinematics, scene: PlanningScene, job: Job
 ) -> Approaches | NoPlan:
     """Approaches to free sites of the destination, the nearest first."""
     world_T_tcp = kinematics.chain.compute_tcp(request.q_rad)
     tcp_T_entity = compute_matrix(request.payload.tcp_T_entity)
-    hand = _Hand(tcp_T_entity, compute_inverse(tcp_T_entity), compute_bounds(held.shapes)[0])
     footprint = measure_footprint(held, world_T_tcp[:3, :3] @ tcp_T_entity[:3, :3])
     with job.stage("sites"):
         space = find_space(request, held)
@@ -54,7 +43,7 @@ def find_placements(
     for name, site in sites:
         if name in request.avoid:
             continue
-        ways = [way for way in _ways_to(name, site, space, request, held, hand) if way.label not in request.avoid]
+        ways = [way for way in _ways_to(name, site, space, request, held) if way.label not in request.avoid]
         found += find_approaches(
             ways,
             q_rad=request.q_rad,
@@ -72,17 +61,18 @@ def find_placements(
     return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
 
 
-def _ways_to(name: str, site: Array, space: Space, request: FindPlacements, held: Entity, hand: _Hand) -> Iterator[Way]:
+def _ways_to(name: str, site: Array, space: Space, request: FindPlacements, held: Entity) -> Iterator[Way]:
+    tcp_T_entity, center_m = compute_matrix(request.payload.tcp_T_entity), compute_bounds(held.shapes)[0]
     for degrees in range(0, 360, 45):
         tool = point_tool_down(space.yaw_rad + np.radians(degrees), np.zeros(3))
-        entity = tool @ hand.tcp_T_entity
-        entity[:2, 3] = site[:2] - (entity[:3, :3] @ hand.center_m)[:2]
+        entity = tool @ tcp_T_entity
+        entity[:2, 3] = site[:2] - (entity[:3, :3] @ center_m)[:2]
         entity[2, 3] = site[2] + compute_extent(held, tuple((-entity[2, :3]).tolist()))[1]
         site_pose = compute_pose(entity)
         entity[2, 3] += DROP_M
         yield Way(
             label=f"{name}.yaw+{degrees:03d}",
-            end=entity @ hand.entity_T_tcp,
+            end=entity @ compute_inverse(tcp_T_entity),
             hover_m=request.hover_m,
             tolerate=frozenset((PAYLOAD, support) for support in space.supports),
             tolerate_m=TOUCH_DOWN_M,

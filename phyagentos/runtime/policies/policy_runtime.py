@@ -28,8 +28,8 @@ from phyagentos.runtime.actions.chunks import iter_periods
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
 from phyagentos.runtime.actions.violations import Violation
-from phyagentos.runtime.execution.codes import FailureCode
 from phyagentos.runtime.execution.context import SkillContext
+from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
 from phyagentos.runtime.execution.trajectory_player import Lag
 from phyagentos.runtime.policies import wire

@@ -8,7 +8,7 @@ holds changes.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,6 @@ class ActionBridge(ABC):
 
     source: ActionSpace
     target: ActionSpace
-
-    name: ClassVar[str]
 
     @classmethod
     @abstractmethod

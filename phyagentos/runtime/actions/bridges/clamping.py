@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from typing_extensions import override
@@ -21,8 +20,6 @@ class ClampBridge(ActionBridge):
 
     low: Array
     high: Array
-
-    name: ClassVar[str] = "clamp"
 
     @classmethod
     @override

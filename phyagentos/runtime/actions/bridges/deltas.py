@@ -1,7 +1,6 @@
 """From changes to postures and back: sums of joint angles and positions, products of rotations."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -38,8 +37,6 @@ class _Delta(ActionBridge):
 class ToAbsoluteBridge(_Delta):
     """Adds changes up, beginning at the set-point before the chunk."""
 
-    name: ClassVar[str] = "to_absolute"
-
     @classmethod
     @override
     def plan(cls, source: ActionSpace, target: ActionSpace, frames: Frames) -> "ToAbsoluteBridge | Problem | None":
@@ -52,8 +49,6 @@ class ToAbsoluteBridge(_Delta):
 @dataclass(frozen=True, slots=True)
 class ToDeltaBridge(_Delta):
     """Takes the change from row to row."""
-
-    name: ClassVar[str] = "to_delta"
 
     @classmethod
     @override

@@ -1,7 +1,6 @@
 """The reference frame of poses: one rigid transformation for the whole chunk."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,8 +22,6 @@ class FrameBridge(ActionBridge):
     """
 
     target_T_source: Array
-
-    name: ClassVar[str] = "frame"
 
     @classmethod
     @override

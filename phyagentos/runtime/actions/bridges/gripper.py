@@ -1,7 +1,6 @@
 """The gripper's column: from one range to another, whichever end is open."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from typing_extensions import override
@@ -17,8 +16,6 @@ class GripperBridge(ActionBridge):
 
     came: GripperRange
     goes: GripperRange
-
-    name: ClassVar[str] = "gripper"
 
     @classmethod
     @override

@@ -1,7 +1,6 @@
 """The joints of a row: their order, columns that are dropped and joints that stand still, both declared."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,6 @@ class JointOrderBridge(ActionBridge):
     """Reorders the joints' columns; `order` (width,) is the source column of each target column."""
 
     order: NDArray[np.intp]
-
-    name: ClassVar[str] = "joints"
 
     @classmethod
     @override
@@ -57,8 +54,6 @@ class ProjectionBridge(ActionBridge):
 
     kept: NDArray[np.intp]
     rest: Array
-
-    name: ClassVar[str] = "projection"
 
     @classmethod
     @override

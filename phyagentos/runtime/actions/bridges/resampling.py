@@ -6,7 +6,6 @@ number; a ratio such as 15 to 50 Hz is two of them, by way of the least common m
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Slerp
@@ -27,8 +26,6 @@ class ResampleBridge(ActionBridge):
 
     factor: int
     up: bool
-
-    name: ClassVar[str] = "resample"
 
     @classmethod
     @override

@@ -2,7 +2,6 @@
 
 import warnings
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -68,8 +67,6 @@ def find_bad_rotation(columns: Array, space: ActionSpace) -> int:
 @dataclass(frozen=True, slots=True)
 class RotationBridge(ActionBridge):
     """Writes rotations in another form."""
-
-    name: ClassVar[str] = "rotation"
 
     @classmethod
     @override

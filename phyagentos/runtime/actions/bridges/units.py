@@ -1,7 +1,6 @@
 """Units of length and angle: a factor for each column."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from typing_extensions import override
@@ -19,8 +18,6 @@ class UnitBridge(ActionBridge):
     """Multiplies each column by a factor (width,): target units per source unit."""
 
     factors: Array
-
-    name: ClassVar[str] = "units"
 
     @classmethod
     @override

@@ -1,8 +1,7 @@
 """Measure how a held object sits in the hand, so that motions carry it along as part of the arm."""
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.motion.requests import Payload
 from phyagentos.runtime.perception.world_model import BELIEF
 

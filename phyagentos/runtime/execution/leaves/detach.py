@@ -1,7 +1,6 @@
 """Check that an object has left the hand, and report its position."""
 
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import BELIEF
 
 

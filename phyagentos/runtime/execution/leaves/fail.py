@@ -11,7 +11,6 @@ class Fail(Leaf):
         "code": PortInformation(data_type=str, description="Coded reason, upper case."),
         "message": PortInformation(data_type=str, default_value="no way is left", description="One sentence."),
     }
-    OUTPUT_PORTS = {}
 
     def on_start(self) -> Status:
         """Fail."""

@@ -4,8 +4,7 @@ import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Mechanism
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.perception.world_model import BELIEF
 

@@ -50,7 +50,6 @@ class OpenGripper(_GripperLeaf):
         ),
         "seconds": PortInformation(data_type=float, default_value=0.3, description="Time for it, simulated [s]."),
     }
-    OUTPUT_PORTS = {}
 
     def on_start(self) -> Status:
         """Begin to open."""

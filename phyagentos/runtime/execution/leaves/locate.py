@@ -1,8 +1,7 @@
 """Find an object in the believed world."""
 
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import WORLD
 
 

@@ -1,12 +1,12 @@
 """Look at an object from where the arm is, and report what is believed of it."""
 
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaves.wait import Wait
 from phyagentos.runtime.perception.world_model import WORLD
 
 
-class Look(Leaf):
+class Look(Wait):
     """A fresh observation of one object, after holding still for a moment."""
 
     ROLE = Role.SENSE
@@ -19,18 +19,8 @@ class Look(Leaf):
         "position": PortInformation(data_type=tuple, required=False, description="Where it is, world frame [m]."),
     }
 
-    _until_s = 0.0
-
-    def on_start(self) -> Status:
-        """Begin to look."""
-        self._until_s = self.context.time_s + self.read("seconds") - 0.5 * self.context.profile.control_period_s
-        return self.on_running()
-
-    def on_running(self) -> Status:
-        """Hold still, then observe."""
-        if self.context.time_s < self._until_s:
-            self.context.commands.hold()
-            return Status.RUNNING
+    def on_waited(self) -> Status:
+        """Observe."""
         name = self.read("object")
         entity = self.context.world.observe(WORLD).entities.get(name)
         if entity is None:

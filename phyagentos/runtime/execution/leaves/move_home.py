@@ -15,7 +15,6 @@ class MoveHome(MovingLeaf):
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
         "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
     }
-    OUTPUT_PORTS = {}
 
     def compose(self) -> MotionRequest | Status:
         """One request."""

@@ -19,7 +19,6 @@ class MoveLevel(MovingLeaf):
             data_type=str, default_value="casadi", description="`casadi` (shaped) or `toppra` (joint limits only)."
         ),
     }
-    OUTPUT_PORTS = {}
 
     def compose(self) -> MotionRequest | Status:
         """Time the way."""

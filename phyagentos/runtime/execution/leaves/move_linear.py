@@ -15,7 +15,6 @@ class MoveLinear(MovingLeaf):
         "speed": PortInformation(data_type=float, default_value=0.25, description="Fraction of the velocity limits."),
         "payload": PortInformation(data_type=Payload, required=False, description="What must stay in the fingers."),
     }
-    OUTPUT_PORTS = {}
 
     def compose(self) -> MotionRequest | Status:
         """Time the line."""

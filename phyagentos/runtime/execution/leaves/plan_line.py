@@ -2,7 +2,7 @@
 
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
-from phyagentos.runtime.motion.requests import Approach, FindLine, MotionRequest, Payload
+from phyagentos.runtime.motion.requests import Approach, MotionRequest, Payload
 
 
 class PlanLine(LinePlanningLeaf):
@@ -18,12 +18,4 @@ class PlanLine(LinePlanningLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """One request."""
-        ignored = self.find("ignore")
-        return FindLine(
-            world=self.world(),
-            q_rad=self.context.commands.q_rad,
-            waypoints=self.read("waypoints"),
-            seed=self.context.draw_seed(self.path),
-            payload=self.find("payload"),
-            ignore=() if ignored is None else (ignored,),
-        )
+        return self.request_line(self.read("waypoints"))

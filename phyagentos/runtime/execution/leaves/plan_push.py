@@ -5,8 +5,7 @@ import numpy as np
 from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.protocol.world.predicates.geometry import compute_reach
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import point_tool_down, raise_pose
 from phyagentos.runtime.motion.requests import Approaches, Array, FindLine, MotionRequest

@@ -1,12 +1,10 @@
 """Ask for a straight way up from where the tool is."""
 
-import numpy as np
-
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import LinePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
-from phyagentos.runtime.motion.requests import Approach, FindLine, MotionRequest, Payload
+from phyagentos.runtime.motion.requests import Approach, MotionRequest, Payload
 
 
 class PlanRetreat(LinePlanningLeaf):
@@ -23,12 +21,4 @@ class PlanRetreat(LinePlanningLeaf):
     def compose(self) -> MotionRequest | Status:
         """One waypoint above the tool."""
         world_T_tcp = compute_matrix(self.context.step.target.tcp)
-        ignored = self.find("ignore")
-        return FindLine(
-            world=self.world(),
-            q_rad=np.asarray(self.context.commands.q_rad),
-            waypoints=(compute_pose(raise_pose(world_T_tcp, self.read("height_m"))),),
-            seed=self.context.draw_seed(self.path),
-            payload=self.find("payload"),
-            ignore=() if ignored is None else (ignored,),
-        )
+        return self.request_line((compute_pose(raise_pose(world_T_tcp, self.read("height_m"))),))

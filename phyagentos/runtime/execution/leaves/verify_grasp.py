@@ -1,7 +1,6 @@
 """Judge a grasp by contact: both pads must touch the object."""
 
-from phyagentos.runtime.execution.codes import FailureCode
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import HAND
 
 
@@ -15,7 +14,6 @@ class VerifyGrasp(Leaf):
             data_type=str, default_value="close", description="`close` (a miss) or `lift` and later (a loss)."
         ),
     }
-    OUTPUT_PORTS = {}
 
     def on_start(self) -> Status:
         """Judge the latest step."""

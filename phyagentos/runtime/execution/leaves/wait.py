@@ -8,7 +8,6 @@ class Wait(Leaf):
 
     ROLE = Role.WAIT
     INPUT_PORTS = {"seconds": PortInformation(data_type=float, description="How long, simulated [s].")}
-    OUTPUT_PORTS = {}
 
     _until_s = 0.0
 
@@ -20,6 +19,10 @@ class Wait(Leaf):
     def on_running(self) -> Status:
         """Hold until time is up."""
         if self.context.time_s >= self._until_s:
-            return self.succeed()
+            return self.on_waited()
         self.context.commands.hold()
         return Status.RUNNING
+
+    def on_waited(self) -> Status:
+        """Time is up."""
+        return self.succeed()

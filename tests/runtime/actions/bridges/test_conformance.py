@@ -137,7 +137,7 @@ def test_a_whole_chain_speaks_the_targets_language_and_leads_back(drawn):
     assert bool(bridged.interventions) <= source.clamp
 
 
-@pytest.mark.parametrize("kind", BRIDGES, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", BRIDGES, ids=lambda kind: kind.__name__)
 def test_every_kind_of_bridge_is_needed_by_some_pair_of_spaces(kind):
     found = []
 
@@ -149,10 +149,10 @@ def test_every_kind_of_bridge_is_needed_by_some_pair_of_spaces(kind):
         found.extend((link, count, seed) for link in links if type(link) is kind)
 
     collect()
-    assert len(found) >= 20, f"draw_pair never needs {kind.name}"
+    assert len(found) >= 20, f"draw_pair never needs {kind.__name__}"
     for link, count, seed in found:
         check_link(link, count, np.random.default_rng(seed))
 
 
 def test_bridges_have_names_of_their_own():
-    assert len({kind.name for kind in BRIDGES}) == len(BRIDGES)
+    assert len({kind.__name__ for kind in BRIDGES}) == len(BRIDGES)
