@@ -167,10 +167,7 @@ def _iter_events(records: Sequence[Record]) -> Iterator[tuple[int, Event]]:
         if kind is None:
             continue
         try:
-            yield record.seq, msgspec.json.decode(_cut_body(record.markdown), type=kind)
+            body = record.markdown.removeprefix(_OPENING).removesuffix(_CLOSING)
+            yield record.seq, msgspec.json.decode(body, type=kind)
         except msgspec.MsgspecError as error:
             raise ExecutionError("JOURNAL_DAMAGED", f"memory record {record.seq}: {error}") from error
-
-
-def _cut_body(markdown: str) -> str:
-    return markdown.removeprefix(_OPENING).removesuffix(_CLOSING)

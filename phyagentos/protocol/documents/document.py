@@ -7,6 +7,7 @@ document is its front matter with one more key, `blocks`: heading -> block; its 
 import re
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import msgspec
@@ -94,11 +95,7 @@ class Document(Generic[BlockT]):
 def read_document(
     text: str, format: DocumentFormat[BlockT], source: str = "", *, passed_over: Container[str] = ()
 ) -> Document[BlockT]:
-    """Read a document, without the blocks of the headings `passed_over`; `source` names the file in messages.
-
-    Raises:
-        DefinitionError: With every problem, each at file:line:column.
-    """
+    """Read a document, without blocks below `passed_over`; raises DefinitionError with every problem at its place."""
     source = source or format.file
     problems: list[Problem] = []
     front: Front | None = None
@@ -220,7 +217,7 @@ def _read_block(block: Block, format: DocumentFormat[BlockT], source: str) -> Bl
     located = parse_yaml(block.yaml, source, block.line)
     value = _convert(format.block, located)
     if format.key:
-        name = _get(value, format.key)
+        name = attrgetter(format.key)(value)
         if name != block.name:
             raise DefinitionError(
                 located.problem(
@@ -247,12 +244,6 @@ def _build_block_schema(kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
         return build_struct_schema(kind)
     schema, definitions = build_authored_schema(kind)
     return {"$ref": f"#/$defs/{kind.__name__}"}, definitions | {kind.__name__: schema}
-
-
-def _get(value: Any, key: str) -> Any:
-    for step in key.split("."):
-        value = getattr(value, step)
-    return value
 
 
 def _problem(source: str, block: Block, code: str, found: str, expected: str, hint: str = "") -> Problem:

@@ -164,11 +164,7 @@ def _collect_marks(
 
 
 def validate(model: type[ModelT], located: Located, path: Address = ()) -> ModelT:
-    """The frozen model of located YAML data, which begins at `path` of it.
-
-    Raises:
-        DefinitionError: With one problem per violation, each at file:line:column.
-    """
+    """The frozen model of located YAML data, begun at `path`; raises DefinitionError, one problem per violation."""
     data = located.data
     for step in path:
         data = data[step]

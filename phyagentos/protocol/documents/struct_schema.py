@@ -21,11 +21,7 @@ _ATTRIBUTE = re.compile(r"^    (?P<name>\w+): (?P<text>.*(?:\n {8}.*)*)", re.MUL
 
 
 def convert_located(kind: type[StructT], located: Located, path: Address = ()) -> StructT:
-    """Located YAML data as a struct, which begins at `path` of it.
-
-    Raises:
-        DefinitionError: With one problem per violation, each at file:line:column; an unknown key is one.
-    """
+    """The struct of located YAML data, begun at `path`; raises DefinitionError with one problem per violation."""
     value = located.data
     for step in path:
         value = value[step]

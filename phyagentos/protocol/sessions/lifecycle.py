@@ -148,22 +148,18 @@ class SessionEvent:
         return self.side != Side.RUNTIME or self.token is None or self.token == self.epoch
 
 
-def _is_fenced_in(event: Any) -> bool:
-    return bool(event.model.has_epoch())
-
-
 def _keeps_final_state(event: Any) -> bool:
     return event.state.name not in FINAL_STATES or event.transition.dest == event.state.name
 
 
-def _is_past(event: Any) -> bool:
-    return bool(event.model.is_past)
-
-
 def _find_conditions(row: Row) -> list[Condition]:
     sides = frozenset(side.value for side in row.by)
-    conditions: list[Condition] = [_is_fenced_in, lambda event: event.model.side in sides, _keeps_final_state]
-    return [*conditions, _is_past] if row.when == _RECORDED_EARLIER else conditions
+    conditions: list[Condition] = [
+        lambda event: bool(event.model.has_epoch()),
+        lambda event: event.model.side in sides,
+        _keeps_final_state,
+    ]
+    return [*conditions, lambda event: bool(event.model.is_past)] if row.when == _RECORDED_EARLIER else conditions
 
 
 def _count_claim(event: Any) -> None:

@@ -1,8 +1,7 @@
 """What perception looked at, as the evidence bundle holds it: pictures, depths, belief before, the robot's state.
 
-Upstream: the recorder. Downstream: `paos evidence verify`, `paos verify --from-frames`, the judge of pictures. A look
-is one zip file `look-<hash>.zip`, readable without this package: a PNG and an array of depths for each picture, and
-`look.json`, which says what they are. `looks.json` names the looks of a session and what each was for.
+A look is one zip file `look-<hash>.zip`, readable without this package: a PNG and an array of depths for each picture,
+and `look.json`, which describes them. `looks.json` names the looks of a session and the purpose of each.
 """
 
 import hashlib
@@ -153,11 +152,7 @@ def covers(pointer: str, camera: str, time_s: float, window: Window, every: int 
 
 
 def read_looks(folder: Path) -> tuple[LookEntry, ...]:
-    """What `looks.json` of a bundle names; nothing where perception looked at nothing.
-
-    Raises:
-        ExecutionError: `EVIDENCE_UNREADABLE`.
-    """
+    """The looks that a bundle names, empty without any; raises ExecutionError `EVIDENCE_UNREADABLE`."""
     try:
         return msgspec.json.decode((folder / LOOKS).read_bytes(), type=tuple[LookEntry, ...])
     except FileNotFoundError:
@@ -167,11 +162,7 @@ def read_looks(folder: Path) -> tuple[LookEntry, ...]:
 
 
 def read_stored_look(path: Path, sha256: str = "") -> StoredLook:
-    """What a look's file says, its pixels left out.
-
-    Args:
-        path: Of the file.
-        sha256: That its bytes must have; empty for any.
+    """A look's file without its pixels; its bytes must have `sha256`, if given.
 
     Raises:
         ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file.
@@ -188,11 +179,7 @@ def read_stored_look(path: Path, sha256: str = "") -> StoredLook:
 
 
 def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]:
-    """The file of a look and its whole pictures as PNG, one a camera.
-
-    Raises:
-        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`.
-    """
+    """The file of a look and its whole pictures as PNG, one a camera; raises as `read_stored_look`."""
     entry = next((each for each in read_looks(folder) if each.role is role), None)
     if entry is None:
         raise ExecutionError("LOOK_MISSING", f"{folder}: no camera picture of the {role}")
@@ -208,10 +195,7 @@ def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]
 def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collection[str] = ()) -> list[Problem]:
     """Looks that a bundle names and lacks, and pointers of its snapshots that lead to no pixel.
 
-    Args:
-        folder: Of the bundle.
-        worlds: Its snapshots.
-        gone: Files that a clean-up took out; what only they show is not missed.
+    Looks whose files a clean-up took out (`gone`) are not missed.
     """
     looks: list[StoredLook] = []
     problems: list[Problem] = []

@@ -24,11 +24,7 @@ _GOAL_ID = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{GOAL_ID_MAX - 1}}}")
 
 
 def check_goal_id(id: str, address: str) -> GoalId:
-    """The id of a goal, which names a file and begins the names of folders; `address` is for messages.
-
-    Raises:
-        DefinitionError: `INVALID_NAME`.
-    """
+    """The id of a goal, which names files and folders; raises DefinitionError `INVALID_NAME` at `address`."""
     if _GOAL_ID.fullmatch(id) is None:
         expected = f"letters, digits, '.', '_', '-', the first a letter or digit, at most {GOAL_ID_MAX}"
         raise DefinitionError(Problem(code="INVALID_NAME", address=address, found=repr(id), expected=expected))

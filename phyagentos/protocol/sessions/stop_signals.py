@@ -143,11 +143,7 @@ def _get_key(found: os.stat_result) -> tuple[int, int]:
 
 
 def parse_signal(data: bytes) -> Signal:
-    """The request of a file, as JSON or short YAML; unfit characters are replaced.
-
-    Raises:
-        ValueError: It holds none, and why.
-    """
+    """The request of a file, JSON or short YAML, unfit characters replaced; raises ValueError, which says why."""
     encoding = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
     text = clean(data.decode(encoding, "backslashreplace"))  # a stop counts in any encoding
     try:

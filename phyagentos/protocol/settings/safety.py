@@ -168,11 +168,7 @@ def as_numbers(limit: Limit) -> tuple[float, ...]:
 
 
 def get_target_limits(safety: Safety, target: str, source: str) -> TargetLimits:
-    """The limits of one target.
-
-    Raises:
-        DefinitionError: `LIMITS_MISSING`: nothing moves without limits.
-    """
+    """The limits of one target; raises DefinitionError `LIMITS_MISSING`: nothing moves without limits."""
     if target not in safety.targets:
         raise DefinitionError(
             Problem(

@@ -40,11 +40,7 @@ def encode_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
 
 
 def decode_arrays(data: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays of an `.npz`, by name; nothing in the bytes is executed.
-
-    Raises:
-        ValueError: They are no NPZ.
-    """
+    """The arrays of an `.npz`, by name; executes nothing; raises ValueError for other bytes."""
     if not zipfile.is_zipfile(BytesIO(data)):
         raise ValueError(f"{len(data)} bytes that are no NPZ")
     try:

@@ -16,11 +16,7 @@ PATIENCE_S = 2.0  # a query holds the lock for an instant
 
 
 def become_sole(path: Path, clock: Clock, code: str, message: str) -> int:
-    """Hold this lock until the process ends; the descriptor that holds it.
-
-    Raises:
-        ExecutionError: With `code` and `message`, when another process holds it.
-    """
+    """Hold this lock until the process ends; raises ExecutionError (`code`, `message`) when another process has it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     deadline_s = clock.now_s() + PATIENCE_S
