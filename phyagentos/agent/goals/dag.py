@@ -70,13 +70,11 @@ class GoalDag:
 
     def get_rank(self, name: str) -> int:
         """Position of a node in the order of the graph."""
-        rank: int = self.steps.nodes[name]["rank"]
-        return rank
+        return int(self.steps.nodes[name]["rank"])
 
     def count_open(self, name: str) -> int:
         """Open predecessors of a node's latest attempt; a node that waits for its turn is ready at 0."""
-        waits: int = self.steps.nodes[self._latest[name]]["waits"]
-        return waits
+        return int(self.steps.nodes[self._latest[name]]["waits"])
 
     def find_next(self, name: str) -> list[str]:
         """Nodes that wait for a node, directly."""

@@ -93,7 +93,9 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     problems += catalogue.problems
     nodes = expand_nodes(spec, located, problems)
     dag = _build_dag(nodes)
-    while cycle := _find_cycle(dag):
+    while not nx.is_directed_acyclic_graph(dag):
+        edges = nx.find_cycle(dag)
+        cycle = [*(edge[0] for edge in edges), edges[0][0]]
         start = nodes[cycle[0]]
         problems.append(
             located.problem("CYCLE", start.path, " -> ".join(cycle), "no way back", "Remove one of these edges.")
@@ -120,14 +122,6 @@ def _build_dag(nodes: Mapping[str, Node]) -> "nx.DiGraph[str]":
             outputs = tuple(dict.fromkeys(edge.output for edge in node.data if edge.node == before))
             dag.add_edge(before, node.name, data=outputs)
     return dag
-
-
-def _find_cycle(dag: "nx.DiGraph[str]") -> list[str]:
-    """Names along one cycle, the first repeated at the end; empty when there is none."""
-    if nx.is_directed_acyclic_graph(dag):  # much cheaper than to look for one
-        return []
-    edges = nx.find_cycle(dag)
-    return [*(edge[0] for edge in edges), edges[0][0]]
 
 
 def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:

@@ -115,21 +115,17 @@ def unify(wanted: Formula, offered: Formula) -> dict[str, Any] | None:
 def _unify_term(term: Term, pattern: Term, bound: dict[str, Any]) -> bool:
     if not isinstance(pattern, Variable):
         return term == pattern
-    value = _value_of(term)
-    return value is not None and bool(bound.setdefault(pattern.path, value) == value)
-
-
-def _value_of(term: Term) -> Any:
+    value: Any
     match term:
-        case Name(text):
-            return text
-        case Number(value):
-            return value
+        case Name(value) | Number(value):
+            pass
         case Point(position_m):
-            return list(position_m)
+            value = list(position_m)
         case Variable(path):
-            return f"${{{path}}}"
-    return None
+            value = f"${{{path}}}"
+        case _:
+            return False
+    return bool(bound.setdefault(pattern.path, value) == value)
 
 
 _Candidate = tuple[int, SkillRuntime, dict[str, Any], tuple[str, ...]]

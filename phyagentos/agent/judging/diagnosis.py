@@ -3,13 +3,15 @@
 It reads the trace, the end of the execution and the change of the world; never the injected faults.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import chain
+
+from msgspec import UNSET
 
 from phyagentos.agent.judging.causes import CLASSES, Cause, CauseClass
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
-from phyagentos.agent.judging.judging_faults import find_judging_fault
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.sessions.evidence import Bundle
@@ -19,7 +21,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion, Support
 from phyagentos.protocol.world.environment import Environment, Status
 from phyagentos.protocol.world.predicates.builtins import MOVED_M
 from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
-from phyagentos.protocol.world.predicates.syntax import Call
+from phyagentos.protocol.world.predicates.syntax import And, Call, Formula, Not, render
 from phyagentos.protocol.world.truth import Truth
 
 DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
@@ -81,6 +83,8 @@ _OF_POLICIES = {  # stale sensors; a chunk of another form than declared, refuse
     "OBSERVATION_UNAVAILABLE": Cause.SENSOR_STALE,
     **dict.fromkeys(("WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"), Cause.POLICY_FAILED),
 }
+
+_OF_THE_WAY = frozenset({"hold", "constraint", "metric", "requires"})  # kinds that concern other moments than the end
 
 
 class Layer(StrEnum):
@@ -200,7 +204,7 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
         return Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted"
     if bundle.after is None:
         return Cause.EVIDENCE_MISSING, "the world was not observed after the session"
-    if (fault := find_judging_fault(criteria)) is not None:
+    if (fault := _find_judging_fault(criteria)) is not None:
         return fault
     if execution.ended in _OF_MACHINE:
         return _OF_ENDS[execution.ended], _describe_end(bundle)
@@ -318,3 +322,50 @@ def _is_still_violated(criterion: Criterion, bundle: Bundle) -> bool:
     if criterion.kind not in {"hold", "constraint"} or criterion.truth is not Truth.FALSE:
         return False
     return evaluate_criterion(criterion.text, "hold", bundle).truth is not Truth.TRUE
+
+
+def _find_judging_fault(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """The verifier's own fault and the deciding fact in words; None when there is none."""
+    criteria = [criterion for criterion in criteria if criterion.kind != "lookahead"]
+    return _find_contradiction(criteria) or _find_dispute(criteria) or _find_silence(criteria)
+
+
+def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """Two criteria on the end that exclude one another."""
+    texts = dict.fromkeys(criterion.text for criterion in criteria if criterion.kind not in _OF_THE_WAY)
+    demands = set(chain.from_iterable(_iter_demands(text) for text in texts))
+    for demand in sorted((each for each in demands if isinstance(each, Not)), key=render):
+        if demand.body in demands:
+            fact = f"{render(demand.body)} and {render(demand)} are both asked for, and no world meets both"
+            return Cause.CRITERIA_CONTRADICT, fact
+    return None
+
+
+def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """Every false criterion is true to another judge."""
+    believed = {each.text: each for each in criteria if each.truth is Truth.TRUE and each.kind not in _OF_THE_WAY}
+    denied = [criterion for criterion in criteria if criterion.truth is Truth.FALSE]
+    if not denied or any(each.text not in believed or each.kind in _OF_THE_WAY for each in denied):
+        return None
+    worst = denied[0]
+    known = believed[worst.text]
+    fact = f"{worst.text} is true to {known.kind} ({known.because}) and false to {worst.kind} ({worst.because})"
+    return Cause.JUDGES_DISAGREE, fact
+
+
+def _find_silence(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+    """Only criteria without a judge's answer are open."""
+    unknown = [criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN]
+    if not unknown or any(criterion.truth is Truth.FALSE for criterion in criteria):
+        return None
+    if any(criterion.failure is UNSET for criterion in unknown):
+        return None
+    return Cause.JUDGE_FAILED, f"{unknown[0].text} was not judged by {unknown[0].kind}: {unknown[0].because}"
+
+
+def _iter_demands(text: str) -> Iterator[Formula]:
+    """The parts of a criterion that must all be true."""
+    formula = find_formula(text)
+    if formula is None:
+        return  # its judge has called it unknown, and says why
+    yield from formula.parts if isinstance(formula, And) else (formula,)

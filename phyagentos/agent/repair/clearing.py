@@ -32,10 +32,12 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
     if case.cause is not Cause.NO_PLAN or world is None or len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
         return
     blockers = [name for name in find_blockers(case.miss) if name not in case.protected]
+    target = case.catalogue.targets.get(case.session.target)
+    base_m = target.mount_position_m if target is not None else (0.0, 0.0, 0.0)
     for name in blockers:
         tried = {session.skill for session in cleared if name in session.parameters.values()}
         here = world.entities[name].pose.position_m
-        spot = find_free_spot(world, name, (here, *_find_needed(case, world)), _find_base(case))
+        spot = find_free_spot(world, name, (here, *_find_needed(case, world)), base_m)
         if spot is None:
             continue
         found = list(_iter_ways(case, world, name, spot, tried))
@@ -130,8 +132,3 @@ def _find_needed(case: Case, world: Environment) -> tuple[Vector, ...]:
             places.append((float(value[0]), float(value[1]), float(value[2])))
     between = [(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])) for a, b in itertools.pairwise(places)]
     return (*places, *between)
-
-
-def _find_base(case: Case) -> tuple[float, ...]:
-    target = case.catalogue.targets.get(case.session.target)
-    return target.mount_position_m if target is not None else (0.0, 0.0, 0.0)

@@ -63,11 +63,9 @@ def find_free_spot(
 def compute_distance(entity: Entity, point: Vector) -> float:
     """From a point of the world to the nearest solid of an entity; 0 inside [m]."""
     local = to_child(entity.pose, point)
-    return min((_distance_to(shape, to_child(shape.pose, local)) for shape in entity.shapes), default=math.inf)
-
-
-def _distance_to(shape: Shape, point: Vector) -> float:
-    return math.hypot(*(max(abs(p) - h, 0.0) for p, h in zip(point, _half(shape), strict=True)))
+    solids = [(to_child(shape.pose, local), _half(shape)) for shape in entity.shapes]
+    outside = (math.hypot(*(max(abs(p) - h, 0.0) for p, h in zip(*solid, strict=True))) for solid in solids)
+    return min(outside, default=math.inf)
 
 
 def _half(shape: Shape) -> Vector:

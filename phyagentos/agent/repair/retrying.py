@@ -45,20 +45,14 @@ _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts ha
 def propose_retry(case: Case) -> Iterator[Alternative]:
     """One alternative: the same skill, revised for its cause."""
     revision = revise(case.miss, find_of_skill(case.session, case.catalogue))
-    chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN ** case.count_same()
-    before = case.session.strategy
-    avoids_else = (revision.strategy.avoid_grasps, revision.strategy.avoid_sites) != (
-        before.avoid_grasps,
-        before.avoid_sites,
-    )
+    same, before, after = case.count_same(), case.session.strategy, revision.strategy
+    chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN**same
+    avoids_else = (after.avoid_grasps, after.avoid_sites) != (before.avoid_grasps, before.avoid_sites)
     if case.cause is Cause.NO_PLAN and (before.avoid_grasps or before.avoid_sites):
         chance = _CHANCE_OF_RETURN
-    same = case.count_same()
     yield Alternative(
         kind=AlternativeKind.OTHER_GRASP if avoids_else and case.cause is not Cause.NO_PLAN else AlternativeKind.RETRY,
-        effect=f"{case.session.skill} again"
-        if not revision.strategy
-        else f"{case.session.skill} with {revision.strategy}",
+        effect=f"{case.session.skill} with {after}" if after else f"{case.session.skill} again",
         chance=chance if case.replans_left > 0 else 0.0,
         sim_time_s=case.time_of.get(case.session.skill, SESSION_S),
         because=_explain(case, same),
