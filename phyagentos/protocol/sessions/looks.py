@@ -1,4 +1,4 @@
-"""What perception looked at, as the evidence bundle holds it: pictures, depths, belief before, the robot's state.
+"""The looks of a session in its evidence bundle: pictures, depths, the belief before, the robot's state.
 
 A look is one zip file `look-<hash>.zip`, readable without this package: a PNG and an array of depths for each picture,
 and `look.json`, which describes them. `looks.json` names the looks of a session and the purpose of each.
@@ -26,7 +26,7 @@ Window = tuple[int, int, int, int]
 
 
 class LookRole(StrEnum):
-    """What a look was for."""
+    """Purpose of a look."""
 
     START = "start"
     """The world before the first command."""
@@ -46,12 +46,10 @@ class LookEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One look of a session.
 
     Attributes:
-        file: Its file in the bundle.
-        sha256: Of that file.
-        role: What it was for.
-        time_s: When it was asked for, the target's time [s].
+        file: Within the bundle.
+        time_s: Of the request, in the target's time [s].
         text: The hold condition of a sample.
-        metrics: What the target had measured by then, for a hold condition that asks for it.
+        metrics: Measurements of the target at that time, for a hold condition that reads them.
     """
 
     file: str
@@ -63,10 +61,10 @@ class LookEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
-    """One picture with depth; pixel (u, v) with depth z lies at z * ((u - cx) / fx, (v - cy) / fy, 1).
+    """One picture with depth; pixel (u, v) with depth z is the point z * ((u - cx) / fx, (v - cy) / fy, 1).
 
     Attributes:
-        time_s: The moment that the sensor claims to show [s].
+        time_s: Stamp of the sensor [s].
         rgb: Name of the PNG.
         depth_m: Name of the `.npy`, float32 (height, width) along z; NaN where nothing was measured.
     """
@@ -80,30 +78,26 @@ class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StoredRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """What was asked of the cameras: windows by camera, and of how many rows and columns one is read out."""
+    """A request to the cameras: windows by camera; one of `every` rows and columns is read out."""
 
     crops: dict[str, Window] = {}
     every: int = 1
 
 
 class StoredFrames(msgspec.Struct, frozen=True, kw_only=True):
-    """What the cameras gave."""
+    """Answer of the cameras."""
 
     frames: tuple[StoredFrame, ...] = ()
 
 
 class StoredLook(msgspec.Struct, frozen=True, kw_only=True):
-    """What is read of `look.json` without perception: requests and pictures. It holds the rest as well.
-
-    Attributes:
-        phy: Format of the file.
-    """
+    """The part of `look.json` that is read without perception: requests and pictures."""
 
     phy: str
     captures: tuple[tuple[StoredRequest, StoredFrames], ...] = ()
 
     def shows(self, pointer: str) -> bool:
-        """Whether a picture of this look holds the pixels that an entity points at."""
+        """Whether a picture of this look holds the pixels of an entity's pointer."""
         return any(
             covers(
                 pointer,
@@ -123,7 +117,7 @@ def format_picture(camera: str, time_s: float) -> str:
 
 
 def get_picture(pointer: str) -> str:
-    """The picture that a pointer points into, as `format_picture` names it."""
+    """The picture of a pointer, as `format_picture` names it."""
     return pointer.partition(":")[0]
 
 
@@ -193,7 +187,7 @@ def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]
 
 
 def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collection[str] = ()) -> list[Problem]:
-    """Looks that a bundle names and lacks, and pointers of its snapshots that lead to no pixel.
+    """Looks that a bundle names and lacks, and pointers of its snapshots to pixels that no look holds.
 
     Looks whose files a clean-up took out (`gone`) are not missed.
     """

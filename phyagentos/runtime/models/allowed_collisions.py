@@ -1,7 +1,7 @@
 """The allowed-collision matrix of a robot, found by sampling postures, as MoveIt's setup assistant does it.
 
-Upstream: `robot`. Downstream: `world` (pairs that always touch are switched off in the simulation) and the planning
-model (pairs that never touch need no test either). Pairs are body names; the same robot gives the same matrix.
+Pairs that always touch are switched off in the simulation; pairs that never touch need no test in planning. Pairs are
+body names; the same robot gives the same matrix.
 """
 
 import functools
@@ -47,15 +47,7 @@ class CollisionMatrix:
 
 
 def compute_collision_matrix(profile: TargetProfile, folder: Path) -> CollisionMatrix:
-    """Sample postures of the arm (fingers open) and sort every pair of colliding bodies.
-
-    Args:
-        profile: The robot.
-        folder: Where its model lies.
-
-    Returns:
-        The matrix; computed once per robot file and process.
-    """
+    """The matrix of a robot whose model is in `folder`; computed once per robot file and process."""
     path = folder / profile.model
     return _compute(profile, folder, path.stat().st_mtime_ns)
 
@@ -78,11 +70,11 @@ def _compute(profile: TargetProfile, folder: Path, _changed_ns: int) -> Collisio
 
 
 def sample_collision_matrix(model: mujoco.MjModel, data: mujoco.MjData, addresses: list[int]) -> CollisionMatrix:
-    """Sort every pair of colliding bodies of a robot that is alone in its model.
+    """Classify every pair of colliding bodies of a robot that is alone in its model.
 
     Args:
         model: Compiled.
-        data: Of it; what is not sampled stays as it is here.
+        data: Of it; joints that are not sampled keep their positions.
         addresses: Of the arm's joints in `qpos`; their ranges are sampled.
     """
     ranges = {int(model.jnt_qposadr[joint]): model.jnt_range[joint] for joint in range(model.njnt)}

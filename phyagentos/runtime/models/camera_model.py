@@ -1,6 +1,5 @@
-"""The geometry of a camera in a compiled model: its lens, its window, and where it stands.
+"""The geometry of a camera in a compiled model: its lens, its window, and its pose.
 
-Upstream: `protocol.settings.cameras`. Downstream: `ray_cast`, `rendering` and `simulated_camera`. Everything is in
 OpenCV's convention: z forward, x right, y down; pixel (u, v) has its centre at (u + 1/2, v + 1/2).
 """
 
@@ -22,16 +21,7 @@ _MUJOCO_T_OPENCV = np.diag([1.0, -1.0, -1.0])  # MuJoCo looks along -z with y up
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """A pinhole and the window of its picture that is looked at.
-
-    Attributes:
-        fx: Focal length [pixels].
-        fy: Focal length [pixels].
-        cx: Column of the axis, from the left edge of the window [pixels].
-        cy: Row of the axis, from the upper edge of the window [pixels].
-        width: Of the window [pixels].
-        height: Of the window [pixels].
-    """
+    """A pinhole and a window of its picture [pixels]; `cx` and `cy` count from the window's left upper corner."""
 
     fx: float
     fy: float
@@ -41,7 +31,7 @@ class Lens:
     height: int
 
     def crop(self, window: Crop) -> "Lens":
-        """The same lens, looked at through a window.
+        """The same lens with a window.
 
         Raises:
             ExecutionError: `INVALID_CROP` when the window is empty or leaves the picture.
@@ -54,7 +44,7 @@ class Lens:
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
     def thin(self, every: int) -> "Lens":
-        """The lens of a picture that has the middle one only of so many (odd) rows and columns of this one.
+        """The lens of a picture that has only the middle one of each `every` (odd) rows and columns.
 
         Raises:
             ExecutionError: `INVALID_CROP` when nothing is left, or no row is in the middle.
@@ -67,7 +57,7 @@ class Lens:
         return Lens(self.fx / every, self.fy / every, self.cx / every, self.cy / every, width, height)
 
     def compute_rays(self, pixels: Pixels | None = None) -> Array:
-        """(n, 3) directions of the pixels' centres in the camera's frame, with z = 1; of all, row by row, or some."""
+        """(n, 3) directions of the pixels' centres in the camera's frame, with z = 1; row by row, or of `pixels`."""
         if pixels is not None:
             rows, columns = pixels
             u, v = (columns + 0.5 - self.cx) / self.fx, (rows + 0.5 - self.cy) / self.fy
@@ -81,12 +71,7 @@ class Lens:
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
-    """Where a camera stands: `world_T_camera`.
-
-    Attributes:
-        position_m: (3,).
-        rotation: (3, 3).
-    """
+    """Pose of a camera: `world_T_camera`, a position (3,) and a rotation (3, 3)."""
 
     position_m: Array
     rotation: Array
@@ -97,12 +82,7 @@ class Viewpoint:
 
 
 def compute_lens(settings: CameraSettings, scene_fovy_deg: float = 0.0) -> Lens:
-    """The lens of the whole picture.
-
-    Args:
-        settings: Of the camera.
-        scene_fovy_deg: Opening of the scene's camera, for settings that give none.
-    """
+    """The lens of the whole picture; `scene_fovy_deg` opens it where the settings give no angle."""
     width, height = settings.width, settings.height
     if settings.fx is not None and settings.fy is not None and settings.cx is not None and settings.cy is not None:
         return Lens(settings.fx, settings.fy, settings.cx, settings.cy, width, height)
@@ -112,7 +92,7 @@ def compute_lens(settings: CameraSettings, scene_fovy_deg: float = 0.0) -> Lens:
 
 
 def look_at(position_m: Array, target_m: Array, up: Array) -> Viewpoint:
-    """A camera at a place that looks at a point, upright."""
+    """An upright camera that points at a target."""
     forward = target_m - position_m
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, up)
@@ -126,8 +106,7 @@ class Mounting:
 
     Attributes:
         lens: Of the whole picture.
-        body: That carries it; 0 is the world.
-        body_T_camera: How it is fixed there.
+        body: Its carrier; 0 is the world.
     """
 
     lens: Lens
@@ -135,18 +114,18 @@ class Mounting:
     body_T_camera: Viewpoint
 
     def find(self, data: mujoco.MjData) -> Viewpoint:
-        """`world_T_camera` in a state whose poses are computed."""
+        """`world_T_camera` in a state with computed poses."""
         body = Viewpoint(np.array(data.xpos[self.body]), np.array(data.xmat[self.body]).reshape(3, 3))
         return body.then(self.body_T_camera)
 
 
 def find_mounting(model: mujoco.MjModel, settings: CameraSettings, prefix: str = "") -> Mounting | None:
-    """How a camera is fixed in a model; None where the model lacks the body or the scene's camera.
+    """Mounting of a camera in a model; None where the model lacks the body or the scene's camera.
 
     Args:
         model: Compiled model.
         settings: Of the camera.
-        prefix: Of the robot's names; a body or camera of that robot comes before one of the scene.
+        prefix: Of the robot's names; its bodies and cameras precede those of the scene.
     """
     if settings.scene_camera:
         camera = _find(model, mujoco.mjtObj.mjOBJ_CAMERA, prefix, settings.scene_camera)

@@ -1,6 +1,5 @@
 """From a target profile to the robot's part of a MuJoCo model: file, mount, servos.
 
-Upstream: `robots/<name>/target.yaml` and its MJCF. Downstream: `scene` (the simulated world) and the planning model.
 The robot's own spec is the root to which a scene adds its bodies, so that its names stay as the file gives them.
 Alternative rejected: `MjSpec.attach`, which wants a prefix on every name.
 """
@@ -24,9 +23,6 @@ def name_actuator(joint: str) -> str:
 
 def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     """Read `robots/<name>/target.yaml`.
-
-    Args:
-        path: The profile's file.
 
     Returns:
         The profile, and the folder that its `model` is relative to.
@@ -73,11 +69,7 @@ def build_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
 
     Arm joints get position servos `act_<joint>` with explicit stiffness, damping and torque limit; the fingers share
     one servo `act_gripper` on the tendon `gripper_width`, whose length is the opening. All bodies are
-    gravity-compensated, as the arm's own controller does it.
-
-    Args:
-        profile: What `read_profile` returned.
-        folder: Where the profile's `model` lies.
+    gravity-compensated, as by the arm's own controller.
 
     Raises:
         DefinitionError: When the model lacks a joint, pad or site that the profile names, or is no MJCF.

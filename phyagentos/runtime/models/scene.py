@@ -1,7 +1,6 @@
 """From a scene file and a seed to the bodies of a MuJoCo model, and to the entities they are.
 
-Upstream: `protocol.world.scenes`, `robot`. Downstream: `world`. Random numbers come from one generator, drawn in the
-order of the file, so a seed gives the same scene on every machine.
+Random numbers come from one generator, drawn in the order of the file: a seed gives one scene on every machine.
 """
 
 from dataclasses import dataclass
@@ -35,7 +34,7 @@ _BUILTIN = {
 
 @dataclass(frozen=True, slots=True)
 class PlacedBody:
-    """A body of the scene as this seed wants it: shapes after stretching, weight, grip, and where it starts."""
+    """A body of the scene as drawn: shapes after stretching, weight, grip, and start pose."""
 
     name: str
     body: Body
@@ -56,7 +55,7 @@ class PlacedBody:
         return _turn(point_m, self.yaw_rad) + self.position_m
 
     def as_entity(self) -> Entity:
-        """What a planner or a predicate must know of it; the pose is that of the start."""
+        """The entity for planners and predicates, at its start pose."""
         inside = self.body.interior
         return Entity(
             name=self.name,
@@ -88,7 +87,7 @@ class PlacedBody:
 def _open(
     position_m: tuple[float, float, float], yaw_rad: float, joint: Joint, fraction: float
 ) -> tuple[tuple[float, float, float], float]:
-    """Where a body stands, and its yaw, once it has opened by a fraction of its travel."""
+    """Position and yaw of a body, opened by a fraction of its travel."""
     amount = joint.travel * fraction
     if joint.kind == "slide":
         (x, y, z), turn = _turn(np.array(joint.axis) * amount, yaw_rad) + position_m, yaw_rad
@@ -107,11 +106,7 @@ def _turn(point_m: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
 
 
 def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
-    """Decide where everything stands.
-
-    Args:
-        spec: The scene.
-        seed: Of the scene.
+    """Draw the start of every body.
 
     Raises:
         ExecutionError: `SCENE_OVERFULL` when an area has no room for all that is drawn from it.
@@ -136,7 +131,7 @@ def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
 
 
 def _draw_properties(body: Body, seed: int) -> tuple[float, float | None]:
-    """What the body really weighs [kg] and how it slips; no position depends on these draws."""
+    """True weight [kg] and friction of a body; no position depends on these draws."""
     rng = np.random.default_rng(seed)
     mass_kg = float(rng.uniform(*body.mass_span_kg)) if body.mass_span_kg else body.mass_kg
     grip = float(rng.uniform(*body.grip_span)) if body.grip_span else None
@@ -294,7 +289,7 @@ def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) ->
 
 
 def _decide_grip(geom: mujoco.MjsGeom, friction: float) -> None:
-    """Let the thing's surface decide the grip: above the pads' priority, and as stiff as they are."""
+    """The thing's surface decides the grip: above the pads' priority, and as stiff as they are."""
     geom.priority, geom.condim, geom.friction = GRIP_PRIORITY, 4, (friction, 0.02 * friction, 0.001)
     geom.solref, geom.solimp = GRIP_SOLREF, (*GRIP_IMPEDANCE, 0.5, 2.0)
 
@@ -310,7 +305,7 @@ def _compute_volume(solid: Solid) -> float:
 
 
 def read_regions(spec: SceneSpec, placed: tuple[PlacedBody, ...]) -> tuple[Region, ...]:
-    """Named regions in the world; one that belongs to a body moves with where the seed put that body."""
+    """Named regions in the world; one that belongs to a body is placed with that body."""
     starts = {item.name: item for item in placed}
     regions = []
     for name, region in spec.regions.items():

@@ -1,8 +1,8 @@
 """A scene with its robots as one MuJoCo model, and the state that is stepped.
 
-Upstream: `robot`, `scene`, `allowed_collisions`. Downstream: the driver, look-ahead, benchmarks. A scene's only robot
-is the root of the model, so that its names stay as its file gives them. Of several, each is attached with its target's
-name as prefix: `left_arm/joint1`. Robots collide with each other; what each leaves out of its own body stays left out.
+A scene's only robot is the root of the model, so that its names stay as its file gives them. Of several, each is
+attached with its target's name as prefix: `left_arm/joint1`. Robots collide with each other; each keeps the exclusions
+of its own body.
 """
 
 import hashlib
@@ -29,11 +29,11 @@ class CompiledScene:
     """Robots and things, compiled, and their state.
 
     Attributes:
-        spec: As it was compiled.
+        spec: As compiled.
         model: One for all robots.
         data: The state that is stepped.
         entities: The things, at their start.
-        regions: Named regions in the world.
+        regions: In the world.
         model_sha256: Of the model's bytes.
     """
 
@@ -55,15 +55,10 @@ def name_prefix(target: str, robots: int) -> str:
 
 
 def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> CompiledScene:
-    """Robots in a scene.
-
-    Args:
-        robots: Each with the folder where its model lies.
-        spec: The scene.
-        seed: Of the scene.
+    """Robots, each with the folder of its model, in a scene.
 
     Raises:
-        DefinitionError: `PERIODS_DIFFER` when the robots count on different control periods or physics steps.
+        DefinitionError: `PERIODS_DIFFER` when the robots have different control periods or physics steps.
         ExecutionError: `SCENE_OVERFULL`.
     """
     placed = draw_bodies(spec, seed)

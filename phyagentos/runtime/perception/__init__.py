@@ -1,1 +1,1 @@
-"""From what is sensed to what is believed: the port, the pipelines, and the parts that they are made of."""
+"""From sensing to belief: the port, the pipelines and their parts."""

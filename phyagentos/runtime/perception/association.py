@@ -1,8 +1,7 @@
-"""Which of the things that are known is which of those that are seen, over time and through occlusion.
+"""Assigns known things to clusters of points, over time and through occlusion.
 
-Upstream: `clusters`, `fitting`. Downstream: `belief`. Within each colour, every thing is fitted to every cluster that
-it could be; the assignment of least total cost wins (H. W. Kuhn, "The Hungarian method", 1955). Form decides between
-unlike things, the last pose between like ones.
+Within each colour, every thing is fitted to every cluster that it could be; the assignment of least total cost wins
+(H. W. Kuhn, "The Hungarian method", 1955). Form separates unlike things, the last pose separates like ones.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,7 +35,7 @@ SIGHT_REACH_M = 0.5  # so much of it, before the thing
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Match:
-    """A thing and what is seen of it.
+    """A thing and its points.
 
     Attributes:
         points: Indices into the cloud.
@@ -53,14 +52,14 @@ def associate(
     eyes: tuple[CameraView, ...],
     map_solids: Solids | None = None,
 ) -> dict[str, Match]:
-    """What is seen of each movable thing; those that are not seen are left out.
+    """Matches of the movable things; things without one are left out.
 
     Args:
         things: To be found.
-        believed: Where they were; those never seen are missing.
-        cloud: Points that no fixed thing and no hand explains.
+        believed: Their last poses; without those never seen.
+        cloud: Points that neither a fixed thing nor the hand explains.
         eyes: The cameras.
-        map_solids: What cannot be seen through; points behind it come from edges and noise. None for nothing.
+        map_solids: Opaque solids; points behind them come from edges and noise.
     """
     matches: dict[str, Match] = {}
     for color in dict.fromkeys(thing.colors[0] for thing in things.values()):
@@ -85,7 +84,7 @@ def associate(
 
 
 def _is_behind_map(seen: Cloud, eyes: tuple[CameraView, ...], map_solids: Solids | None) -> bool:
-    """Whether every camera would have seen these points through a solid of the map, as a thing below a table."""
+    """Whether a solid of the map blocks every camera's line of sight to these points."""
     if map_solids is None or not map_solids.kinds:
         return False
     for index in np.unique(seen.eyes).tolist():
@@ -106,7 +105,7 @@ def _track(
     pieces: Sequence[NDArray[np.intp]],
     eyes: tuple[CameraView, ...],
 ) -> dict[str, Match]:
-    """Things that are where they were, each alone with its cluster."""
+    """Things near their last pose, each alone with its cluster."""
     middles = [np.median(cloud.points_m[piece], axis=0) for piece in pieces]
     claims: dict[int, list[ObjectModel]] = {}
     for thing in group:

@@ -1,10 +1,10 @@
 """From one set of frames and the belief before it to the belief after it: the core of the pipeline, a pure function.
 
-Upstream: `pipeline`. Downstream: everything that reads an Environment.
-Fixed things are looked for near their nominal places, held things follow the hand, the others are found by colour and
-form. What is not found is hidden where its place cannot be seen, and gone where its place is seen and empty.
+Fixed things are searched near their nominal places, held things follow the hand, the others are found by colour and
+form. A thing that is not found is hidden where its place cannot be seen, and gone where its place is seen and empty.
 """
 
+import math
 from collections.abc import Collection, Mapping
 
 import msgspec
@@ -12,14 +12,13 @@ import numpy as np
 
 from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vector, turn
 from phyagentos.protocol.sessions.looks import format_pointer
-from phyagentos.protocol.world.environment import Entity, Pose, Region, Shape, Status, TargetState
+from phyagentos.protocol.world.environment import Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.association import Match, associate
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, fit_fixed
-from phyagentos.runtime.perception.grip import Hand, carry, find_held, let_go
-from phyagentos.runtime.perception.hand_check import check_hand
+from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
-from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.solids import Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import compute_sight
 
@@ -34,6 +33,8 @@ SEEN_FRACTION = 0.25  # less of it in view proves nothing
 NEAR_FIXED_M = 0.004  # what is this near to a fixed thing and of a colour like it belongs to it
 HAND_M = 0.008
 SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
+SEEN_MOVED_M = 0.01  # less than this is the noise of looking
+CHANGES_MAX = 40  # a document that names more says nothing
 SPEED_S = (0.08, 2.0)  # a speed needs two looks this far apart
 
 
@@ -52,13 +53,13 @@ def update_belief(
 
     Args:
         inventory: Of the scene.
-        before: What was believed; empty at first.
+        before: The last belief; empty at first.
         eyes: The cameras of this look.
-        cloud: What they saw.
-        state: What the target says of itself now.
+        cloud: Their points.
+        state: The target's own state now.
         hand: Its gripper.
         time_s: Of the newest frame.
-        focus: Only these are looked at; empty for all.
+        focus: Restricts the look to these things; empty for all.
     """
     entities = check_hand(inventory, follow_hand(inventory, before, state, hand, time_s), cloud, state, hand)
     entities.update(inventory.known)
@@ -72,9 +73,18 @@ def update_belief(
     rest = _leave_out(cloud, inventory, entities, held)
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
-    _look_at_loose(loose, entities, rest, eyes, inventory, time_s)
-    if not held and not focus:  # it was taken unseen, by a worker that was lost
-        _recognise_grip(inventory, entities, state, hand, time_s)
+    matches = associate(loose, entities, rest, eyes, inventory.map)
+    for name, thing in loose.items():
+        match, entity = matches.get(name), entities.get(name)
+        if match is not None:
+            entities[name] = _see(thing, entity, match, rest, eyes, time_s)
+        elif entity is not None:
+            entities[name] = _miss(thing, entity, eyes)
+    if not held and not focus:  # a worker that was lost may have gripped it unseen
+        seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
+        taken = find_held(seen, state, inventory, hand)
+        if taken is not None:
+            entities[taken.name] = carry(taken, state, hand)
     outside, filled = _take_filling(filling, entities, rest)
     spilt = associate(filling, entities, outside, eyes, inventory.map)
     for name, thing in filling.items():
@@ -85,27 +95,10 @@ def update_belief(
     return _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
 
 
-def _look_at_loose(
-    loose: Mapping[str, ObjectModel],
-    entities: dict[str, Entity],
-    cloud: Cloud,
-    eyes: tuple[CameraView, ...],
-    inventory: Inventory,
-    time_s: float,
-) -> None:
-    matches = associate(loose, entities, cloud, eyes, inventory.map)
-    for name, thing in loose.items():
-        match, entity = matches.get(name), entities.get(name)
-        if match is not None:
-            entities[name] = _see(thing, entity, match, cloud, eyes, time_s)
-        elif entity is not None:
-            entities[name] = _miss(thing, entity, eyes)
-
-
 def follow_hand(
     inventory: Inventory, before: Mapping[str, Entity], state: TargetState, hand: Hand, time_s: float
 ) -> dict[str, Entity]:
-    """The entities by touch alone: what is held moves with the hand, what was released is where it was released."""
+    """The entities by touch alone: a held thing moves with the hand, a released one stays at its release pose."""
     entities = dict(before)
     held = [entity for entity in before.values() if entity.status is Status.HELD]
     if not hand.is_gripping(state):
@@ -116,15 +109,6 @@ def follow_hand(
         entities[taken.name] = msgspec.structs.replace(carry(taken, state, hand), observed_at_s=time_s)
         entities = _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
     return entities
-
-
-def _recognise_grip(
-    inventory: Inventory, entities: dict[str, Entity], state: TargetState, hand: Hand, time_s: float
-) -> None:
-    seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
-    taken = find_held(seen, state, inventory, hand)
-    if taken is not None:
-        entities[taken.name] = carry(taken, state, hand)
 
 
 def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[str, Region]:
@@ -158,16 +142,10 @@ def _look_at_fixed(
     found = fit_fixed(thing, own[near], eyes, *start)
     if found is None:
         return None
-    pose = as_pose(found.rotation, _clip(found.position_m, thing, position))
-    return _fuse(thing, entity, pose, found, time_s, ())
-
-
-def _clip(position_m: Array, thing: ObjectModel, nominal_m: Array) -> Array:
-    """Within what the scene allows."""
-    if thing.reach_m is None or thing.stretch is not None:
-        return position_m
-    reach = np.array(thing.reach_m)
-    return np.clip(position_m, nominal_m - reach, nominal_m + reach)
+    measured = found.position_m
+    if thing.reach_m is not None and thing.stretch is None:
+        measured = np.clip(measured, position - np.array(thing.reach_m), position + np.array(thing.reach_m))
+    return _fuse(thing, entity, as_pose(found.rotation, measured), found, time_s, ())
 
 
 def _fuse(
@@ -181,7 +159,7 @@ def _fuse(
         was = compute_rotation(entity.pose.quaternion_wxyz)
         rotation = choose_symmetric(thing, rotation, was)
         moved = float(np.linalg.norm(position - entity.pose.position_m))
-        turned = _measure_turn(was, rotation)
+        turned = float(np.arccos(np.clip((np.trace(was.T @ rotation) - 1) / 2, -1.0, 1.0)))
         if entity.looks and moved < STILL_M and turned < STILL_RAD:
             looks = min(entity.looks + 1, FUSE_MAX)
             position = np.array(entity.pose.position_m) + (position - np.array(entity.pose.position_m)) / looks
@@ -217,7 +195,7 @@ def _see(
 
 
 def _point_at(eye: CameraView, seen: Cloud, index: int) -> str:
-    """Where a thing is in one picture."""
+    """Pointer to the pixels of a thing in one picture."""
     pixels = seen.pixels[seen.eyes == index]
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     box = (eye.origin_px[0] + left, eye.origin_px[1] + top, right - left + 1, bottom - top + 1)
@@ -225,7 +203,6 @@ def _point_at(eye: CameraView, seen: Cloud, index: int) -> str:
 
 
 def _miss(thing: ObjectModel, entity: Entity, eyes: tuple[CameraView, ...]) -> Entity:
-    """A thing that was not found: hidden, or gone."""
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
     sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), eyes)
     total = sight.confirmed + sight.hidden + sight.contradicted
@@ -237,7 +214,7 @@ def _miss(thing: ObjectModel, entity: Entity, eyes: tuple[CameraView, ...]) -> E
 def _take_filling(
     filling: Mapping[str, ObjectModel], entities: Mapping[str, Entity], cloud: Cloud
 ) -> tuple[Cloud, dict[str, bool]]:
-    """The points that are not in a vessel, and which vessels are seen to be filled."""
+    """The points outside of vessels, and which vessels are visibly filled."""
     keep = np.ones(len(cloud.points_m), dtype=np.bool_)
     filled: dict[str, bool] = {}
     for name in dict.fromkeys(thing.vessel for thing in filling.values()):
@@ -255,7 +232,7 @@ def _take_filling(
 
 
 def _fill(thing: ObjectModel, entities: dict[str, Entity], filled: Mapping[str, bool], time_s: float) -> None:
-    """A part of a filling that is seen nowhere outside: in its vessel, where that is seen to be filled."""
+    """Places a part of a filling that is not seen outside: in its vessel, where that is visibly filled."""
     vessel, entity = entities.get(thing.vessel or ""), entities.get(thing.name)
     if vessel is None:
         return
@@ -273,7 +250,7 @@ def _fill(thing: ObjectModel, entities: dict[str, Entity], filled: Mapping[str, 
 
 
 def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity], held: list[str]) -> Cloud:
-    """The points that no fixed thing and nothing in the hand explains."""
+    """The points that neither a fixed thing nor a held one explains."""
     keep = np.ones(len(cloud.points_m), dtype=np.bool_)
     loose = {thing.colors[0] for thing in inventory.things.values() if thing.template.movable}
     for name, thing in inventory.things.items():
@@ -297,7 +274,7 @@ def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity
 
 
 def _is_like(inventory: Inventory, color: int, thing: ObjectModel) -> bool:
-    """Whether a colour can be taken for one of the thing's."""
+    """Whether a colour is within `ALIKE` of one of the thing's."""
     one = inventory.palette[color]
     others = inventory.palette[list(thing.colors)]
     hues = others / others.sum(axis=1, keepdims=True)
@@ -305,7 +282,7 @@ def _is_like(inventory: Inventory, color: int, thing: ObjectModel) -> bool:
 
 
 def _carry_contents(inventory: Inventory, before: Mapping[str, Entity], after: dict[str, Entity]) -> dict[str, Entity]:
-    """What lay in a vessel that moved, and is not seen now, went with it."""
+    """Moves unseen contents along with their vessel."""
     for name, known in (inventory.things | inventory.drawers).items():
         vessel, was = after.get(name), before.get(name)
         inside = known.template.interior
@@ -341,7 +318,7 @@ def _stretch(shapes: tuple[Shape, ...], factor: float) -> tuple[Shape, ...]:
 
 
 def _rate(found: Fit) -> float:
-    """Confidence: how much of what should be seen is seen, and how well it fits."""
+    """Confidence: the visible share of the expected surface, times the quality of the fit."""
     shown = 1.0 - found.sight.contradicted_fraction
     fitting = float(np.exp(-((found.rms_m / 0.006) ** 2)))
     enough = min(1.0, found.count / 20)
@@ -349,5 +326,18 @@ def _rate(found: Fit) -> float:
     return round(shown * (0.4 + 0.6 * fitting) * enough * possible, 3)
 
 
-def _measure_turn(a: Array, b: Array) -> float:
-    return float(np.arccos(np.clip((np.trace(a.T @ b) - 1) / 2, -1.0, 1.0)))
+def find_changes(before: Mapping[str, Entity], after: Mapping[str, Entity]) -> tuple[Change, ...]:
+    """Every thing that appeared, moved, or changed its status; the farthest moves first."""
+    changes = [change for name, entity in after.items() if (change := _compare(before.get(name), entity)) is not None]
+    return tuple(sorted(changes, key=lambda change: (-change.by_m, change.entity))[:CHANGES_MAX])
+
+
+def _compare(was: Entity | None, entity: Entity) -> Change | None:
+    if was is None:
+        return Change(entity=entity.name, what="appeared")
+    moved_m = round(math.dist(was.pose.position_m, entity.pose.position_m), 4)
+    by_m = moved_m if moved_m > SEEN_MOVED_M else 0.0
+    if was.status is not entity.status:
+        released = was.status is Status.HELD
+        return Change(entity=entity.name, what="released" if released else entity.status.value, by_m=by_m)
+    return Change(entity=entity.name, what="moved", by_m=by_m) if by_m else None

@@ -1,7 +1,4 @@
-"""Points of one colour that belong together: connected in space, and split where they are more than one thing.
-
-Upstream: `views`. Downstream: `association`.
-"""
+"""Points of one colour that belong together: connected in space, and split where they are more than one thing."""
 
 from collections.abc import Sequence
 
@@ -23,7 +20,7 @@ def find_clusters(points: Array, link_m: float) -> list[NDArray[np.intp]]:
 
     Args:
         points: (n, 3).
-        link_m: Points this near to each other belong together.
+        link_m: Greatest distance of two linked points.
     """
     if len(points) < POINTS_MIN:
         return []
@@ -55,19 +52,19 @@ def _connect(points: Array, link_m: float) -> NDArray[np.intp]:
 
 
 def _label(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
-    """(count,) number of the connected component of each node, from the pairs (k, 2) of nodes that are linked."""
+    """(count,) connected component of each node, from (k, 2) linked pairs."""
     ones = np.ones(len(pairs), dtype=np.int8)
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.intp)
 
 
 def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -> list[NDArray[np.intp]]:
-    """A cluster that is too large for one thing, cut into as many as it has room for.
+    """Splits a cluster that is too large for one thing.
 
     Args:
         points: (n, 3) of the cluster.
-        diameter_m: Of the largest thing that it may be.
-        most: How many things there are.
+        diameter_m: Of the largest thing of its colour.
+        most: Number of these things.
         seeds: Believed places of some of them, within or near the cluster.
     """
     low, high = np.percentile(points, (1, 99), axis=0)

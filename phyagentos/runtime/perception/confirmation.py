@@ -1,8 +1,7 @@
-"""Whether a glance shows what is believed: a thing that stands where it stood is confirmed and not fitted again.
+"""Whether a glance shows the belief: a thing that did not move is confirmed without another fit.
 
-Upstream: frames of a glance and the belief. Downstream: `pipeline`, which looks properly where this finds a doubt. Two
-questions: is the surface that the camera should see there, in its colour and at its depth; and would one step of the
-fit (`fitting`) leave the pose where it is.
+Two tests: the surface that faces the camera has its colour and its depth; and one step of the fit (`fitting`) leaves
+the pose unchanged.
 """
 
 import numpy as np
@@ -44,13 +43,13 @@ def confirm(
     labels: NDArray[np.uint8],
     focal_px: tuple[float, float, float, float],
 ) -> str | None:
-    """Where in a picture the thing is seen as it is believed; None where there is a doubt.
+    """Pointer to the thing where a picture confirms its believed pose; None in doubt.
 
     Args:
         thing: Its form and colours.
         entity: Its believed pose.
         frame: A window around it, thinned or not.
-        labels: (h, w) index in the palette of what each pixel shows.
+        labels: (h, w) index in the palette of each pixel.
         focal_px: (fx, fy, cx, cy) of the camera's whole picture.
     """
     rotation, position = compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
@@ -75,7 +74,7 @@ def confirm(
 def _measure_shown(
     thing: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], eye: tuple[Array, Array]
 ) -> float:
-    """Share of the surface that faces the camera which is seen as expected."""
+    """Share of the surface facing the camera that is seen as expected."""
     rotation, position = pose
     points, normals = thing.samples_m @ rotation.T + position, thing.normals @ rotation.T
     towards = eye[1] - points
@@ -87,24 +86,17 @@ def _measure_shown(
     inside = (columns >= 0) & (columns < frame.width) & (rows >= 0) & (rows < frame.height)
     rows, columns, z = rows[inside], columns[inside], z[inside]
     as_expected = np.abs(frame.depth_m[rows, columns] - z) < DEPTH_M  # what was not measured is not
-    as_expected &= _has_color(labels[rows, columns], thing.colors)
+    as_expected &= np.isin(labels[rows, columns], thing.colors)
     return float(as_expected.sum() / max(len(inside), 1))
 
 
 def _point_at(
     frame: Frame, rows: NDArray[np.intp], columns: NDArray[np.intp], focal_px: tuple[float, float, float, float]
 ) -> str:
-    """Where in the whole picture these pixels are, as evidence points."""
+    """Pointer to these pixels, in the whole picture."""
     fx, _, cx, cy = focal_px
     every = round(fx / frame.fx)
     left, top = round(cx - frame.cx * every), round(cy - frame.cy * every)
     u, v = int(columns.min()), int(rows.min())
     width, height = every * (int(columns.max()) - u + 1), every * (int(rows.max()) - v + 1)
     return format_pointer(frame.camera, frame.time_s, (left + every * u, top + every * v, width, height))
-
-
-def _has_color(labels: NDArray[np.uint8], colors: tuple[int, ...]) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = labels == colors[0]
-    for color in colors[1:]:
-        found |= labels == color
-    return found

@@ -1,8 +1,7 @@
-"""Where a drawer stands, by its handle: what is fixed to a thing that slides shows how far it has slid.
+"""Locates a drawer by its handle, which stays visible when the drawer is in its cabinet.
 
-Upstream: the scene file's inventory. Downstream: `belief`, after everything else was measured. A drawer hides in
-its cabinet and changes what is seen of it as it opens; its handle is always outside. Across the slide the drawing is
-believed rather than the measurement, so only the handle's error along one axis is left.
+Across the slide the nominal pose counts rather than the measurement, so only the handle's error along one axis is
+left.
 """
 
 from collections.abc import Mapping
@@ -19,13 +18,11 @@ from phyagentos.runtime.perception.solids import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawer:
-    """A sliding thing with a part that shows where it is.
+    """A sliding thing with a part that shows its position.
 
     Attributes:
-        template: What is known of the entity.
-        mechanism: How it opens.
         part: Name of the thing that is measured in its place.
-        part_m: (3,) where that sits in its frame.
+        part_m: (3,) of that in the drawer's frame.
     """
 
     template: Entity
@@ -35,7 +32,7 @@ class Drawer:
 
 
 def find_drawer(name: str, body: Body, template: Entity, spec: SceneSpec) -> Drawer | None:
-    """The drawer that a body of a scene is; None when it does not slide, has no part, or its place is not known."""
+    """The drawer of a body; None when it does not slide, has no part, or has no certain place."""
     part = next((other for other, each in spec.bodies.items() if each.part_of == name), None)
     place = body.place
     unsure = any(place.jitter_m) or place.area or place.frame or place.yaw_rad[0] != place.yaw_rad[1]
@@ -47,7 +44,7 @@ def find_drawer(name: str, body: Body, template: Entity, spec: SceneSpec) -> Dra
 
 
 def place_drawers(drawers: Mapping[str, Drawer], entities: Mapping[str, Entity]) -> dict[str, Entity]:
-    """The entities with each drawer where its part says; a drawer whose part was never seen is not believed in."""
+    """The entities with each drawer where its part shows it; a drawer whose part was never seen is left out."""
     placed = dict(entities)
     for name, drawer in drawers.items():
         part = entities.get(drawer.part)

@@ -1,8 +1,8 @@
-"""Where a thing of known form stands, from points of its surface: Gauss-Newton on the signed distance.
+"""Fits the pose of a thing of known form to points of its surface: Gauss-Newton on the signed distance.
 
-Upstream: `clusters`. Downstream: `association`. Minimises the sum of huber(d(p))^2 over the points p, d the distance to
-the posed solids (A. W. Fitzgibbon, "Robust registration of 2D and 3D point sets", 2003). Several starts; the best is
-the one that explains the points and is not contradicted by what the cameras see behind it.
+Minimises the sum of huber(d(p))^2 over the points p, d the distance to the posed solids (A. W. Fitzgibbon, "Robust
+registration of 2D and 3D point sets", 2003). Of several starts, the fit of least cost wins; surface that the cameras
+see through adds cost.
 """
 
 import math
@@ -34,17 +34,16 @@ SUNK_COST, SUNK_FREE_M = 0.5, 0.003  # per metre of depth within another solid, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A pose and how well it explains what is seen.
+    """A pose and its quality.
 
     Attributes:
         rotation: (3, 3) `world_T_thing`.
         position_m: (3,).
         cost_m: Mean robust distance of the points, and the price of contradictions.
         rms_m: Root mean square distance of the points.
-        sight: Of its surface.
-        count: Points that it was fitted to.
+        count: Of the points.
         stretch: Factor of its height.
-        sunk_m: Depth of its surface within other solids, where that was asked.
+        sunk_m: Depth of its surface within other solids; 0 without an obstacle.
     """
 
     rotation: Array
@@ -74,8 +73,8 @@ def refine(
         points: (n, 3) in the world.
         rotation: (3, 3) start.
         position_m: (3,) start.
-        free: (6,) 1 where it may move along x, y, z or turn about x, y, z of the world.
-        iterations: How often.
+        free: (6,) 1 for each free translation along, and rotation about, x, y, z of the world.
+        iterations: At most.
     """
     moves = np.flatnonzero(free)
     for _ in range(iterations):
@@ -131,47 +130,37 @@ def fit(
     """The best pose of a movable thing for these points.
 
     Args:
-        thing: What it shall be.
+        thing: The model to fit.
         points: (n, 3) of its surface, in the world.
         eyes: Cameras whose depth may contradict a pose.
-        prior: Rotation and position believed so far: one more start.
-        obstacle: Solids in the world that it cannot be in; None for nothing.
+        prior: Believed rotation and position: one more start.
+        obstacle: Impenetrable solids in the world.
     """
     points = thin(points)
     if len(points) < 4:
         return None
     best = None if prior is None else _finish(thing, points, eyes, *prior, obstacle)
     few = points[:: max(1, len(points) // COARSE_POINTS)]
-    ranked: list[tuple[float, int, Array, Array]] = []
+    ranked: list[Fit] = []
     for rotation, position in iter_starts(thing, points):
         free = UPRIGHT if _is_standing(rotation) else FREE
         turned, moved = refine(thing.solids, few, rotation, position, free, 3)
-        cost, _ = compute_cost(thing.solids, few, turned, moved)
-        cost += CONTRADICTION_M * compute_sight(thing, turned, moved, eyes).contradicted_fraction
-        cost += DOWN_M if thing.form is Form.ROUND and turned[2, 2] < -0.5 else 0.0
-        cost += _price_sunk(thing, turned, moved, obstacle)[1]
-        ranked.append((cost, len(ranked), turned, moved))
-    for _, _, rotation, position in sorted(ranked, key=lambda each: each[:2])[:2]:
-        candidate = _finish(thing, points, eyes, rotation, position, obstacle)
+        ranked.append(_weigh(thing, few, eyes, turned, moved, obstacle))
+    for start in sorted(ranked, key=lambda each: each.cost_m)[:2]:
+        candidate = _finish(thing, points, eyes, start.rotation, start.position_m, obstacle)
         if best is None or candidate.cost_m < best.cost_m:
             best = candidate
     return best
 
 
 def track(thing: ObjectModel, points: Array, eyes: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
-    """The pose near a believed one, when these points agree with it; None when they do not."""
+    """The pose near a believed one; None when the points contradict it."""
     points = thin(points)
     if len(points) < 4:
         return None
     found = _finish(thing, points, eyes, *prior)
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     return found if is_good else None
-
-
-def _price_sunk(thing: ObjectModel, rotation: Array, position_m: Array, obstacle: Solids | None) -> tuple[float, float]:
-    """Depth within other solids [m], and its cost."""
-    sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
-    return sunk_m, SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M)
 
 
 def _finish(
@@ -213,11 +202,11 @@ def _weigh(
     sight = compute_sight(thing, rotation, position_m, eyes)
     cost += CONTRADICTION_M * sight.contradicted_fraction
     cost += DOWN_M if thing.form is Form.ROUND and rotation[2, 2] < -0.5 else 0.0
-    sunk_m, price = _price_sunk(thing, rotation, position_m, obstacle)
+    sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
     return Fit(
         rotation=rotation,
         position_m=position_m,
-        cost_m=cost + price,
+        cost_m=cost + SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M),
         rms_m=rms,
         sight=sight,
         count=len(points),
@@ -231,17 +220,20 @@ def _is_standing(rotation: Array) -> bool:
 
 
 def _stand_up(rotation: Array) -> Array:
-    """The nearest turn with that axis vertical."""
-    axis = int(np.abs(rotation[2]).argmax())
-    now = rotation[:, axis]
-    wanted = np.array([0.0, 0.0, np.sign(now[2])])
-    cross = np.cross(now, wanted)
-    sine = float(np.linalg.norm(cross))
-    return rotation if sine < 1e-9 else turn(cross / sine * np.arctan2(sine, float(now @ wanted))) @ rotation
+    """The nearest rotation with that axis vertical."""
+    now = rotation[:, int(np.abs(rotation[2]).argmax())]
+    return _swing(rotation, now, np.array([0.0, 0.0, np.sign(now[2])]))
+
+
+def _swing(rotation: Array, now: Array, wanted: Array) -> Array:
+    """Turned by the least angle that brings one direction (3,) onto another; unchanged where they are parallel."""
+    axis = np.cross(now, wanted)
+    sine = float(np.linalg.norm(axis))
+    return rotation if sine < 1e-9 else turn(axis / sine * np.arctan2(sine, float(now @ wanted))) @ rotation
 
 
 def iter_starts(thing: ObjectModel, points: Array) -> Iterator[tuple[Array, Array]]:
-    """Poses to begin from: standing on each side, lying along the points, turned in steps."""
+    """Start poses: standing on each side, along the points, turned in steps."""
     low, high = np.percentile(points, (2, 98), axis=0)
     center = (low + high) / 2
     for rotation in _iter_orientations(thing, points):
@@ -286,7 +278,7 @@ def _is_same(rotation: Array) -> bool:
 
 
 def _point_z(axis: Array) -> Array:
-    """A turn that brings z onto an axis."""
+    """A rotation that brings z onto an axis."""
     other = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.8 else np.array([0.0, 1.0, 0.0])
     x = np.cross(other, axis)
     x /= np.linalg.norm(x)
@@ -294,16 +286,12 @@ def _point_z(axis: Array) -> Array:
 
 
 def choose_symmetric(thing: ObjectModel, rotation: Array, like: Array) -> Array:
-    """Of the turns that look the same, the one nearest to another turn."""
+    """Of the equivalent rotations, the one nearest to `like`."""
     if thing.form is Form.BALL:
         return like
-    if thing.form is Form.ROUND:  # only the axis is seen: the least turn that brings the other one's axis there
-        now, axis = like[:, 2], rotation[:, 2]
-        cross = np.cross(now, axis)
-        sine = float(np.linalg.norm(cross))
-        if sine < 1e-9:
-            return like if float(now @ axis) > 0 else rotation
-        return turn(cross / sine * np.arctan2(sine, float(now @ axis))) @ like
+    if thing.form is Form.ROUND:  # only the axis is seen
+        swung = _swing(like, like[:, 2], rotation[:, 2])
+        return swung if float(swung[:, 2] @ rotation[:, 2]) > 0 else rotation
     options = rotation @ thing.symmetries
     best: Array = options[int(np.einsum("kij,ij->k", options, like).argmax())]
     return best
@@ -312,7 +300,7 @@ def choose_symmetric(thing: ObjectModel, rotation: Array, like: Array) -> Array:
 def fit_fixed(
     thing: ObjectModel, points: Array, eyes: tuple[CameraView, ...], rotation: Array, position_m: Array
 ) -> Fit | None:
-    """Where a body that stands near its nominal place really is; the pose to start from is that place, or believed."""
+    """Pose of a body near its nominal place, from that place or the believed one."""
     if thing.reach_m is None or len(points) < 12:
         return None
     points = points[np.linspace(0, len(points) - 1, min(len(points), 3 * POINTS_MAX)).astype(np.intp)]
@@ -331,7 +319,7 @@ def fit_fixed(
 
 
 def _measure_stretch(thing: ObjectModel, points: Array) -> float:
-    """Factor of the height, from the highest points; the lower end stands where it does."""
+    """Factor of the height, from the highest points; the lower end is fixed."""
     low, high = thing.solids.measure_extent(np.array([0.0, 0.0, 1.0]))
     base_m = thing.template.pose.position_m[2] + low
     top_m = float(np.percentile(points[:, 2], 99))

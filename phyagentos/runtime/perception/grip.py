@@ -1,7 +1,7 @@
-"""Which thing the fingers hold: touch, the opening of the gripper and where things were last believed to be.
+"""Which thing the fingers hold: touch, the opening of the gripper, and where things were last believed to be.
 
-Upstream: the target's own state, which says that fingers touch, not what. Downstream: `belief`. Fingers that press on a
-thing centre it between them: along the closing axis its middle is that of the hand.
+The target's state reports that fingers touch, not what. Fingers centre a thing between them: along the closing axis
+its middle is that of the hand.
 """
 
 from collections.abc import Mapping
@@ -10,12 +10,16 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from phyagentos.geometry import as_pose, compute_rotation
+from phyagentos.geometry import as_pose, compute_rotation, turn
 from phyagentos.protocol.world.environment import Entity, Status, TargetState
 from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Array
+from phyagentos.runtime.perception.views import Cloud
 
 WIDTH_M = 0.012  # by which the opening may differ from the thing's size: pose errors, rounded edges
+HELD_M = 0.006  # of the held thing's surface: the error of a pose in the hand
+LEAST_POINTS = 10  # of another colour; fewer are an edge of something behind
+TIMES = 4  # as many as of its own
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,8 +28,8 @@ class Hand:
 
     Attributes:
         target: Name of the target.
-        fingers: So many have to touch for a grip.
-        reach_m: A thing farther from the tool centre point, beyond its own size, is not what is touched [m].
+        fingers: Touching fingers that make a grip.
+        reach_m: Greatest distance of a touched thing's surface from the tool centre point [m].
     """
 
     target: str
@@ -38,7 +42,7 @@ class Hand:
 
 
 def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inventory, hand: Hand) -> Entity | None:
-    """The thing between the fingers as it sits in the hand; None when they hold nothing that is known."""
+    """The thing between the fingers as it sits in the hand; None without a known one."""
     if not hand.is_gripping(state):
         return None
     candidates = []
@@ -80,9 +84,7 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entit
 
 
 def _align(rotation: Array, closing: Array, thing: ObjectModel) -> Array:
-    """A box turned so that a face lies flat on the fingers, where one nearly does; other things as they are."""
-    from phyagentos.geometry import turn
-
+    """Turns a box so that a nearly parallel face is flat on the fingers; leaves other things unchanged."""
     if len(thing.solids.kinds) != 1 or thing.solids.kinds[0] != "box":
         return rotation
     cosines = rotation.T @ closing
@@ -104,7 +106,35 @@ def carry(entity: Entity, state: TargetState, hand: Hand) -> Entity:
 
 
 def let_go(entity: Entity) -> Entity:
-    """A thing that has left the fingers: it fell or stands where it was put, and was not looked at since."""
+    """A thing that has left the fingers; its pose is uncertain until the next look."""
     return msgspec.structs.replace(
         entity, status=Status.HIDDEN, held_by=None, in_hand=None, visible=False, confidence=0.5, looks=0
     )
+
+
+def check_hand(
+    inventory: Inventory, entities: dict[str, Entity], cloud: Cloud, state: TargetState, hand: Hand
+) -> dict[str, Entity]:
+    """The entities, with the held thing exchanged for another one whose colour is seen in its place."""
+    held = next((entity for entity in entities.values() if entity.status is Status.HELD), None)
+    if held is None or held.name not in inventory.things or not len(cloud.points_m):
+        return entities
+    thing = inventory.things[held.name]
+    local = (cloud.points_m - held.pose.position_m) @ compute_rotation(held.pose.quaternion_wxyz)
+    counts = np.bincount(cloud.colors[thing.solids.measure(local) < HELD_M], minlength=256)
+    own = int(counts[thing.colors[0]])
+    others = {
+        int(counts[other.colors[0]]): name
+        for name, other in inventory.things.items()
+        if other.template.movable and other.vessel is None and other.colors[0] != thing.colors[0] and name in entities
+    }
+    most = max(others, default=0)
+    if most < LEAST_POINTS or most < TIMES * max(own, 1):
+        return entities
+    there = msgspec.structs.replace(entities[others[most]], pose=held.pose)
+    taken = carry(take_hold(there, inventory, state), state, hand)
+    return {
+        **entities,
+        held.name: let_go(held),
+        taken.name: msgspec.structs.replace(taken, observed_at_s=held.observed_at_s),
+    }

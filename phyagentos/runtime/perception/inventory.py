@@ -1,7 +1,7 @@
-"""What perception knows before it looks: the things of a scene file, their forms and colours, and the map.
+"""Prior knowledge of a scene: its things, their forms and colours, and the map.
 
-Upstream: `protocol.world.scenes`. Downstream: segmentation, fits, association. Fixed bodies without jitter are part
-of the map; of everything else the scene file gives the nominal form and colour, and the pose is measured.
+Fixed bodies without jitter are part of the map. Of all others the scene file gives nominal form and colour; their pose
+is measured.
 """
 
 from dataclasses import dataclass
@@ -42,15 +42,14 @@ class ObjectModel:
     """One body of the scene as it can be recognised.
 
     Attributes:
-        template: What is known of the entity; its pose is the nominal one.
-        form: How far its orientation can be measured.
-        solids: What is seen of it, decor included, in its own frame.
-        colors: (k,) indices of the colours of its solids in the palette, the main one first.
-        reach_m: (3,) how far it may stand from its nominal place; None when anywhere.
-        yaw_span_rad: Width of the span that its turn is drawn from.
-        vessel: The open vessel that it is a part of the filling of; such things are distinguished only outside of it.
-        stretch: Least and greatest factor of its height; None when it is as drawn.
-        symmetries: (m, 3, 3) turns that leave its form as it is.
+        template: The entity; its pose is the nominal one.
+        solids: Visible solids, decor included, in its own frame.
+        colors: (k,) palette indices of its solids, the main one first.
+        reach_m: (3,) greatest distance from its nominal place; None when anywhere.
+        yaw_span_rad: Width of the span of its yaw.
+        vessel: The open vessel that it fills; such things are distinguished only outside of it.
+        stretch: Least and greatest factor of its height.
+        symmetries: (m, 3, 3) rotations that leave its form unchanged.
         samples_m: (n, 3) points of its surface.
         normals: (n, 3) of these.
         diameter_m: Of its bounding sphere.
@@ -77,11 +76,7 @@ class ObjectModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RegionPrior:
-    """A named region: in the world, or in the frame of a body.
-
-    Attributes:
-        body: None for the world.
-    """
+    """A named region in the frame of a body, or in the world where `body` is None."""
 
     name: str
     center_m: tuple[float, float, float]
@@ -94,16 +89,14 @@ class Inventory:
     """The things of one scene.
 
     Attributes:
-        scene: Name of the scene.
         things: To be found, by name, in the file's order.
         drawers: Located by their handles, by name.
         known: Parts of the map.
         map: All solids of the map, in the world.
-        map_colors: Indices in the palette of what the map is made of.
-        like_map: Indices of other colours that can be taken for one of these.
+        map_colors: Palette indices of the map.
+        like_map: Other palette indices that resemble these.
         palette: (k, 3) colours of all surfaces, 0..1.
         is_of_thing: (256,) whether a thing to be found has the colour of this index.
-        regions: By the file.
     """
 
     scene: str
@@ -119,7 +112,7 @@ class Inventory:
 
 
 def build_inventory(spec: SceneSpec) -> Inventory:
-    """What a scene file says before anything is seen."""
+    """The inventory of a scene file."""
     colors: dict[tuple[float, float, float], int] = {}
 
     def register(solid: Solid, body: Body) -> int:
@@ -252,7 +245,7 @@ def _find_form(entity: Entity) -> Form:
 
 
 def _find_symmetries(entity: Entity, form: Form) -> Array:
-    """Turns by quarters that leave a box as it is; for other forms only the one that does nothing."""
+    """Quarter turns that leave a box unchanged; the identity for other forms."""
     if form is not Form.BOX or len(entity.shapes) != 1:
         return np.eye(3)[None]
     half = np.array(entity.shapes[0].size_m)

@@ -1,8 +1,4 @@
-"""Everything that one look at the world went by, so that it can be perceived again.
-
-Upstream: `perceived_world`, which takes a record while it looks. Downstream: the recorder, and the pipeline itself,
-which answers from a record what it answered from the cameras.
-"""
+"""The complete input of one look at the world, from which it can be perceived again."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -20,41 +16,35 @@ Moment = tuple[float, TargetState]
 
 
 class Eyes(Protocol):
-    """What perception reads: the target's own state, and its cameras."""
+    """Inputs of perception: the target's own state, and its cameras."""
 
     @property
     def latest(self) -> Step | None:
-        """The latest step of the session that has authority; None where there is no session."""
-        ...
+        """The latest step of the session that has authority; None without a session."""
 
     @property
     def step(self) -> Step:
-        """As `latest`; raises ExecutionError where there is no session."""
-        ...
+        """As `latest`; raises ExecutionError without a session."""
 
     def observe(self) -> Observation | Step:
-        """Everything that is sensed now."""
-        ...
+        """All sensors now."""
 
     def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
-        """The latest frames of these cameras, all of them when none is named."""
-        ...
+        """The latest frames of these cameras; of all when none is named."""
 
 
 class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
-    """One look: the state before it and what was read during it, in the order of reading; `look.json` of its file.
+    """One look: the state before it and the readings during it, in their order; `look.json` of its file.
 
     Attributes:
         phy: Format of this record.
-        target: Whose cameras looked.
-        scene: Name, seed and episode.
         before: The belief before; None at first.
-        things: What was looked at, sorted; empty for everything.
-        now: Time [s] and the target's state when the look was asked for.
-        captures: What was asked of the cameras, and what they gave.
-        moments: Later times [s] and states that were read while the look went on (realtime).
+        things: The scope, sorted; empty for everything.
+        now: Time [s] and the target's state at the request.
+        captures: Requests to the cameras, and their frames.
+        moments: Later times [s] and states that were read during the look (realtime).
         states: Earlier times [s] and states that frames were matched with.
-        file: Where it was written; empty while it was not, and in the file itself.
+        file: Its path once written; empty in the file itself.
         sha256: Of that file.
     """
 
@@ -71,12 +61,12 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
     sha256: str = ""
 
     def iter_pictures(self) -> Iterator[str]:
-        """Each picture of this look as `camera@time`, as entities point at it."""
+        """Each picture of this look as `camera@time`, as in pointers."""
         for _, frames in self.captures:
             yield from (format_picture(frame.camera, frame.time_s) for frame in frames.frames)
 
     def shows(self, pointer: str) -> bool:
-        """Whether a picture of this look holds the pixels that an entity points at."""
+        """Whether a picture of this look holds the pixels of an entity's pointer."""
         return any(
             covers(
                 pointer,
@@ -91,7 +81,7 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
 
 
 class RecordedEyes:
-    """Answers what a target answered during one look; stands in for the handle when that look is perceived again."""
+    """Replays the readings of one look; stands in for the handle when that look is perceived again."""
 
     def __init__(self, look: Look) -> None:
         self.latest = self.step = _make_step(look.now)
@@ -105,7 +95,7 @@ class RecordedEyes:
         return _make_step(moment)
 
     def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
-        """The frames that came then; raises ExecutionError where others are asked for now."""
+        """The recorded frames; raises ExecutionError for another request than then."""
         asked = Capture(cameras=cameras, crops=crops or {}, every=every)
         then, frames = next(self._captures, (None, Frames(())))
         if then != asked:

@@ -1,6 +1,6 @@
-"""A look as one zip file: pictures as PNG, depths as `.npy`, the rest as JSON that names them; no bit is lost.
+"""A look as one zip file: pictures as PNG, depths as `.npy`, the rest as JSON that names them; lossless.
 
-Upstream: the recorder. Downstream: perception, which answers from it again. The bytes depend on the look alone.
+The bytes depend on the look alone.
 """
 
 import hashlib
@@ -22,11 +22,7 @@ _LEVEL = 1  # of deflate: more costs three times the time for a tenth of the siz
 
 
 def write_look(look: Look, folder: Path) -> tuple[str, str]:
-    """Let a bundle hold a look; one that another bundle holds already is linked.
-
-    Args:
-        look: It remembers where it was written.
-        folder: Of the bundle.
+    """Write a look into a bundle, or link it from the bundle that has it; it remembers its path.
 
     Returns:
         Name of the file and SHA-256 of its bytes.
@@ -47,7 +43,7 @@ def write_look(look: Look, folder: Path) -> tuple[str, str]:
 
 
 def read_look(path: Path, sha256: str) -> Look:
-    """A look as it was recorded.
+    """A look as recorded.
 
     Raises:
         ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file.

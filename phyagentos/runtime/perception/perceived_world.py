@@ -1,7 +1,6 @@
-"""The world as cameras show it: asks them when it is observed, and keeps the belief of one target.
+"""The world by cameras: captures when it is observed, and keeps the belief of one target.
 
-Upstream: `world_model`. Downstream: `pipeline`, and the handle for frames. A question at a moment that was looked at
-already is answered from memory: in lockstep time stands between two sessions, and so does the picture.
+A second question at the same moment is answered from memory: in lockstep, time stands between two sessions.
 """
 
 from collections import deque
@@ -17,12 +16,12 @@ from phyagentos.protocol.world.environment import Environment, Status, TargetSta
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
-from phyagentos.runtime.perception.detection.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.look import Eyes, Look, Moment, RecordedEyes
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
 from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_regions_of_interest, is_overlapping
 from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.sensor_health import AHEAD_S, feel_pulses, find_pulses
 from phyagentos.runtime.perception.world_model import Need, WorldModel
 from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Step
@@ -42,12 +41,12 @@ class PerceivedWorld(WorldModel):
     Args:
         target: Name of the target.
         handle: Gives frames.
-        library: Where scenes are found.
+        library: Holds the scenes.
         robot: Its solids.
         moving: Cameras that the robot carries.
-        max_age_s: Older frames are not believed.
+        max_age_s: Older frames are ignored.
         detector: Labels pixels instead of their colours.
-        noisy: Whether the sensors declare noise, so that no picture comes twice.
+        noisy: Whether the sensors declare noise, so that no picture repeats.
     """
 
     def __init__(
@@ -84,10 +83,10 @@ class PerceivedWorld(WorldModel):
         self._states.clear()
 
     def repeat(self, look: Look) -> Environment:
-        """The world as it was perceived in an earlier look, perceived again from what was read then.
+        """The world of an earlier look, perceived again from its recorded readings.
 
         Raises:
-            ExecutionError: `LOOK_DIFFERS` where perception, as it is now, wants to read something else.
+            ExecutionError: `LOOK_DIFFERS` where perception now reads something else.
         """
         self._handle = RecordedEyes(look)
         self._belief = look.before
@@ -126,7 +125,7 @@ class PerceivedWorld(WorldModel):
         return self._believe(found, need)
 
     def _begin_look(self, now: Moment, before: Environment | None, need: Need) -> Look:
-        """A record of what comes; at first everything is looked at."""
+        """A record of the coming look; the first one covers everything."""
         return Look(
             phy=FORMAT,
             target=self._target,
@@ -142,7 +141,7 @@ class PerceivedWorld(WorldModel):
         return self._answer(world, need)
 
     def _perceive_things(self, now: Moment, things: Collection[str]) -> Environment:
-        """Look at some things only, where they should be, in the camera that saw them best."""
+        """Looks at some things only, at their believed places, in the camera that saw them best."""
         before, pipeline = self._belief, self._get_pipeline()
         assert before is not None, "at first everything is looked at"
         carried = pipeline.recall(before, now[1], now[0])
@@ -182,7 +181,7 @@ class PerceivedWorld(WorldModel):
         loose: Collection[str],
         regions: dict[str, Crop],
     ) -> Environment | None:
-        """The belief, when a few pixels are enough to see that these things are where they were."""
+        """The belief, when a glance confirms that these things did not move."""
         entities, things = carried.entities, pipeline.inventory.things
         if not pipeline.can_confirm or not all(is_settled(entities[name], things.get(name)) for name in loose):
             return None
@@ -201,7 +200,7 @@ class PerceivedWorld(WorldModel):
         return pipeline.confirm(frames, later[1], later[0], carried, loose)
 
     def _capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
-        """Frames, of which the look that goes on keeps a record."""
+        """Frames, recorded by the current look."""
         request = Capture(cameras=cameras, crops=crops or {}, every=every)
         frames = self._handle.capture(request.cameras, request.crops, request.every)
         if self._look is not None:
@@ -209,7 +208,7 @@ class PerceivedWorld(WorldModel):
         return frames
 
     def _catch_up(self, frames: Frames, now: Moment) -> Moment:
-        """The moment that frames belong to: a newer one where time went on before they were taken (realtime)."""
+        """The moment of the frames: a newer one where time passed before their capture (realtime)."""
         if all(frame.time_s <= now[0] + AHEAD_S for frame in frames.frames):
             return now
         newer = self._handle.observe()
@@ -221,13 +220,13 @@ class PerceivedWorld(WorldModel):
         return newest_s, self._find_state(newest_s)
 
     def _note(self, now: Moment) -> None:
-        """Remember the target's state, for frames that come later than they were taken."""
+        """Remember the target's state, for frames with latency."""
         if not self._states or now[0] > self._states[-1][0] + SAME_S:
             self._states.append(now)
             self._feel_pulses(now[0], PULSE_S)
 
     def _feel_pulses(self, time_s: float, period_s: float) -> Environment | None:
-        """The belief, with cameras known as frozen that are; asked for no more often than once in a period."""
+        """The belief, with frozen cameras marked; probes at most once in a period."""
         belief = self._belief
         if belief is None or not self._noisy:
             return belief

@@ -1,6 +1,6 @@
 """The embedded pipeline as a function: frames, the robot's own state and the belief before give the belief after.
 
-Upstream: `perceived_world`, live or from recorded looks. No learned weights: colour, form, geometry. Paper section 4.1.
+No learned weights: colour, form, geometry. Paper section 4.1.
 """
 
 from collections.abc import Callable, Collection
@@ -11,16 +11,15 @@ import msgspec
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Entity, Environment, Status, TargetState
-from phyagentos.runtime.perception.belief import follow_hand, read_regions, update_belief
-from phyagentos.runtime.perception.changes import find_changes
-from phyagentos.runtime.perception.colors import Palette
+from phyagentos.runtime.perception.belief import find_changes, follow_hand, read_regions, update_belief
 from phyagentos.runtime.perception.confirmation import confirm
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.grip import Hand
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.segmentation import Palette, Segmenter
 from phyagentos.runtime.perception.sensor_health import assess
-from phyagentos.runtime.perception.views import CameraView, Segmenter, look
+from phyagentos.runtime.perception.views import CameraView, look
 from phyagentos.runtime.targets.wire import Frames
 
 MAX_AGE_S = 0.3  # of a frame: its latency, and half a dozen lost ones
@@ -31,11 +30,11 @@ class Pipeline:
 
     Args:
         inventory: Of the scene.
-        robot: Its solids, to be left out.
+        robot: Its solids, which are masked.
         target: Its name.
-        max_age_s: Older frames are not believed.
+        max_age_s: Older frames are ignored.
         segmenter: Labels pixels; by colour when absent.
-        noisy: Whether the sensors declare noise, so that no picture comes twice.
+        noisy: Whether the sensors declare noise, so that no picture repeats.
     """
 
     def __init__(
@@ -68,13 +67,13 @@ class Pipeline:
         """The world after a look.
 
         Args:
-            frames: As the cameras gave them.
-            state: What the target says of itself now.
+            frames: Of the cameras.
+            state: The target's own state now.
             scene: Name, seed and episode.
             time_s: Now [s].
-            before: What was believed; None at first, and ignored when it is of another episode.
+            before: The last belief; ignored when it is of another episode.
             focus: Things that the frames are windows of; empty for whole frames.
-            find_state: What the target said of itself at an earlier time [s]; always `state` when absent.
+            find_state: The target's own state at an earlier time [s]; always `state` when absent.
         """
         known = before if before is not None and before.episode == scene.episode else None
         entities = dict(known.entities) if known is not None else {}
@@ -114,13 +113,13 @@ class Pipeline:
     def confirm(
         self, frames: Frames, state: TargetState, time_s: float, before: Environment, names: Collection[str]
     ) -> Environment | None:
-        """The world after a glance that shows these things where they were; None where it leaves a doubt.
+        """The world after a glance that shows these things unmoved; None in doubt.
 
         Args:
             frames: Windows around them, thinned or not.
-            state: What the target says of itself now.
+            state: The target's own state now.
             time_s: Now [s].
-            before: What is believed, carried on to now.
+            before: The belief, carried on to now.
             names: Of the things.
         """
         believed, _ = assess(frames, {}, time_s, self._max_age_s, self._noisy)
@@ -148,19 +147,19 @@ class Pipeline:
         )
 
     def recall(self, before: Environment, state: TargetState, time_s: float) -> Environment:
-        """What is believed without a look: what is held has moved with the hand."""
+        """The belief without a look: a held thing has moved with the hand."""
         after = follow_hand(self.inventory, before.entities, state, self._hand, time_s)
         targets = {self._target: self.own_state(state, after)}
         return msgspec.structs.replace(before, time_s=time_s, entities=after, targets=targets)
 
     def own_state(self, state: TargetState, entities: dict[str, Entity]) -> TargetState:
-        """The target's state with what it holds as perceived: touch does not say what is touched."""
+        """The target's state with the perceived held things: touch does not identify them."""
         held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
         return msgspec.structs.replace(state, holding=held)
 
 
 def _place_crop(eye: CameraView, before: Environment | None) -> CameraView:
-    """A view that says where in the whole picture its crop begins, by the middle of the latest whole picture."""
+    """A view with its crop's origin in the whole picture, by the middle of the latest whole picture."""
     health = before.sensors.get(eye.camera) if before is not None else None
     if health is None:
         return eye

@@ -1,7 +1,4 @@
-"""Which part of which picture shows a thing: so that a hold condition costs a glance and not a look around.
-
-Upstream: the belief and where the cameras stood at the last look. Downstream: `perceived_world`, which asks for them.
-"""
+"""Windows of pictures that show a thing: a hold condition costs a glance instead of a whole look."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -19,7 +16,7 @@ MARGIN = 1.35  # of the ball around a thing: it may have moved a little, and wha
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extrinsics:
-    """Where a camera stood, and its whole picture."""
+    """Pose of a camera, and its whole picture."""
 
     position_m: Array
     rotation: Array
@@ -29,7 +26,7 @@ class Extrinsics:
 
     @classmethod
     def find(cls, camera: SensorHealth) -> "Extrinsics | None":
-        """As given with the latest whole frame; None while there was none."""
+        """Of the latest whole frame; None without one."""
         if camera.pose is None:
             return None
         return cls(
@@ -52,10 +49,10 @@ def find_regions_of_interest(
 
     Args:
         names: Of things.
-        entities: Where they are believed.
+        entities: Their believed poses.
         inventory: Of the scene.
-        cameras: Those that may be asked.
-        most: How many cameras a thing is worth.
+        cameras: Those that may be used.
+        most: Cameras per thing.
     """
     boxes: dict[str, list[tuple[float, float, float, float]]] = {}
     for name in names:
@@ -76,7 +73,7 @@ def is_overlapping(one: Crop, other: Crop) -> bool:
 
 
 def _rank(entity: Entity, cameras: Mapping[str, Extrinsics]) -> list[str]:
-    """Cameras by how large the thing was in their pictures; those that never saw it last."""
+    """Cameras by the thing's area in their latest pictures, largest first."""
     areas = dict.fromkeys(cameras, 0)
     for pointer in entity.evidence:
         camera, _, rest = pointer.partition("@")

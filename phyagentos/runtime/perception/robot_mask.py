@@ -1,7 +1,6 @@
-"""The robot as it hides things: its own solids at the measured joint positions, so that it is not taken for a thing.
+"""The robot's own solids at the measured joint positions, which mask its pixels.
 
-Upstream: the target's profile and model, proprioception. Downstream: `views`. The model of the robot is known, its
-posture is measured; what is left open is the calibration of the cameras, for which the solids are grown.
+The solids are grown for the calibration error of the cameras.
 """
 
 from pathlib import Path
@@ -27,13 +26,9 @@ _KINDS = {
 class RobotMask:
     """Poses the robot's solids.
 
-    Args:
-        profile: The robot.
-        folder: Where its model lies.
-
     Attributes:
-        fingers: How many fingers its gripper has.
-        reach_m: How far from the tool centre point they touch [m].
+        fingers: Number of the gripper's fingers.
+        reach_m: Greatest distance of a touch from the tool centre point [m].
     """
 
     def __init__(self, profile: TargetProfile, folder: Path) -> None:
@@ -48,11 +43,7 @@ class RobotMask:
         self._grown = np.where(np.isin(model.geom_bodyid, list(tips)), TIP_M, LINK_M)
 
     def pose(self, state: TargetState) -> Solids:
-        """Its solids in the world.
-
-        Args:
-            state: The measured joint positions.
-        """
+        """Its solids in the world, at the measured joint positions."""
         data = self._data
         data.qpos[self._arm] = state.q_rad
         data.qpos[self._fingers] = state.gripper_width_m / len(self._fingers)
@@ -63,7 +54,7 @@ class RobotMask:
 
 
 def _read_geoms(model: mujoco.MjModel) -> tuple[tuple[ShapeKind, ...], tuple[tuple[float, ...], ...], Array]:
-    """Kinds and sizes of all geoms, and (k, 3) where their middles are in their frames; meshes as boxes around them."""
+    """Kinds and sizes of all geoms, and (k, 3) their middles in their frames; bounding boxes for meshes."""
     kinds, sizes, offsets = [], [], np.zeros((model.ngeom, 3))
     for geom in range(model.ngeom):
         kind = _KINDS.get(int(model.geom_type[geom]))

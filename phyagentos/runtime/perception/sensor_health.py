@@ -1,9 +1,8 @@
-"""Whether a camera can be believed now: its frames come, advance in time, and are not the same picture again.
+"""Health of a camera: its frames arrive, advance in time, and do not repeat the same picture.
 
-Upstream: frames and the health before them. Downstream: the pipelines, ENVIRONMENT.md. The noise of a real sensor never
-repeats, so two pictures that are equal bit for bit are one picture; a sensor that declares no noise may show a still
-scene twice, and only its stamps differ. Whole pictures are far apart in time, so a small window of each camera, its
-pulse, is asked for now and then: a camera that froze between two looks is known before the second.
+The noise of a real sensor never repeats: two pictures that are equal bit for bit are one. A sensor without declared
+noise may show a still scene twice, and only its stamps differ. Between whole pictures a small window of each camera
+is probed now and then, which detects a frozen camera before the next look.
 """
 
 import hashlib
@@ -24,14 +23,14 @@ REPEATED = "a new stamp on the same picture"
 def assess(
     frames: Frames, before: Mapping[str, SensorHealth], now_s: float, max_age_s: float, noisy: bool = True
 ) -> tuple[tuple[Frame, ...], dict[str, SensorHealth]]:
-    """The frames that can be believed, and how every camera does.
+    """The frames of healthy cameras, and the health of every camera.
 
     Args:
-        frames: As the target gave them.
+        frames: Of the target.
         before: Health at the look before.
         now_s: Time of the target [s].
         max_age_s: Older frames are stale.
-        noisy: Whether the sensors declare noise, so that no picture comes twice.
+        noisy: Whether the sensors declare noise, so that no picture repeats.
     """
     health = dict(before)
     believed: list[Frame] = []
@@ -55,7 +54,7 @@ def assess(
 
 
 def find_pulses(health: Mapping[str, SensorHealth]) -> dict[str, Crop]:
-    """The windows to be asked for: the middle of every picture whose size is known."""
+    """The probe windows: the middle of every picture whose size is known."""
     return {
         camera: (each.size_px[0] // 2 - PULSE_PX // 2, each.size_px[1] // 2 - PULSE_PX // 2, PULSE_PX, PULSE_PX)
         for camera, each in health.items()
@@ -64,7 +63,7 @@ def find_pulses(health: Mapping[str, SensorHealth]) -> dict[str, Crop]:
 
 
 def feel_pulses(frames: Frames, before: Mapping[str, SensorHealth], now_s: float) -> dict[str, SensorHealth]:
-    """How the cameras do, by these windows: one that comes again with a new stamp is of a frozen camera."""
+    """Health of the cameras by these windows: one that repeats with a new stamp is of a frozen camera."""
     health = {camera: msgspec.structs.replace(each, pulse_s=now_s) for camera, each in before.items()}
     for frame in frames.frames:
         was = health.get(frame.camera)
@@ -112,6 +111,6 @@ def _judge(
 
 
 def _turn(was: SensorHealth | None, status: str, now_s: float, detail: str) -> SensorHealth:
-    """A camera that has come to a status, or is still in it."""
+    """A camera that enters a status, or is still in it."""
     since_s = was.since_s if was is not None and was.status == status else now_s
     return msgspec.structs.replace(was or SensorHealth(), status=status, since_s=since_s, detail=detail)

@@ -1,8 +1,7 @@
-"""Separates overlapping fits: a pose that is sunk into what carries it is fitted once more.
+"""Separates overlapping fits: a pose that penetrates its support is fitted once more.
 
-Upstream: `association`, before it hands out its matches. From one side a coin that lies and a coin that stands on its
-rim look nearly alike; only one of them rests on what is below it. Depth is the deepest point of one surface within the
-other solid, as in penetration queries of collision detection.
+From one side a coin that lies and a coin on its rim look nearly alike; only one of them rests on the surface below.
+Depth is the deepest point of one surface within the other solid, as in penetration queries of collision detection.
 """
 
 from collections.abc import Mapping
@@ -25,14 +24,14 @@ def separate_overlaps(
     eyes: tuple[CameraView, ...],
     map_solids: Solids,
 ) -> dict[str, Fit]:
-    """The fits, those anew that are sunk into the map or into another one; of two, the one with fewer points.
+    """The fits; those that penetrate the map or another fit are fitted anew, the one with fewer points first.
 
     Args:
         things: By name.
         fits: By name.
-        points_m: (n, 3) that each was fitted to.
+        points_m: (n, 3) of each fit.
         eyes: The cameras.
-        map_solids: What is fixed, in the world.
+        map_solids: In the world.
     """
     apart = dict(fits)
     rank = {name: (len(points_m[name]), name) for name in fits}

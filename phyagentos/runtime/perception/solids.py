@@ -1,11 +1,11 @@
-"""Signed distance to solids, with its gradient: what fits and masks are made of.
+"""Signed distance to solids, with its gradient.
 
-Upstream: `inventory`, `robot_mask`. Formulas: J. C. Hart, "Sphere tracing", The Visual Computer 12, 1996, appendix. The
-distance is exact outside of each solid; inside it is the distance to the nearest face.
+Formulas: J. C. Hart, "Sphere tracing", The Visual Computer 12, 1996, appendix. The distance is exact outside of each
+solid; inside it is the distance to the nearest face.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,10 @@ class Solids:
     """Primitive solids posed in one frame.
 
     Attributes:
-        kinds: (k,) of each.
         sizes_m: Of each, as in MuJoCo.
         rotations: (k, 3, 3) `frame_T_solid`.
         positions_m: (k, 3).
-        inflate_m: (k,) how far each is grown [m].
+        inflate_m: (k,) growth of each [m].
     """
 
     kinds: tuple[ShapeKind, ...]
@@ -36,25 +35,20 @@ class Solids:
     inflate_m: Array
 
     @classmethod
-    def of(cls, shapes: Sequence[Shape], inflate_m: float = 0.0) -> "Solids":
+    def of(cls, shapes: Sequence[Shape]) -> "Solids":
         """The solids of an entity, in its own frame."""
         return cls(
             tuple(ShapeKind(shape.kind) for shape in shapes),
             tuple(shape.size_m for shape in shapes),
             np.array([compute_rotation(shape.pose.quaternion_wxyz) for shape in shapes]).reshape(-1, 3, 3),
             np.array([shape.pose.position_m for shape in shapes], dtype=np.float64).reshape(-1, 3),
-            np.full(len(shapes), inflate_m),
+            np.zeros(len(shapes)),
         )
 
     def at(self, rotation: Array, position_m: Array) -> "Solids":
         """The same solids in the parent of their frame."""
-        return Solids(
-            self.kinds,
-            self.sizes_m,
-            np.einsum("ij,kjl->kil", rotation, self.rotations),
-            self.positions_m @ rotation.T + position_m,
-            self.inflate_m,
-        )
+        turned = np.einsum("ij,kjl->kil", rotation, self.rotations)
+        return replace(self, rotations=turned, positions_m=self.positions_m @ rotation.T + position_m)
 
     def join(self, other: "Solids") -> "Solids":
         """All solids of both."""
@@ -67,7 +61,7 @@ class Solids:
         )
 
     def near(self, points_m: Array, margin_m: float) -> "Solids":
-        """Those that may come within a distance of some of the points (n, 3)."""
+        """Those within a distance of some of the points (n, 3)."""
         low, high = points_m.min(axis=0) - margin_m, points_m.max(axis=0) + margin_m
         reach = (np.array([float(sum(size)) for size in self.sizes_m]) + self.inflate_m)[:, None]
         kept = np.flatnonzero(((self.positions_m + reach > low) & (self.positions_m - reach < high)).all(axis=1))

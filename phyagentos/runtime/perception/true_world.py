@@ -1,4 +1,4 @@
-"""The world as the simulator knows it: for scoring and for tests, and it says so (`sensing: truth`)."""
+"""The simulator's ground truth as a world model, for scoring and for tests (`sensing: truth`)."""
 
 from typing_extensions import override
 
@@ -9,12 +9,7 @@ from phyagentos.runtime.targets.wire import Observation, Step
 
 
 class TrueWorld(WorldModel):
-    """Believes the simulator.
-
-    Args:
-        target: Name of the target whose state is in the observations.
-        handle: Gives observations.
-    """
+    """Reports the simulator's ground truth."""
 
     def __init__(self, target: str, handle: Eyes) -> None:
         super().__init__(target, handle)

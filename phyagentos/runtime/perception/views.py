@@ -1,11 +1,7 @@
-"""From frames to labelled points of the world: what each camera sees that is neither the map nor the robot.
-
-Upstream: frames of `targets.wire`, the inventory, the robot's own solids. Downstream: `clusters`, `visibility`.
-"""
+"""From frames to labelled points of the world that belong neither to the map nor to the robot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -13,6 +9,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.runtime.perception.inventory import Inventory
+from phyagentos.runtime.perception.segmentation import Segmenter
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
@@ -21,25 +18,16 @@ MAP_LIKE_M = 0.007  # this near to the map and of a colour like its own: part of
 _UNKNOWN = np.float32(np.inf)
 
 
-class Segmenter(Protocol):
-    """Labels pixels: by their colour (`colors.Palette`), or by a detector."""
-
-    def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(h, w) index in the palette of what each pixel of (h, w, 3) shows; raises ExecutionError."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraView:
-    """One camera at one moment, for questions about what it could see.
+    """One camera at one moment, for visibility queries.
 
     Attributes:
-        camera: Its name.
         time_s: Of the frame.
         position_m: (3,) of the camera.
         rotation: (3, 3) `world_T_camera`.
         focal: (fx, fy, cx, cy) [pixels].
-        origin_px: Column and row of the whole picture at which the frame begins.
+        origin_px: Column and row of the frame's origin in the whole picture.
         nearest_m: (h, w) least depth around each pixel; infinite where nothing was measured.
         farthest_m: (h, w) greatest depth around each pixel; infinite where nothing was measured.
     """
@@ -56,12 +44,12 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cloud:
-    """Points of the world that want an explanation.
+    """Unexplained points of the world.
 
     Attributes:
         points_m: (n, 3) in the world.
         colors: (n,) index in the palette.
-        eyes: (n,) index of the camera that saw it.
+        eyes: (n,) index of the camera.
         pixels: (n, 2) column and row in its picture.
     """
 
@@ -89,8 +77,7 @@ def look(
         frames: Of one moment.
         inventory: Of the scene.
         segmenter: Labels pixels.
-        robots: Its solids in the world at the time of each frame, grown by what its model and the calibration leave
-            open.
+        robots: Its solids in the world at the time of each frame, grown by model and calibration errors.
     """
     eyes = tuple(_open_eye(frame) for frame in frames)
     parts = [
@@ -154,7 +141,7 @@ def _find_points(
 
 
 def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) -> NDArray[np.bool_]:
-    """Which points are of the map."""
+    """(n,) whether a point is of the map."""
     if not inventory.map.kinds:
         return np.zeros(len(points), np.bool_)
     found = np.zeros(len(points), np.bool_)

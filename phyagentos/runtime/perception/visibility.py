@@ -1,8 +1,7 @@
-"""Whether a thing that is believed somewhere is seen there, hidden there, or not there.
+"""Whether a believed thing is seen, hidden or absent.
 
-Upstream: `views`. Downstream: `fitting`, `association`. Points of its surface that face a camera are compared with the
-depth that the camera measured: nearer means hidden, the same means confirmed, farther means that the camera looked
-through the place where the thing should be.
+Surface points that face a camera are compared with the measured depth: nearer means hidden, equal means confirmed,
+farther means that the camera sees through the believed surface.
 """
 
 from dataclasses import dataclass
@@ -22,9 +21,9 @@ class Sight:
     """Points of a thing's surface, counted over all cameras.
 
     Attributes:
-        confirmed: Measured where they should be.
-        hidden: Something stands in front of them.
-        contradicted: The camera sees something behind them.
+        confirmed: Measured at the expected depth.
+        hidden: Measured nearer.
+        contradicted: Measured farther.
     """
 
     confirmed: int
@@ -33,17 +32,17 @@ class Sight:
 
     @property
     def contradicted_fraction(self) -> float:
-        """Of those that nothing hides."""
+        """Of the points that are not hidden."""
         return self.contradicted / max(self.confirmed + self.contradicted, 1)
 
     @property
     def visible_fraction(self) -> float:
-        """Of those that face a camera."""
+        """Of the points that face a camera."""
         return (self.confirmed + self.contradicted) / max(self.confirmed + self.contradicted + self.hidden, 1)
 
 
 def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, eyes: tuple[CameraView, ...]) -> Sight:
-    """What the cameras say of a thing in a pose."""
+    """Visibility of a thing in a pose."""
     points = thing.samples_m @ rotation.T + position_m
     normals = thing.normals @ rotation.T
     confirmed = hidden = contradicted = 0

@@ -1,7 +1,6 @@
-"""The world as one target perceives it, and the one verb that asks for it: `observe`, with what is needed.
+"""The world as one target perceives it, and its one verb: `observe`, with a need.
 
-Upstream: preflight, runner, leaves, hold conditions. Downstream: the handle for steps, observations and frames. What
-was answered stays valid until a command is carried out: the world is looked at once a step at most.
+An answer stays valid until a command is carried out: at most one look a step.
 """
 
 from abc import ABC, abstractmethod
@@ -18,12 +17,12 @@ from phyagentos.runtime.targets.wire import Step
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """What an answer about the world has to contain.
+    """Required content of an answer about the world.
 
     Attributes:
-        everything: The whole scene, looked at now.
-        things: These things, looked at now.
-        only_hand: Only what the gripper holds; entities may be missing.
+        everything: The whole scene, by a new look.
+        things: These things, by a new look.
+        only_hand: Only the held thing; entities may be missing.
     """
 
     everything: bool = False
@@ -32,7 +31,7 @@ class Need:
 
     @property
     def is_look(self) -> bool:
-        """Whether anything has to be looked at."""
+        """Whether it needs a look."""
         return self.everything or bool(self.things)
 
 
@@ -50,8 +49,8 @@ class WorldModel(ABC):
         handle: Gives steps, observations and frames.
 
     Attributes:
-        looks: The looks at everything since `enter`, after the latest one before it; empty where nothing is perceived.
-        latest_look: The latest look, at everything or at some things.
+        looks: Whole looks since `enter`, after the latest one before it; empty without perception.
+        latest_look: The latest look, whole or partial.
     """
 
     def __init__(self, target: str, handle: Eyes) -> None:
@@ -71,7 +70,7 @@ class WorldModel(ABC):
 
     @abstractmethod
     def observe(self, need: Need) -> Environment:
-        """The present world, with at least what is needed.
+        """The present world, with at least the needed content.
 
         Raises:
             ExecutionError: `NO_SCENE` before `enter`; `TARGET_LOST`.
@@ -83,22 +82,17 @@ class WorldModel(ABC):
         return self._step or self._handle.step
 
     def advance(self, step: Step) -> None:
-        """A command was carried out: the present is past."""
+        """A command was carried out: the present answer expires."""
         self._step, self._present = step, None
 
     def restore(self, belief: Environment, looks: Collection[Look] = ()) -> None:
-        """Continue from a recorded belief.
-
-        Args:
-            belief: As it was recorded.
-            looks: What it was perceived from, where that was kept.
-        """
+        """Continue from a recorded belief and, where kept, the looks behind it."""
         self._present, self.looks, self._pictures = None, [], {}
         for look in looks:
             self._keep(look, belief)
 
     def find_looks(self, world: Environment) -> list[Look]:
-        """The looks in which what this world's entities point at can be seen, as far as they are known."""
+        """The known looks that show the pixels of this world's pointers."""
         pointers = {pointer for entity in world.entities.values() for pointer in entity.evidence}
         found: dict[int, Look] = {}
         for pointer in sorted(pointers):
@@ -108,7 +102,7 @@ class WorldModel(ABC):
         return list(found.values())
 
     def _keep(self, look: Look, belief: Environment) -> None:
-        """Remember a look; of earlier pictures, those at which the belief still points."""
+        """Remember a look; of earlier pictures, those that the belief still points at."""
         self.latest_look = look
         for picture in look.iter_pictures():
             self._pictures.setdefault(picture, []).append(look)
@@ -124,10 +118,10 @@ class WorldModel(ABC):
         return self._current_scene
 
     def _find_present(self, need: Need) -> Environment | None:
-        """What was answered since the latest command, where it has what is needed."""
+        """The answer since the latest command, if it meets the need."""
         return self._present if self._is_looked_at or not need.is_look else None
 
     def _answer(self, world: Environment, need: Need) -> Environment:
-        """The same world; until the next command it answers what needs no more."""
+        """The same world; kept as the answer until the next command."""
         self._present, self._is_looked_at = world, need.everything
         return world

@@ -12,11 +12,10 @@ import pytest
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
-from phyagentos.runtime.perception.colors import NO_COLOR
 from phyagentos.runtime.perception.detection.detector_registry import DetectorRegistry, build_detector_registry
 from phyagentos.runtime.perception.detection.http import HttpDetector
-from phyagentos.runtime.perception.detection.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.segmentation import NO_COLOR, DetectorSegmenter
 
 RGB = np.zeros((24, 32, 3), np.uint8)
 RGB[4:10, 6:14] = (200, 30, 20)

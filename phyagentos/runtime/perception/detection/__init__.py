@@ -1,1 +1,1 @@
-"""Plug-in points for detectors and segmenters that say what is in a picture by words."""
+"""Plug-in points for detectors, which find things in pictures by words."""

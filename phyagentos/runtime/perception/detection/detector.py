@@ -1,7 +1,4 @@
-"""The port of detectors: a picture and words in, boxes and masks with scores out.
-
-Upstream: `registry`. Downstream: `segmentation`, which turns what they find into labelled pixels.
-"""
+"""The port of detectors: a picture and words in, boxes and masks with scores out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +15,10 @@ class Detection:
     """One thing in one picture.
 
     Attributes:
-        label: Of those that were asked for.
+        label: One of the requested.
         score: 0..1.
         box: (left, top, width, height) [pixels].
-        mask: (height of the picture, width of the picture); None where only the box is known.
+        mask: (h, w) of the picture; None where only the box is known.
     """
 
     label: str
@@ -34,17 +31,15 @@ class Detector(Protocol):
     """Finds things in pictures by words."""
 
     def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
-        """Every thing that a label fits, the best first.
+        """All matches of the labels, the best first.
 
         Args:
-            rgb: (h, w, 3) uint8.
+            rgb: (h, w, 3).
             labels: Words, such as `red cube`.
 
         Raises:
-            ExecutionError: With the code of what kept it from answering.
+            ExecutionError: With the code of the failure.
         """
-        ...
 
     def close(self) -> None:
-        """Let go of what it holds."""
-        ...
+        """Release resources."""

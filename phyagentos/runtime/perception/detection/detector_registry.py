@@ -1,7 +1,7 @@
 """The registry of detectors, by the names that perception.yaml uses.
 
-Upstream: `perception.yaml`. Downstream: the pipeline. A plug-in is a factory `(settings) -> Detector`, announced by the
-entry point group `phyagentos.detectors`; importing this module registers nothing.
+A plug-in is a factory `(settings) -> Detector`, announced by the entry point group `phyagentos.detectors`; importing
+this module registers nothing.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,10 +33,10 @@ class DetectorRegistry:
         return sorted(self._factories)
 
     def open(self, name: str, settings: Mapping[str, str | float], address: str = "perception.yaml") -> Detector:
-        """A detector of this name.
+        """A detector by name.
 
         Raises:
-            DefinitionError: `UNKNOWN_DETECTOR`, or what its factory finds wrong in the settings.
+            DefinitionError: `UNKNOWN_DETECTOR`, or the factory's problem with the settings.
         """
         if name not in self._factories:
             raise DefinitionError(
@@ -52,7 +52,7 @@ class DetectorRegistry:
 
 
 def build_detector_registry() -> DetectorRegistry:
-    """What ships, and what installed packages announce."""
+    """The shipped detectors, and those of installed packages."""
     registry = DetectorRegistry()
     registry.register("http", open_http_detector)
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: point.name):

@@ -2,8 +2,8 @@
 
 `POST <url>` with `{"version": 1, "image_png": <base64>, "labels": ["red cube", ...]}` is answered by
 `{"version": 1, "detections": [{"label": "red cube", "score": 0.93, "box": [left, top, width, height],
-"mask_png": <base64 of an 8-bit picture of the same size, absent where there is none>}]}`. Boxes are in whole pixels.
-What does not keep to this is refused as a whole: half an answer is none.
+"mask_png": <base64 of an 8-bit picture of the same size, optional>}]}`. Boxes are in whole pixels.
+One malformed detection refuses the whole answer.
 """
 
 import base64
@@ -26,7 +26,7 @@ DETECTIONS_MAX = 1000
 
 
 class Query(msgspec.Struct, frozen=True, kw_only=True):
-    """What is sent."""
+    """The request."""
 
     version: int
     image_png: str
@@ -34,7 +34,7 @@ class Query(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Found(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One detection as it travels."""
+    """One detection on the wire."""
 
     label: str
     score: float
@@ -43,14 +43,14 @@ class Found(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What is expected back."""
+    """The response."""
 
     version: int
     detections: tuple[Found, ...]
 
 
 class HttpDetector:
-    """Asks a model server.
+    """Client of a model server.
 
     Args:
         url: Of the server's detection route.
@@ -63,7 +63,7 @@ class HttpDetector:
         self._client = httpx.Client(timeout=timeout_s, trust_env=False)
 
     def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
-        """Every thing that a label fits, the best first.
+        """All matches of the labels, the best first.
 
         Raises:
             ExecutionError: `DETECTOR_TIMEOUT`, `DETECTOR_UNREACHABLE`, `DETECTOR_REFUSED` (an HTTP status),
@@ -128,7 +128,7 @@ def open_http_detector(settings: Mapping[str, str | float]) -> HttpDetector:
     """A detector from perception.yaml: `url`, `timeout_s`, `score_min`.
 
     Raises:
-        DefinitionError: `INVALID_VALUE` for settings that are missing, unknown or of the wrong kind.
+        DefinitionError: `INVALID_VALUE` for missing, unknown or mistyped settings.
     """
     url = settings.get("url")
     unknown = sorted(set(settings) - {"url", "timeout_s", "score_min"})

@@ -1,13 +1,12 @@
-"""Which of the declared colours a pixel shows, under any light.
+"""Labels each pixel with a colour of the inventory: by the pixel's own colour, or by a detector."""
 
-Upstream: the palette of an inventory. Downstream: segmentation. A lit surface of one colour lies on a ray from black
-through its colour, bent where a channel saturates; a pixel belongs to the nearest such curve. The answer for every
-colour is computed once and looked up.
-"""
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.runtime.perception.detection.detector import Detector
+from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.solids import Array
 
 BITS = 5  # per channel of the table: 32768 entries
@@ -17,8 +16,18 @@ FARTHEST = 0.24  # of a normalised colour from every curve: something that the s
 DIM = 0.02  # of full brightness: too dark to label
 
 
+class Segmenter(Protocol):
+    """Labels pixels."""
+
+    def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(h, w) palette index of each pixel of (h, w, 3); raises ExecutionError."""
+
+
 class Palette:
-    """Labels pixels by their colour.
+    """Labels pixels by their colour, under any light.
+
+    A lit surface of one colour is on a ray from black through its colour, bent where a channel saturates; a pixel
+    belongs to the nearest such curve. A lookup table holds the answer for every colour.
 
     Args:
         colors: (k, 3) colours of surfaces, 0..1.
@@ -51,3 +60,28 @@ def _measure(grid: Array, point: Array) -> Array:
     hue = np.linalg.norm(grid / brightness[:, None] - point / own, axis=1)
     lightness = np.abs(brightness - own) / 3.0
     return np.asarray(hue + 0.15 * lightness)
+
+
+class DetectorSegmenter:
+    """A segmenter that queries a detector with the inventory's words (`red cube`)."""
+
+    def __init__(self, detector: Detector, inventory: Inventory) -> None:
+        self._detector = detector
+        self._colors = {
+            f"{thing.template.color} {thing.template.kind}".strip(): thing.colors[0]
+            for thing in inventory.things.values()
+        }
+
+    def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(h, w) palette index of each pixel of (h, w, 3).
+
+        Raises:
+            ExecutionError: With the detector's code.
+        """
+        labels = np.full(rgb.shape[:2], NO_COLOR, dtype=np.uint8)
+        for found in reversed(self._detector.detect(rgb, tuple(self._colors))):  # the best last, on top
+            left, top, width, height = found.box
+            within = np.zeros(labels.shape, dtype=np.bool_)
+            within[top : top + height, left : left + width] = True
+            labels[within if found.mask is None else within & found.mask] = self._colors[found.label]
+        return labels
