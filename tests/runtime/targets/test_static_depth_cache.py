@@ -1,5 +1,7 @@
 """Pictures that cost less: what was kept and what is read out in part show what a whole new picture shows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from phyagentos.protocol.settings.cameras import NoiseLevel
 from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
 from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
-from phyagentos.runtime.drivers.mujoco.static_depth_cache import MovingSolids
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import MovingSolids, Shot
 
 pytestmark = pytest.mark.sim
 
@@ -39,8 +41,8 @@ def test_a_static_cache_that_was_kept_gives_the_bits_of_a_picture_cast_whole(phy
     for data in pose_many(physics):
         for name in ("overhead", "left", "right"):
             lens, place = cameras[name].mounting.lens, cameras[name].mounting.find(data)
-            whole = RayCaster(physics.model).cast(data, lens, place, 3.0)
-            covered = kept.cast(data, lens, place, 3.0, still=True)
+            whole = RayCaster(physics.model).cast(data, Shot(lens, place, 3.0))
+            covered = kept.cast(data, Shot(lens, place, 3.0, still=True))
             for part in ("rgb", "depth_m", "incidence"):
                 np.testing.assert_array_equal(getattr(covered, part), getattr(whole, part), strict=True)
             pixels.setdefault(name, set()).add(len(moving.find_pixels(data, lens, place)) / whole.depth_m.size)
@@ -50,10 +52,11 @@ def test_a_static_cache_that_was_kept_gives_the_bits_of_a_picture_cast_whole(phy
 def test_a_static_cache_is_cast_anew_when_something_fixed_was_moved(physics):
     data = pose_state(physics.model, physics.data.qpos)
     camera, kept = open_cameras(physics.model, SHIPPED, seed=7)["overhead"], RayCaster(physics.model)
-    before = kept.cast(data, camera.mounting.lens, camera.mounting.find(data), 3.0, still=True)
+    shot = Shot(camera.mounting.lens, camera.mounting.find(data), 3.0, still=True)
+    before = kept.cast(data, shot)
     data.geom_xpos[physics.model.body("red_tray").geomadr[0]] += (0.1, 0.0, 0.05)
-    after = kept.cast(data, camera.mounting.lens, camera.mounting.find(data), 3.0, still=True)
-    whole = RayCaster(physics.model).cast(data, camera.mounting.lens, camera.mounting.find(data), 3.0)
+    after = kept.cast(data, shot)
+    whole = RayCaster(physics.model).cast(data, replace(shot, still=False))
     np.testing.assert_array_equal(after.depth_m, whole.depth_m)
     assert (before.depth_m != after.depth_m).any()
 

@@ -1,7 +1,4 @@
-"""What a real camera adds to a perfect picture: wavering edges, noisy depth that is missing in places, noisy colour.
-
-Upstream: `protocol.cameras.NoiseLevel`, where the formulas and their sources stand. Downstream: `simulated_camera`.
-"""
+"""Sensor noise on a perfect picture: wavering edges, noisy and missing depth, noisy colour (`NoiseLevel`)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +13,14 @@ STEEPEST_RAD = np.radians(88.0)  # beyond it the formula has no meaning and a se
 def spoil(
     picture: Picture, level: NoiseLevel, focal_px: float, range_m: tuple[float, float], rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Colour and depth as a camera tells them.
+    """Colour and depth with the noise of a camera.
 
     Args:
-        picture: What a perfect camera sees.
+        picture: Of a perfect camera.
         level: Of noise.
         focal_px: Focal length [pixels]; 0 for a picture whose edges waver already.
         range_m: Nearest and farthest depth that is measured.
-        rng: Of this frame; as many numbers are drawn for each frame of a size, whatever it shows.
+        rng: Of this frame; the count of draws depends on the frame's size alone.
 
     Returns:
         (height, width, 3) uint8, and (height, width) float32 with NaN where nothing was measured.
@@ -46,14 +43,14 @@ def spoil(
     colors = rgb * np.float32(255.0)
     if level.color_std > 0.0:
         colors += rng.standard_normal(colors.shape, dtype=np.float32) * np.float32(level.color_std)
-    told = np.where(valid, depth, np.float32(np.nan)).astype(np.float32)
-    return np.clip(np.rint(colors), 0, 255).astype(np.uint8), told
+    measured = np.where(valid, depth, np.float32(np.nan)).astype(np.float32)
+    return np.clip(np.rint(colors), 0, 255).astype(np.uint8), measured
 
 
 def draw_places(
     shape: tuple[int, ...], every: int, std_px: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """For each pixel of a thinned picture the row and column of the whole one that its depth really comes from.
+    """Rows and columns of the whole picture from which each pixel of a thinned one takes its depth.
 
     Args:
         shape: (height, width) of the thinned picture.

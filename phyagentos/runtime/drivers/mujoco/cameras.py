@@ -1,8 +1,8 @@
-"""The cameras of one episode: which frame each can give now, when it was exposed, and how a fault corrupts it.
+"""The cameras of one episode: the frame each can give now, its exposure time, and its corruption by faults.
 
-Upstream: `world`. Downstream: `simulated_camera`. Exposures fall on the control periods of simulated time; a frame can
-be had one latency later. Every random number follows from the scene's seed, the episode, the camera and the number of
-the exposure, so a run that is repeated sees the same bits, whoever looks how often.
+Exposures fall on the control periods of simulated time; a frame is available one latency later. Every random number
+follows from the scene's seed, the episode, the camera and the number of the exposure: a repeated run sees the same
+bits, however often frames are read.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from phyagentos.geometry import turn
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.drivers.mujoco.faults import FaultActivation
+from phyagentos.runtime.drivers.mujoco.joint_controller import StateHistory
 from phyagentos.runtime.drivers.mujoco.simulated_camera import SimulatedCamera, open_cameras, pose_state
-from phyagentos.runtime.drivers.mujoco.state_history import StateHistory
 from phyagentos.runtime.models.camera_model import Array, Viewpoint
 from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 
@@ -77,10 +77,10 @@ class CameraRig:
         """The latest frames.
 
         Args:
-            request: Of which cameras, and which windows of their pictures.
+            request: Cameras, and windows of their pictures.
             now_s: Simulated time.
-            history: What there was to see.
-            find_corruption: What is wrong with the pictures of a camera at the moment.
+            history: The recent states.
+            find_corruption: Active faults of a camera.
 
         Raises:
             ExecutionError: `UNKNOWN_CAMERA`, `INVALID_CROP`.
@@ -113,7 +113,7 @@ class CameraRig:
         return Frames(tuple(frames), missing)
 
     def _find_exposure(self, camera: SimulatedCamera, limit_s: float, history: StateHistory) -> Exposure | None:
-        """The latest exposure up to a moment whose frame was not lost; None after too many lost ones."""
+        """The latest exposure up to a moment whose frame was not lost; None after `MAX_LOST` lost ones."""
         phase_s = 0.0 if self._sensors.synchronised else camera.settings.phase_s
         rate_hz = self._sensors.sensors[camera.name].rate_hz
         latest = int(np.floor((limit_s - phase_s) * rate_hz + _PHASE_TOLERANCE))
@@ -146,7 +146,7 @@ class CameraRig:
         corruptions: tuple[FaultActivation, ...],
     ) -> Frame:
         claimed = shown = exposure
-        told: Viewpoint | None = None
+        pose: Viewpoint | None = None
         for each in corruptions:
             if each.kind == "freeze":
                 number = int(each.time_s * self._sensors.sensors[camera.name].rate_hz)
@@ -155,23 +155,22 @@ class CameraRig:
         for each in corruptions:
             if each.kind == "miscalibrate":
                 error = Viewpoint(np.array(each.by_m), turn(np.array(each.by_rad)))
-                told = (told or self._find_place(camera, claimed)).then(error)
+                pose = (pose or self._find_place(camera, claimed)).then(error)
         if claimed is not shown:
-            told = told or self._find_place(camera, claimed)
+            pose = pose or self._find_place(camera, claimed)
         pose_state(self._model, shown.qpos, self._data)
         rng = self._draw(camera.name, "frame", shown.number)
-        frame = camera.capture(self._data, claimed.time_s, rng, crop, told, every)
+        frame = camera.capture(self._data, claimed.time_s, rng, crop, pose, every)
         for each in corruptions:
             frame = _alter(frame, each)
         return frame
 
     def _find_place(self, camera: SimulatedCamera, exposure: Exposure) -> Viewpoint:
-        """Where the mounting should be in a state."""
+        """Nominal pose of a camera in a state."""
         return camera.mounting.find(pose_state(self._model, exposure.qpos, self._data))
 
 
 def _alter(frame: Frame, corruption: FaultActivation) -> Frame:
-    """A frame as a camera with a fault gives it."""
     if corruption.kind == "misdate":
         return msgspec.structs.replace(frame, time_s=frame.time_s + corruption.by_s)
     if corruption.kind == "blackout":

@@ -1,7 +1,6 @@
 """Makes the simulated world misbehave, by physical means only: forces, friction, a seized joint. Never a state write.
 
-Upstream: `protocol.world.faults`. Downstream: `world` asks before every physics step; `cameras` ask how to corrupt a
-frame. Which fault becomes active, and when, follows from the seed and the simulated state alone. An activation carries
+Which fault becomes active, and when, follows from the seed and the simulated state alone. An activation carries
 everything needed to be active again at the same moment, so the evidence of a session is enough to repeat it.
 """
 
@@ -44,20 +43,20 @@ SENSOR_KINDS = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
 
 
 class FaultActivation(msgspec.Struct, frozen=True, kw_only=True):
-    """A fault as it happens.
+    """An active fault.
 
     Attributes:
         kind: As in the fault file.
         body: The object, the joint that seizes, or the pattern of the cameras that are corrupted.
-        time_s: When it began.
-        start_m: Where the object stood then.
-        goal_m: Where a hand brings it.
-        lift_m: How high the hand lifts it on the way.
-        mode: Of a corruption: which stamp a frozen picture has, how a camera is black.
+        time_s: Of its beginning.
+        start_m: The object's place then.
+        goal_m: The object's place at the end of a hand's pull.
+        lift_m: Height of the hand's path.
+        mode: Of a corruption: stamp of a frozen picture, or kind of a blackout.
         by_s: Error of a camera's clock.
         by_m: Error of a camera's reported position.
         by_rad: Error of its reported direction.
-        qpos: What a frozen picture goes on to show.
+        qpos: The state of a frozen picture.
     """
 
     kind: str
@@ -81,7 +80,7 @@ class Schedule:
     Attributes:
         faults: Each at most once, by its conditions.
         activations: Recorded ones, each at its recorded time.
-        seed: For what is drawn when a fault becomes active.
+        seed: For draws at the activation.
     """
 
     faults: tuple[Fault, ...] = ()
@@ -106,12 +105,12 @@ def draw_fault(draw: Draw, seed: int) -> Fault:
 
 
 def read_activations(records: Sequence[RecordedFault]) -> Schedule:
-    """The schedule that repeats what a bundle's `faults.json` tells."""
+    """The schedule that repeats the records of a bundle's `faults.json`."""
     return Schedule((), tuple(msgspec.convert(record.details, FaultActivation) for record in records), 0)
 
 
 class FaultInjector:
-    """The faults of one episode, as they act on one robot and on what it touches."""
+    """The faults of one episode, as they act on one robot and its objects."""
 
     def __init__(self, schedule: Schedule = Schedule()) -> None:
         self._waiting = list(schedule.faults)
@@ -124,19 +123,19 @@ class FaultInjector:
         self._all = [self]
 
     def fork(self) -> "FaultInjector":
-        """For another robot of the same world; a fault that was active on one is over for the other."""
+        """For another robot of the same world; each fault becomes active on one robot only."""
         other = FaultInjector()
         other._waiting, other._recorded, other._rng, other._all = self._waiting, self._recorded, self._rng, self._all
         self._all.append(other)
         return other
 
     def on_session(self, session: str) -> tuple[RecordedFault, ...]:
-        """A session began; what is still going on from before."""
+        """Begin a session; returns faults that are still active."""
         self._session, self._heights_m = session, {}
         return tuple(_report(activation) for activation in self._active)
 
     def act(self, physics: Physics) -> list[RecordedFault]:
-        """Called before every physics step: activate what is due, and keep up what is active."""
+        """Before every physics step: activate due faults, and apply active ones."""
         if not (self._waiting or self._recorded or self._active):
             return []
         due = self._steps % LOOK_EVERY == 0
@@ -152,7 +151,7 @@ class FaultInjector:
         return [_report(activation) for activation in begun]
 
     def find_sensor_corruption(self, camera: str) -> tuple[FaultActivation, ...]:
-        """What is wrong with the pictures of a camera at the moment."""
+        """Active faults of a camera."""
         active = (each for injector in self._all for each in injector._active)
         return tuple(s for s in active if s.kind in SENSOR_KINDS and fnmatch.fnmatchcase(camera, s.body))
 
@@ -198,7 +197,7 @@ class FaultInjector:
             physics.set_joint_friction(activation.body, SEIZED_NM)
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
-        """Decide everything that is open about a fault, now."""
+        """Draw all open parameters of a fault."""
         if isinstance(fault, Stall):
             return FaultActivation(
                 kind=fault.kind, body=fault.joint, time_s=physics.time_s, duration_s=fault.duration_s
@@ -244,7 +243,7 @@ class FaultInjector:
 
 
 def _resolve_corruption(physics: Physics, fault: SensorFault) -> FaultActivation:
-    """What is wrong with a camera, with the state that a frozen picture shows."""
+    """A camera's fault, with the state that a frozen picture shows."""
     activation = FaultActivation(kind=fault.kind, body=fault.camera, time_s=physics.time_s, duration_s=fault.duration_s)
     match fault:
         case Freeze():

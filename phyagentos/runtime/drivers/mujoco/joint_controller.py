@@ -1,10 +1,10 @@
-"""The joint controller of one robot: it follows set-points, comes to rest by itself, and stops on a collision.
+"""The joint controller of one robot: follows set-points, comes to rest by itself, and stops on a collision.
 
-Upstream: `world`, which decides who may command. Downstream: `physics`, `faults`. What is generated here (the
-deceleration to a hold, a protective stop) is no command and needs no authority. Each motion is a generator that yields
-once before every physics step, so that several robots move under one time.
+Decelerations to a hold and protective stops are no commands and need no authority. Each motion is a generator that
+yields once before every physics step, so that several robots move under one time.
 """
 
+from collections import deque
 from collections.abc import Generator
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ import numpy as np
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits, SetPoint
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
-from phyagentos.runtime.drivers.mujoco.state_history import StateHistory
 from phyagentos.runtime.targets.wire import Command, RecordedFault, Refused
 
 if TYPE_CHECKING:
@@ -22,9 +21,38 @@ if TYPE_CHECKING:
 Motion = Generator[None, None, str]
 """Physics steps of one robot; returns the code of the stop that broke it off, empty when it was carried out."""
 
+HISTORY_S = 1.5  # more than the latest camera allowed, with a run of lost frames
 HALT_MAX_S = 2.0  # longest deceleration to a hold
 REST_RAD_S = 0.01  # every joint slower than this is at rest
 FELT_NM = 1.0  # torque of contacts on a joint below which its sensor feels none: 2 N at an arm's half metre
+
+
+class StateHistory:
+    """Joint positions at past moments.
+
+    It begins anew with each session: the frames of a session follow from its own beginning, and it can be repeated.
+    """
+
+    def __init__(self) -> None:
+        self._states: deque[tuple[float, Array]] = deque()
+
+    def begin(self, time_s: float, qpos: Array) -> None:
+        """Forget the past; this is the first moment."""
+        self._states.clear()
+        self.note(time_s, qpos)
+
+    def note(self, time_s: float, qpos: Array) -> None:
+        """Keep the joint positions (nq,) of a moment."""
+        self._states.append((time_s, qpos.copy()))
+        while self._states[0][0] < time_s - HISTORY_S:
+            self._states.popleft()
+
+    def find(self, time_s: float) -> tuple[float, Array]:
+        """The latest moment up to `time_s`, and its joint positions (nq,); the first one when all are later."""
+        for moment in reversed(self._states):
+            if moment[0] <= time_s + 1e-9:
+                return moment
+        return self._states[0]
 
 
 class JointController:
@@ -33,12 +61,12 @@ class JointController:
     Args:
         profile: The robot.
         physics: Its scene.
-        faults: Asked before every physics step.
+        faults: Act before every physics step.
         n_steps: Rows of one command.
 
     Attributes:
         activations: Faults that became active since this was emptied.
-        history: What there was to see, control period by control period, since the session or the scene began.
+        history: States of past control periods, since the session or the scene began.
     """
 
     def __init__(self, profile: TargetProfile, physics: Physics, faults: "FaultInjector", n_steps: int) -> None:
@@ -68,7 +96,7 @@ class JointController:
         self._width_m = float(np.clip(self._physics.gripper_width_m, 0.0, self._profile.gripper.max_width_m))
 
     def begin(self) -> None:
-        """A session begins, the arm being at rest: its set-points go on from where the arm stands, as it sees it."""
+        """Begin a session: set-points continue from the measured posture, at rest."""
         self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
         self._force_max_n = 0.0
         self._begin_history()
@@ -78,7 +106,7 @@ class JointController:
         self.history.begin(self._physics.time_s, self._physics.data.qpos)
 
     def check(self, command: Command) -> Refused | None:
-        """The target's own limits on a command."""
+        """Refusal of a command by the target's own limits."""
         return self._limits.check(command, self._held)
 
     def follow(self, command: Command) -> Motion:
@@ -117,7 +145,7 @@ class JointController:
         return ""
 
     def settle(self, duration_s: float) -> Motion:
-        """Hold still for some simulated time [s]; a motion that was left in its middle is brought to rest first."""
+        """Come to rest, and hold still for some simulated time [s]."""
         if self.is_moving:
             yield from self.halt()
         for _ in range(round(duration_s / self._profile.physics_step_s)):
@@ -132,7 +160,7 @@ class JointController:
             yield from self._hold_step()
 
     def take_force(self) -> float:
-        """The greatest contact force [N] since this was last asked; contacts that load no joint are ignored."""
+        """The greatest contact force [N] since the last call; contacts that load no joint are ignored."""
         taken, self._force_max_n = self._force_max_n, 0.0
         return taken
 
@@ -141,7 +169,7 @@ class JointController:
         yield from self._step()
 
     def _step(self) -> Generator[None, None, None]:
-        """Limit the servo inputs and let faults act; after the physics step, feel and remember what came of it."""
+        """Limit the servo inputs and let faults act; after the physics step, record force and state."""
         self._limits.restrain()
         self.activations += self._faults.act(self._physics)
         yield

@@ -1,7 +1,4 @@
-"""The arm's joints as the live model has them, for whoever must know where a commanded posture ends.
-
-Upstream: the compiled model. Downstream: `wire.Description`.
-"""
+"""The arm's joints in the compiled model, for `wire.Description`."""
 
 import mujoco
 import numpy as np
@@ -13,13 +10,7 @@ _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLI
 
 
 def read_kinematics(model: mujoco.MjModel, profile: TargetProfile, prefix: str = "") -> Kinematics | None:
-    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides.
-
-    Args:
-        model: Compiled, with the robot in it.
-        profile: The robot.
-        prefix: Of its names in the model.
-    """
+    """Axes and anchors at joint positions zero, in the world frame; None when a joint neither turns nor slides."""
     joints = [model.joint(prefix + name) for name in profile.arm.joints]
     kinds = [int(joint.type[0]) for joint in joints]
     if not {_HINGE, _SLIDE}.issuperset(kinds):

@@ -1,8 +1,7 @@
-"""The target's own limits: which set-points it takes, and how its drives may push. They hold whatever stands upstream.
+"""The target's own limits, whatever commands it: which set-points it takes, and how its drives may push.
 
-Upstream: `world`, from the target's profile and model. Set-points that no drive should follow are refused; whatever is
-let through, each physics step's servo input is kept so that no joint can exceed its velocity or run into its end. For
-commands within the limits the servo input is untouched, bit for bit.
+Set-points that no drive should follow are refused. Each physics step's servo input is kept so that no joint exceeds
+its velocity or runs into its end. For commands within the limits the servo input is untouched, bit for bit.
 """
 
 from dataclasses import dataclass
@@ -39,7 +38,7 @@ BROKEN = (  # what is measured of every row, in this order
 
 @dataclass(frozen=True, slots=True)
 class SetPoint:
-    """What the servos were told last.
+    """The last set-point of the servos.
 
     Attributes:
         q_rad: (n_joints,) position.
@@ -58,13 +57,7 @@ class SetPoint:
 
 
 class LocalLimits:
-    """Limits of one target in one scene.
-
-    Args:
-        profile: The robot.
-        physics: Its model.
-        n_steps: Rows of one command.
-    """
+    """Limits of one target in one scene, for commands of `n_steps` rows."""
 
     def __init__(self, profile: TargetProfile, physics: Physics, n_steps: int) -> None:
         arm, dt = profile.arm, profile.physics_step_s
@@ -88,12 +81,7 @@ class LocalLimits:
         self._positions, self._velocities, self._steps = np.empty((3, n_steps + 1, len(arm.joints)))
 
     def check(self, command: Command, held: SetPoint) -> Refused | None:
-        """Refuse what cannot be followed within the limits.
-
-        Args:
-            command: As it came over the wire.
-            held: The set-point before it.
-        """
+        """Refusal of a command that cannot be followed from the held set-point within the limits."""
         q, qd, width = command.q_rad, command.qd_rad_s, command.gripper_width_m
         if (q.shape, qd.shape, width.shape) != (self._shape, self._shape, self._shape[:1]):
             rows, n = self._shape
@@ -111,10 +99,7 @@ class LocalLimits:
         return self._check_place(q[-1], qd[-1])
 
     def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
-        """What the rows break, empty when nothing: one comparison for all bounds.
-
-        Sudden changes of one joint are among it, since they would push the others beyond their limits.
-        """
+        """The broken bound, empty for none: one comparison for all bounds, sudden changes of one joint included."""
         positions, velocities, steps, found = self._positions, self._velocities, self._steps, self._found
         positions[0], velocities[0], steps[0] = held.q_rad, held.qd_rad_s, held.step_rad
         positions[1:], velocities[1:] = q, qd
@@ -133,10 +118,10 @@ class LocalLimits:
         return BROKEN[int(np.argmin(is_within.all(axis=(1, 2))))]
 
     def _check_place(self, q: Array, qd: Array) -> Refused | None:
-        """Whether the arm is clear of itself, of what stands fixed, and in its workspace, where it would come to rest.
+        """Refuse a resting place in collision or outside of the workspace.
 
-        That place is where it would stand if it braked at the end of the command, all joints in proportion, so that
-        they go on in the direction in which they move; braking each for itself was rejected, since it bends the way.
+        The arm is assumed to brake at the end of the command, all joints in proportion: they keep their direction.
+        Braking each for itself was rejected, since it bends the way.
         """
         way = 0.5 * self._compute_stop_s(qd, FORESIGHT_SHARE) * qd
         looks = LOOKS_FAST if np.count_nonzero(np.abs(way) > FAST_RAD) else LOOKS_SLOW
@@ -153,14 +138,14 @@ class LocalLimits:
         return None
 
     def compute_braking_s(self, qd_rad_s: Array) -> float:
-        """How long the drives take to bring these velocities to zero, all in proportion."""
+        """Time to bring these velocities to zero, all in proportion."""
         return self._compute_stop_s(qd_rad_s, BRAKING_SHARE)
 
     def _compute_stop_s(self, qd_rad_s: Array, share: float) -> float:
         return float((np.abs(qd_rad_s) / (share * self._brake)).max())
 
     def restrain(self) -> None:
-        """Keep the servo inputs of the coming physics step within what the drives may do.
+        """Bound the servo inputs of the coming physics step.
 
         A servo with gains kp and kv settles at the velocity w = (ctrl - q) kp / kv. That is bounded by the joint's
         velocity limit, and by sqrt(2 a d) at a distance d from the end of its range, a being its braking deceleration.
@@ -177,7 +162,7 @@ class LocalLimits:
         data.ctrl[servos] = np.clip(wanted, q - self._lead_s * down, q + self._lead_s * up)
 
     def find_excess(self) -> str:
-        """What the measured state breaks; empty when nothing."""
+        """The limit that the measured state breaks; empty for none."""
         physics = self._physics
         if np.count_nonzero(np.abs(physics.qd_rad_s) > self._velocity):
             return "a joint is faster than its limit"

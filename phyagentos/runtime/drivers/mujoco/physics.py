@@ -1,7 +1,6 @@
-"""One robot in the physics of an episode: its joints, servos and pads, its contacts, and what there is to see.
+"""One robot in the physics of an episode: its joints, servos and pads, its contacts, and the queries on them.
 
-Upstream: `world`. Downstream: `compiled_scene`, which several robots share. Looking never touches the state that is
-stepped: what is seen is computed in a second MjData, so that a run with more eyes has the same bits.
+Queries are computed in a second MjData and never touch the stepped state: a run with more queries has the same bits.
 """
 
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.errors import ExecutionError
 from phyagentos.geometry import as_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Pose, TargetState
@@ -21,6 +21,7 @@ from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
 from phyagentos.runtime.models.world import CompiledScene, compile_scene
 
 Array = NDArray[np.float64]
+RANGE_TOLERANCE_RAD = 1e-3  # what a contact may press a joint beyond its range
 RIGID = 0.9999  # constraint impedance of what must not give way
 _FREE = 6  # degrees of freedom of a body that nothing holds
 _ROBOT, _LOOSE, _FINGER = 1, 2, 4  # what a geom belongs to
@@ -69,14 +70,7 @@ class Physics:
 
     @classmethod
     def alone(cls, profile: TargetProfile, folder: Path, spec: SceneSpec, seed: int) -> Self:
-        """The only robot of a scene.
-
-        Args:
-            profile: The robot.
-            folder: Where its model lies.
-            spec: The scene.
-            seed: Of the scene.
-        """
+        """The only robot of a scene, whose model is in `folder`."""
         return cls(profile, compile_scene(((profile, folder),), spec, seed))
 
     @property
@@ -117,6 +111,24 @@ class Physics:
         """Continue from a recorded state vector, bit for bit."""
         mujoco.mj_setState(self.model, self.data, state, _STATE)
 
+    def refuse_bad_state(self, state: Array) -> None:
+        """Refuse a state of another length, with non-finite numbers, or outside the limits of the joints.
+
+        Raises:
+            ExecutionError: `MALFORMED`, `TARGET_LIMIT`.
+        """
+        size = mujoco.mj_stateSize(self.model, _STATE)
+        if state.shape != (size,) or state.dtype != np.float64 or not np.isfinite(state).all():
+            raise ExecutionError("MALFORMED", f"a state of shape {state.shape}; expected ({size},), all finite")
+        data = mujoco.MjData(self.model)
+        mujoco.mj_setState(self.model, data, state, _STATE)
+        q, qd = data.qpos[self.q_address], data.qvel[self.v_address]
+        low, high = self.q_range
+        if (q < low - RANGE_TOLERANCE_RAD).any() or (q > high + RANGE_TOLERANCE_RAD).any():
+            raise ExecutionError("TARGET_LIMIT", "the state has a joint outside its range")
+        if (np.abs(qd) > np.array(self._profile.arm.velocity_rad_s)).any():
+            raise ExecutionError("TARGET_LIMIT", "the state has a joint that is faster than its limit")
+
     def read_state(self) -> Array:
         """The mjSTATE_INTEGRATION vector."""
         state = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
@@ -141,7 +153,7 @@ class Physics:
             mujoco.mj_step(self.model, self.data, count)
 
     def look(self) -> None:
-        """Take in the present: poses and contacts of this moment, for the queries below."""
+        """Compute poses and contacts of the present, for the queries below."""
         seen = self.seen
         seen.time = self.data.time
         seen.qpos[:] = self.data.qpos
@@ -185,11 +197,7 @@ class Physics:
         return [pair for pair in pairs if pair[0] in self._pads or pair[1] in self._pads]
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
-        """Ground truth of every thing (after `look`).
-
-        Args:
-            holders: Target that holds an entity, by the entity's name.
-        """
+        """Ground truth of every thing (after `look`); `holders` maps entities to the target that holds each."""
         found = []
         for body, entity in self._bodies.items():
             pose = Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
@@ -253,7 +261,7 @@ class Physics:
         return float(min(distances, default=1.0))
 
     def can_grasp_at(self, point: Array) -> bool:
-        """Whether a thing at a point (3,) lies in the band around the base in which the arm grasps."""
+        """Whether a point (3,) is in the band around the base in which the arm grasps."""
         nearest_m, farthest_m = self._profile.grasp_band_m
         away_m = np.linalg.norm(point[:2] - np.array(self._profile.mount_position_m[:2]))
         return bool(nearest_m <= away_m <= farthest_m)
@@ -265,7 +273,7 @@ class Physics:
 
         Args:
             name: Of the body.
-            wanted: (3,) where the hand wants it [m].
+            wanted: (3,) goal of the hand [m].
             stiffness: Per unit of mass [1/s^2].
             damping: Per unit of mass [1/s].
             spin_damping: Per unit of inertia [1/s].
@@ -285,15 +293,15 @@ class Physics:
         self.data.xfrc_applied[body, 3:] = -spin_damping * inertia * (rotation @ spin)
 
     def let_go(self, name: str) -> None:
-        """No hand on this body any more."""
+        """Remove the hand's force from a body."""
         self.data.xfrc_applied[self.model.body(name).id] = 0.0
 
     def check_posture(self, q_rad: Array) -> tuple[Array, str]:
-        """The arm in another posture (n_joints,) [rad], everything else where it is.
+        """The arm in another posture (n_joints,) [rad], everything else in place.
 
         Returns:
-            (3,) position of the tool centre point [m], and `part|other` of a contact of the robot with itself, another
-            robot or something fixed; empty when there is none that is not there already.
+            (3,) position of the tool centre point [m], and `part|other` of a new contact of the robot with itself,
+            another robot or something fixed; empty without one.
         """
         seen = self._considered
         seen.qpos[:] = self.data.qpos
@@ -340,12 +348,12 @@ class Physics:
         return float(np.linalg.norm(force)), f"{part}|{other}"
 
     def set_pad_friction(self, friction: tuple[float, float, float] | None) -> None:
-        """Friction (slide, spin, roll) of the finger pads; None for what the model says."""
+        """Friction (slide, spin, roll) of the finger pads; None for the model's."""
         for pad in self._pads:
             self.model.geom_friction[pad] = self._pad_friction[pad] if friction is None else friction
 
     def set_joint_friction(self, joint: str, torque_nm: float | None) -> None:
-        """Dry friction of a joint [Nm]; None for what the model says."""
+        """Dry friction of a joint [Nm]; None for the model's."""
         dof = int(self.model.joint(self._prefix + joint).dofadr[0])
         own = torque_nm is None
         self.model.dof_frictionloss[dof] = self._joint_friction[dof] if own else torque_nm
@@ -353,6 +361,6 @@ class Physics:
 
 
 def _as_slice(places: list[int]) -> slice | NDArray[np.intp]:
-    """Places in an array; as a slice where they follow each other, since a view costs less than a copy."""
+    """Places in an array; a slice where they are consecutive, since a view costs less than a copy."""
     first, count = places[0], len(places)
     return slice(first, first + count) if places == list(range(first, first + count)) else np.array(places)

@@ -1,7 +1,7 @@
-"""The back end that needs no graphics: one ray for each pixel, cast by MuJoCo through the visible solids.
+"""The back end without graphics: one ray for each pixel, cast by MuJoCo through the visible solids.
 
-Upstream: `simulated_camera`. The state is only read; its poses must be computed (`mj_kinematics`). Colour is the
-material's, lit by Lambert's law: no shadows, no gloss, and a texture counts with its mean.
+The state, with computed poses (`mj_kinematics`), is only read. Colour is the material's, lit by Lambert's law: no
+shadows, no gloss, and a texture counts with its mean.
 """
 
 import mujoco
@@ -12,11 +12,12 @@ from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
     MovingSolids,
     Picture,
     Rays,
+    Shot,
     Single,
     StaticDepthCache,
     shoot,
 )
-from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
+from phyagentos.runtime.models.camera_model import Array, Lens
 
 KEPT_PX = 4096  # a smaller window is cast as fast
 CACHES_KEPT = 8  # of some megabytes each
@@ -24,11 +25,7 @@ SKY = np.array([0.7, 0.76, 0.82], dtype=np.float32)  # where nothing is hit
 
 
 class RayCaster:
-    """Casts pictures of one model.
-
-    Args:
-        model: Compiled model.
-    """
+    """Casts pictures of one model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
@@ -40,35 +37,18 @@ class RayCaster:
         self._moving = MovingSolids(model)
         self._static_caches: dict[tuple[Lens, bytes, bytes, float], StaticDepthCache] = {}
 
-    def cast(
-        self,
-        data: mujoco.MjData,
-        lens: Lens,
-        viewpoint: Viewpoint,
-        far_m: float,
-        pixels: Pixels | None = None,
-        *,
-        still: bool = False,
-    ) -> Picture:
-        """One picture.
-
-        Args:
-            data: State with computed poses.
-            lens: And window.
-            viewpoint: `world_T_camera`.
-            far_m: Depth beyond which nothing needs to be found.
-            pixels: Rows and columns of those that are wanted, for a picture of one row; all when absent.
-            still: Whether the camera never moves, so that its view of what never moves is worth keeping.
-        """
+    def cast(self, data: mujoco.MjData, shot: Shot) -> Picture:
+        """One picture of a state with computed poses."""
+        lens, pixels = shot.lens, shot.pixels
         rays, lengths = self._get_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
         shape = (lens.height, lens.width) if pixels is None else (1, len(rays))
-        if still and pixels is None and len(rays) >= KEPT_PX:
-            return self._cover(self._get_cache(data, lens, viewpoint, far_m), data).reshape(shape)
-        beam = Rays(viewpoint, rays @ viewpoint.rotation.T, far_m * float(lengths.max()))
+        if shot.still and pixels is None and len(rays) >= KEPT_PX:
+            return self._cover(self._get_cache(data, shot), data).reshape(shape)
+        beam = Rays(shot.viewpoint, rays @ shot.viewpoint.rotation.T, shot.far_m * float(lengths.max()))
         return self._paint(data, beam, lengths, shoot(self._model, data, beam)).reshape(shape)
 
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
-        """Colours, depths and cosines of (n,) pixels from what their rays meet."""
+        """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
         hit = hits.geoms >= 0
         rays32, facing = rays.directions.astype(np.float32), hits.normals.astype(np.float32)
         along = np.where(hit, hits.distances_m, 0.0).astype(np.float32)
@@ -81,16 +61,17 @@ class RayCaster:
         depth = np.where(hit, along / lengths.astype(np.float32), np.float32(np.inf))
         return Picture(rgb, depth, cosines)
 
-    def _get_cache(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint, far_m: float) -> StaticDepthCache:
-        """What a camera that stands still sees of what stands still; cast anew where that was moved after all."""
-        key = (lens, viewpoint.position_m.tobytes(), viewpoint.rotation.tobytes(), far_m)
+    def _get_cache(self, data: mujoco.MjData, shot: Shot) -> StaticDepthCache:
+        """A fixed camera's view of the fixed solids; cast anew where those were moved after all."""
+        lens, viewpoint = shot.lens, shot.viewpoint
+        key = (lens, viewpoint.position_m.tobytes(), viewpoint.rotation.tobytes(), shot.far_m)
         signature = self._moving.sign_fixed(data)
         kept = self._static_caches.get(key)
         if kept is None or kept.signature != signature:
             if len(self._static_caches) >= CACHES_KEPT:
                 self._static_caches.clear()
             rays, lengths = self._get_rays(lens)
-            beam = Rays(viewpoint, rays @ viewpoint.rotation.T, far_m * float(lengths.max()))
+            beam = Rays(viewpoint, rays @ viewpoint.rotation.T, shot.far_m * float(lengths.max()))
             emptied = self._moving.send_away(data)
             hits = shoot(self._model, emptied, beam)
             kept = StaticDepthCache(signature, lens, beam, lengths, hits, self._paint(emptied, beam, lengths, hits))
@@ -98,7 +79,7 @@ class RayCaster:
         return kept
 
     def _cover(self, cache: StaticDepthCache, data: mujoco.MjData) -> Picture:
-        """What stands still, with what moves in front of it."""
+        """The fixed solids, with the moving ones in front."""
         rays, behind, picture = cache.rays, cache.hits, cache.picture
         where = self._moving.find_pixels(data, cache.lens, rays.viewpoint)
         beam = Rays(rays.viewpoint, rays.directions[where], rays.cutoff_m)
@@ -113,7 +94,7 @@ class RayCaster:
         return Picture(rgb, depth, incidence)
 
     def _get_rays(self, lens: Lens) -> tuple[Array, Array]:
-        """(n, 3) unit vectors and (n,) lengths of the rays with z = 1; kept, since a camera's lens does not change."""
+        """(n, 3) unit vectors and (n,) lengths of the rays with z = 1, cached by lens."""
         if lens not in self._rays:
             if len(self._rays) > 32:  # windows that follow a thing are all different
                 self._rays.clear()
@@ -121,7 +102,7 @@ class RayCaster:
         return self._rays[lens]
 
     def _light(self, data: mujoco.MjData, points: Single, normals: Single, facing: Single) -> Single:
-        """(n, 3) light that each point sends back: ambient, a lamp at the camera, and the scene's lamps."""
+        """(n, 3) light of each point: ambient, a lamp at the camera, and the scene's lamps."""
         model = self._model
         light: Single = self._ambient + self._head * facing[:, None]
         for index in self._lights:
@@ -141,10 +122,7 @@ class RayCaster:
 
 
 def _dot(a: Single, b: Single) -> Single:
-    """(n,) products of vectors (n, 3) with vectors (n, 3) or (3,).
-
-    Each row is computed alone, so that some of the rows give the same bits as all of them.
-    """
+    """(n,) products of vectors (n, 3) with (n, 3) or (3,); each row alone, so that subsets have the same bits."""
     product: Single = a[:, 0] * b[..., 0] + a[:, 1] * b[..., 1] + a[:, 2] * b[..., 2]
     return product
 
@@ -156,7 +134,7 @@ def _normalise(rays: Array) -> tuple[Array, Array]:
 
 
 def _read_colors(model: mujoco.MjModel) -> Single:
-    """(n_geoms + 1, 3) colour of each geom, a texture by its mean; the last row is for no geom at all."""
+    """(n_geoms + 1, 3) colour of each geom, a texture by its mean; the last row is for no geom."""
     means = [_compute_mean(model, texture) for texture in range(model.ntex)]
     colors = np.ones((model.ngeom + 1, 3), np.float32)
     role = int(mujoco.mjtTextureRole.mjTEXROLE_RGB)

@@ -1,7 +1,7 @@
-"""Pictures of a world by MuJoCo's own graphics, in software where there is no screen: for people, and for sensors.
+"""Pictures of a world by MuJoCo's own graphics, in software without a screen: for people, and for sensors.
 
-Upstream: `world`, `simulated_camera`. MuJoCo chooses its graphics by MUJOCO_GL when it is imported. A machine without
-graphics gives an empty picture with the reason, or no frame with a code; never an error.
+MUJOCO_GL selects the graphics when MuJoCo is imported. A machine without graphics gives an empty picture with the
+reason, or no frame with a code; never an error.
 """
 
 import io
@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS, Picture
-from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS, Picture, Shot
+from phyagentos.runtime.models.camera_model import Array, Lens, Viewpoint
 from phyagentos.runtime.targets.wire import Artefact, ToolResult
 
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
@@ -20,15 +20,7 @@ _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 
 def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
-    """One picture, as the artefact `picture.png`; none where this machine cannot draw, with the reason.
-
-    Args:
-        model: Compiled model.
-        data: State to show; only poses are read.
-        camera: Name of a camera of the model.
-        width: Pixels.
-        height: Pixels.
-    """
+    """One picture of a model's camera, as the artefact `picture.png`; without graphics none, with the reason."""
     names = [model.camera(index).name for index in range(model.ncam)]
     if camera not in names:
         return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
@@ -44,41 +36,28 @@ def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: i
 
 
 class GraphicsCaster:
-    """Draws what `ray_cast.RayCaster` casts: shadows, gloss and textures included.
-
-    Args:
-        model: Compiled model.
-    """
+    """Draws what `ray_cast.RayCaster` casts: shadows, gloss and textures included."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
 
-    def cast(
-        self,
-        data: mujoco.MjData,
-        lens: Lens,
-        viewpoint: Viewpoint,
-        far_m: float,
-        pixels: Pixels | None = None,
-        *,
-        still: bool = False,
-    ) -> Picture:
-        """One picture; the arguments are those of `RayCaster.cast`.
+    def cast(self, data: mujoco.MjData, shot: Shot) -> Picture:
+        """One picture of a state with computed poses.
 
         Raises:
             ExecutionError: `NO_GRAPHICS` when this machine cannot draw.
         """
         try:
-            rgb, depth = self._draw(data, lens, viewpoint)
+            rgb, depth = self._draw(data, shot.lens, shot.viewpoint)
         except Exception as error:  # graphics drivers raise what they like
             raise ExecutionError("NO_GRAPHICS", f"{type(error).__name__}: {error}") from error
-        far = min(far_m, _FAR * float(self._model.vis.map.zfar * self._model.stat.extent))
+        far = min(shot.far_m, _FAR * float(self._model.vis.map.zfar * self._model.stat.extent))
         depth = np.where(depth < far, depth, np.float32(np.inf))
-        picture = Picture(rgb.astype(np.float32) / np.float32(255.0), depth, _compute_incidence(depth, lens))
-        if pixels is None:
+        picture = Picture(rgb.astype(np.float32) / np.float32(255.0), depth, _compute_incidence(depth, shot.lens))
+        if (some := shot.pixels) is None:
             return picture
-        return Picture(picture.rgb[pixels][None], picture.depth_m[pixels][None], picture.incidence[pixels][None])
+        return Picture(picture.rgb[some][None], picture.depth_m[some][None], picture.incidence[some][None])
 
     def _draw(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint) -> tuple[Any, Any]:
         size = (lens.width, lens.height)
@@ -96,14 +75,14 @@ class GraphicsCaster:
         return rgb, np.array(renderer.render())
 
     def close(self) -> None:
-        """Let go of the graphics."""
+        """Release the graphics."""
         for renderer in self._renderers.values():
             renderer.close()
         self._renderers.clear()
 
 
 def _place(camera: mujoco.MjvGLCamera, lens: Lens, viewpoint: Viewpoint) -> None:
-    """Let a camera of the graphics stand and open as ours does."""
+    """Set pose and opening of a camera of the graphics."""
     near = camera.frustum_near
     left, right = -lens.cx / lens.fx, (lens.width - lens.cx) / lens.fx
     camera.pos, camera.forward, camera.up = (
@@ -126,7 +105,7 @@ def _compute_incidence(depth: Any, lens: Lens) -> Any:
 
 
 def _make_room(model: mujoco.MjModel, width: int, height: int) -> None:
-    """Let the off-screen buffer hold a picture of this size."""
+    """Enlarge the off-screen buffer to this size."""
     model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
     model.vis.global_.offheight = max(model.vis.global_.offheight, height)
 

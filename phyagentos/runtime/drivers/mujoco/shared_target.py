@@ -1,8 +1,7 @@
 """Several robots of one simulated world, each served to its own commander: under one lock, one time, one stop.
 
-Upstream: the world process. Downstream: `served_target` (authority, log and deadman of each robot), `simulation`. A
-thread serves each robot; it waits inside a command until the command's motion has ended. In real time one more thread
-lets time keep pace with the wall clock. An emergency stop brings every robot to rest.
+A thread serves each robot; it waits inside a command until the command's motion has ended. In real time one more
+thread paces simulated time by the wall clock. An emergency stop brings every robot to rest.
 """
 
 import threading
@@ -76,7 +75,7 @@ class SharedTarget(ServedTarget):
         return True
 
     def note_deadman(self) -> None:
-        """No command came in time, in the middle of a motion: the session commands no more."""
+        """Revoke the session's authority: no command came in time, in the middle of a motion."""
         if self._authority.session:
             self._authority.stop("DEADMAN")
             self._note_event("Deadman")
@@ -88,13 +87,13 @@ def serve_together(
     pace_by: Clock | None = None,
     should_end: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Serve the robots of one world, each on a thread of its own, until each was shut down.
+    """Serve the robots of one world, each on a thread of its own, until each is shut down.
 
     Args:
         targets: All robots of the world.
         serve: Answers one target's clients, one after the other.
         pace_by: The wall clock, for a world in real time; None in lockstep.
-        should_end: Asked in every control period of a world in real time.
+        should_end: Polled in every control period of a world in real time.
     """
     threads = [
         threading.Thread(target=serve, args=(target,), daemon=True, name=f"serve-{target.robot.profile.target}")
@@ -109,15 +108,10 @@ def serve_together(
 
 
 def keep_pace(targets: Sequence[SharedTarget], clock: Clock, should_end: Callable[[], bool]) -> None:
-    """Let the time of a shared world keep pace with the wall clock.
+    """Pace the time of a shared world by the wall clock.
 
     Time runs ahead of the clock by two control periods at most, and only while every robot in motion has its next
     command. A robot whose command is a whole period late comes to rest; the others go on.
-
-    Args:
-        targets: All robots of the world.
-        clock: The wall clock.
-        should_end: Asked in every control period.
     """
     simulation = targets[0].robot.world.simulation
     simulation.is_paced = True

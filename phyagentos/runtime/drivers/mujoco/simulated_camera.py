@@ -1,7 +1,7 @@
 """A simulated RGB-D camera: one state of a model in, one frame out. Pure, but for its buffers.
 
-Upstream: `cameras`, in the world process, and whoever senses recorded states again: open the model of an evidence
-bundle (`mujoco.MjModel.from_binary_path("scene.mjb")`), then
+To sense the recorded states of an evidence bundle again, open its model
+(`mujoco.MjModel.from_binary_path("scene.mjb")`), then
 
     cameras = open_cameras(model, read_sensors(path), seed=7, level="harsh")
     data = pose_state(model, np.load("terminal.npz")["qpos"])
@@ -21,30 +21,20 @@ from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.drivers.mujoco.camera_noise import draw_places, spoil
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
 from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
-from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture
-from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint, find_mounting
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture, Shot
+from phyagentos.runtime.models.camera_model import Array, Lens, Viewpoint, find_mounting
 from phyagentos.runtime.targets.wire import Crop, Frame
 
 
 class Caster(Protocol):
-    """A back end: what a perfect camera sees."""
+    """A back end: pictures of a perfect camera."""
 
-    def cast(
-        self,
-        data: mujoco.MjData,
-        lens: Lens,
-        viewpoint: Viewpoint,
-        far_m: float,
-        pixels: Pixels | None = None,
-        *,
-        still: bool = False,
-    ) -> Picture:
-        """One picture of a state with computed poses, or some (1, n) of its pixels, by row and column."""
-        ...
+    def cast(self, data: mujoco.MjData, shot: Shot) -> Picture:
+        """One picture of a state with computed poses."""
 
 
 class UnknownMountingError(LookupError):
-    """The model has not what carries the camera."""
+    """The model lacks the camera's carrier."""
 
 
 class SimulatedCamera:
@@ -54,9 +44,9 @@ class SimulatedCamera:
         model: Compiled model.
         name: Of the camera, in sensors.yaml.
         settings: Of the camera.
-        noise: What spoils its pictures and its placing.
+        noise: Of its pictures and its placing.
         caster: The back end.
-        seed: Of the error of its calibration, which never changes.
+        seed: Of its constant calibration error.
         prefix: Of the names of the robot that carries it.
 
     Raises:
@@ -86,17 +76,17 @@ class SimulatedCamera:
         time_s: float,
         rng: np.random.Generator,
         crop: Crop | None = None,
-        told: Viewpoint | None = None,
+        claimed: Viewpoint | None = None,
         every: int = 1,
     ) -> Frame:
         """One frame.
 
         Args:
-            data: State with computed poses, as `pose_state` leaves it; it is only read.
-            time_s: What the frame is stamped with.
+            data: State with computed poses, as of `pose_state`; it is only read.
+            time_s: Stamp of the frame.
             rng: Of this frame's noise.
             crop: Window to look at instead of the whole picture.
-            told: Where the camera claims to stand; where its mounting should be in this state, when absent.
+            claimed: Reported pose; the nominal one in this state when absent.
             every: Of so many rows and columns only the middle one is read out; odd.
 
         Raises:
@@ -104,15 +94,16 @@ class SimulatedCamera:
         """
         lens = self.mounting.lens if crop is None else self.mounting.lens.crop(crop)
         nominal = self.mounting.find(data)
+        true = nominal.then(self._error)
         low, high = self.settings.range_m
         if every == 1:
-            picture = self._caster.cast(data, lens, nominal.then(self._error), high, still=self._still)
+            picture = self._caster.cast(data, Shot(lens, true, high, still=self._still))
             rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
         else:
             lens, whole = lens.thin(every), lens
-            picture = self._cast_some(data, whole, lens, every, nominal.then(self._error), rng)
+            picture = self._cast_some(data, whole, lens, every, true, rng)
             rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
-        claimed = told or nominal
+        claimed = claimed or nominal
         return Frame(
             camera=self.name,
             time_s=time_s,
@@ -130,7 +121,7 @@ class SimulatedCamera:
     def _cast_some(
         self, data: mujoco.MjData, whole: Lens, thin: Lens, every: int, viewpoint: Viewpoint, rng: np.random.Generator
     ) -> Picture:
-        """The pixels of a thinned picture: colours of where they look, depths of where their wavering takes them."""
+        """The pixels of a thinned picture: colours at their centres, depths at their wavering places."""
         shape, far_m = (thin.height, thin.width), self.settings.range_m[1]
         rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2
         std_px = self.noise.lateral_std_rad * whole.fx
@@ -140,7 +131,7 @@ class SimulatedCamera:
             np.concatenate((rows.ravel(), deep_rows[moved])),
             np.concatenate((columns.ravel(), deep_columns[moved])),
         )
-        picture = self._caster.cast(data, whole, viewpoint, far_m, pixels)
+        picture = self._caster.cast(data, Shot(whole, viewpoint, far_m, pixels))
         n = rows.size
         depth, incidence = (each[0, :n].reshape(shape).copy() for each in (picture.depth_m, picture.incidence))
         depth[moved], incidence[moved] = picture.depth_m[0, n:], picture.incidence[0, n:]
@@ -163,7 +154,7 @@ def open_cameras(
         sensors: The settings.
         seed: Of the scene.
         level: Name of a noise level; the file's choice when empty.
-        names: Which cameras; all when empty.
+        names: Restricts the cameras; all when empty.
         prefix: Of the names of the robot that carries some of them.
 
     Raises:
@@ -192,7 +183,7 @@ def pose_state(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None = 
 
 
 def _draw_error(noise: NoiseLevel, seed: int) -> Viewpoint:
-    """`told_T_true` of a camera."""
+    """`claimed_T_true` of a camera."""
     rng = np.random.default_rng(seed)
     shift = rng.normal(size=3) * noise.calibration_position_m
     return Viewpoint(shift, turn(rng.normal(size=3) * noise.calibration_rotation_rad))

@@ -1,10 +1,9 @@
-"""The time of one simulated world and the robots in it: who moves, when a physics step is due, when time stands.
+"""The time of one simulated world and its robots: who moves, when a physics step is due, when time stands.
 
-Upstream: the drivers of its robots (`world`), each served by a thread of its own where there are several; a watchdog,
-which says what runs. Downstream: MuJoCo. A world of one robot moves by that robot's commands alone, at once. With
-several, in lockstep, a physics step is taken when every robot that runs a session has a motion to carry out; the others
-hold. Time also stands until the runtime plane and this world agree on the sessions that run, so that planning, verdicts
-and starts take no simulated time. Robots act in the order of their names: a run repeats bit for bit.
+A world of one robot moves by that robot's commands alone, at once. With several, in lockstep, a physics step is taken
+when every robot that runs a session has a motion to carry out; the others hold. Time also stands until the runtime
+plane and this world agree on the running sessions, so that planning, verdicts and starts take no simulated time.
+Robots act in the order of their names: a run repeats bit for bit.
 """
 
 import math
@@ -32,8 +31,7 @@ class Body(Protocol):
 
     @property
     def session(self) -> str:
-        """Session that it carries out; empty without one."""
-        ...
+        """The running session; empty without one."""
 
     @property
     def controller(self) -> JointController:
@@ -58,12 +56,11 @@ class Simulation:
     """Bodies under one time.
 
     Attributes:
-        read_agreement: Asked before time moves, where several robots share it; None without a runtime plane.
+        read_agreement: Read before time moves, where several robots share it; None without a runtime plane.
         bodies: By name; they join before the first scene is loaded.
-        scene: Of the present episode.
         control_period_s: Of all robots [s].
         is_paced: Whether `pass_period` alone moves time, by the wall clock.
-        lock: Held by every thread that looks at a shared world or changes it.
+        lock: Guards a shared world.
     """
 
     read_agreement: ReadAgreement | None = None
@@ -120,7 +117,7 @@ class Simulation:
         return move.ended
 
     def let_stand(self, name: str) -> None:
-        """A robot's session is over: it comes to rest as time passes, and at once where no other session runs."""
+        """End a robot's session: it comes to rest as time passes, at once where no other session runs."""
         with self.lock:
             self._moves.pop(name, None)
             self._primed.discard(name)
@@ -129,7 +126,7 @@ class Simulation:
             self.lock.notify_all()
 
     def rest(self, code: str) -> None:
-        """Bring every robot to rest now; motions that are waited for end under `code`."""
+        """Bring every robot to rest now; pending motions end under `code`."""
         if self.scene is None:
             return
         with self.lock:
@@ -152,7 +149,7 @@ class Simulation:
             self.lock.notify_all()
 
     def is_eager(self) -> bool:
-        """Whether something is to be done, and every robot in motion has its next command."""
+        """Whether there is a motion to carry out, and every moving robot has its next command."""
         waited = self.find_commanded()
         return bool(waited) and all(
             name in waited or not body.controller.is_moving for name, body in self.bodies.items()
@@ -163,7 +160,7 @@ class Simulation:
         return {name for name, move in self._moves.items() if move.ended is None}
 
     def pass_period(self) -> None:
-        """Let a control period pass, whoever commands; robots without a motion come to rest and hold."""
+        """Let a control period pass; robots without a motion come to rest and hold."""
         for _ in range(round(self.control_period_s / self._get_scene().model.opt.timestep)):
             self._prime_all()
             self._step()
@@ -185,7 +182,7 @@ class Simulation:
         return self.read_agreement()
 
     def _may_move(self, agreed: Mapping[str, str] | None) -> bool:
-        """Whether every running robot has a motion, and the runtime plane knows which ones run."""
+        """Whether every running robot has a motion, and the runtime plane agrees on the running sessions."""
         commanded = self.find_commanded()
         running = {name: body.session for name, body in self.bodies.items() if body.session}
         if agreed is None or not running or not commanded.issuperset(running):
@@ -202,11 +199,7 @@ class Simulation:
             pass
 
     def _prime(self, *, also_standing: bool = True) -> bool:
-        """Let each robot prepare the coming physics step, once; whether a motion came to its end instead.
-
-        Args:
-            also_standing: Those without a motion, too.
-        """
+        """Let each robot prepare the coming physics step, once; whether a motion ended instead."""
         has_ended = False
         for name, body in self.bodies.items():
             if name in self._primed:

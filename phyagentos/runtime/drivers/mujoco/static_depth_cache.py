@@ -1,7 +1,6 @@
-"""What a camera that stands still sees of a world that stands still: cast once, and covered by what moves.
+"""A fixed camera's view of the fixed solids: cast once, and covered by what moves.
 
-Upstream: `ray_cast`. A scene's fixed solids are the larger part of a picture and never change; only rays that pass near
-a solid that can move have to be cast anew. The picture is the same, bit for bit, as one that is cast whole.
+Only rays that pass near a movable solid are cast anew. The picture equals one that is cast whole, bit for bit.
 """
 
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.runtime.models.camera_model import Array, Lens, Viewpoint
+from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
 
 Single = NDArray[np.float32]
 VISIBLE_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # group 3 holds collision solids
@@ -19,8 +18,26 @@ EDGE_PX = 1  # around the rectangle of a ball's picture, for rounding
 
 
 @dataclass(frozen=True, slots=True)
+class Shot:
+    """A request for the picture of a perfect camera.
+
+    Attributes:
+        viewpoint: `world_T_camera`.
+        far_m: Greatest depth that matters.
+        pixels: Requested rows and columns, for a picture of one row (1, n); all when absent.
+        still: Whether the camera never moves: its view of fixed solids is then cached.
+    """
+
+    lens: Lens
+    viewpoint: Viewpoint
+    far_m: float
+    pixels: Pixels | None = None
+    still: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Picture:
-    """What a perfect camera sees.
+    """The picture of a perfect camera.
 
     Attributes:
         rgb: (height, width, 3) 0..1.
@@ -39,7 +56,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """What rays meet.
+    """First hits of rays.
 
     Attributes:
         geoms: (n,) -1 for nothing.
@@ -58,13 +75,7 @@ class Hits:
 
 @dataclass(frozen=True, slots=True)
 class Rays:
-    """Rays from one place.
-
-    Attributes:
-        viewpoint: Of the camera.
-        directions: (n, 3) unit vectors in the world.
-        cutoff_m: Beyond it nothing needs to be found.
-    """
+    """Rays from one viewpoint: (n, 3) unit vectors in the world, cast up to `cutoff_m`."""
 
     viewpoint: Viewpoint
     directions: Array
@@ -73,15 +84,13 @@ class Rays:
 
 @dataclass(frozen=True, slots=True)
 class StaticDepthCache:
-    """A picture of what cannot move.
+    """A picture of the fixed solids.
 
     Attributes:
-        signature: Of the state of the fixed world that it shows.
-        lens: Of the picture.
-        rays: Of all its pixels.
+        signature: Of the state of the fixed solids.
         lengths: (n,) of the rays with z = 1.
-        hits: What they meet.
-        picture: What is seen there, (n,) pixels.
+        hits: Of all rays.
+        picture: Of (n,) pixels.
     """
 
     signature: bytes
@@ -93,11 +102,7 @@ class StaticDepthCache:
 
 
 class MovingSolids:
-    """The solids of a model that can move, told from those that cannot.
-
-    Args:
-        model: Compiled model.
-    """
+    """The movable solids of a model."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
@@ -110,19 +115,19 @@ class MovingSolids:
         self._radii_m = np.where(radii > 0.0, radii, np.inf)  # a plane has no end
 
     def sign_fixed(self, data: mujoco.MjData) -> bytes:
-        """Where the fixed solids and the lamps stand: the same for two states as long as nothing fixed is moved."""
+        """Poses of the fixed solids and the lamps: equal for two states as long as nothing fixed is moved."""
         parts = (data.geom_xpos[self._fixed], data.geom_xmat[self._fixed], data.light_xpos, data.light_xdir)
         return b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
 
     def send_away(self, data: mujoco.MjData) -> mujoco.MjData:
-        """The same state with nothing in it that can move."""
+        """The same state without movable solids."""
         emptied = mujoco.MjData(self._model)
         mujoco.mj_copyData(emptied, self._model, data)
         emptied.geom_xpos[self._moving] = AWAY_M
         return emptied
 
     def find_pixels(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint) -> NDArray[np.intp]:
-        """(m,) pixels of a picture, counted row by row, whose rays may meet something that can move."""
+        """(m,) pixels of a picture, counted row by row, whose rays may hit a movable solid."""
         found = np.zeros((lens.height, lens.width), dtype=np.bool_)
         local = (data.geom_xpos[self._shown] - viewpoint.position_m) @ viewpoint.rotation
         left, right = _find_span(local[:, 0], local[:, 2], self._radii_m, lens.fx, lens.cx, lens.width)
@@ -146,14 +151,7 @@ def _find_span(
 
 
 def shoot(model: mujoco.MjModel, data: mujoco.MjData, rays: Rays, *, fixed: bool = True) -> Hits:
-    """What each ray meets first.
-
-    Args:
-        model: Compiled model.
-        data: State with computed poses.
-        rays: From one place.
-        fixed: Whether solids that cannot move count.
-    """
+    """First hit of each ray in a state with computed poses, fixed solids included or not."""
     n = len(rays.directions)
     hits = Hits(np.empty(n, np.int32), np.empty(n), np.empty((n, 3)))
     if n:

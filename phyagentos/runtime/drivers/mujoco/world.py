@@ -1,8 +1,6 @@
 """Simulated targets: robots of a MuJoCo world behind the port. Paper section 4.5 (target-local constraints).
 
-Upstream: `served_target`, or `shared_target` where several robots share a world. Downstream: `simulation`, `physics`,
-`joint_controller`, `faults`. Time moves only by commands, halts and holding; state is written only when a scene is
-loaded.
+Time moves only by commands, halts and holding; state is written only when a scene is loaded.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +23,6 @@ from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
-from phyagentos.runtime.drivers.mujoco.initial_state import refuse_bad_state
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
@@ -42,7 +39,7 @@ TOOLS = (wire.Tool(wire.RENDER), wire.Tool(wire.SCENE_MODEL))
 
 
 class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the tool `render` takes."""
+    """Arguments of the tool `render`."""
 
     camera: str
     width: int = 640
@@ -53,9 +50,9 @@ class SimulatedWorld:
     """One scene at a time, with the robots that joined.
 
     Args:
-        library: Where scenes are found.
+        library: Holds the scenes.
         faults: Makes the injector of a new episode from its name and its scene's seed.
-        mode: How it is served; stands in the descriptions of its robots.
+        mode: Stands in the descriptions of its robots.
         sensors: The settings of its cameras; it has none without.
         read_agreement: See `Simulation`.
     """
@@ -95,7 +92,7 @@ class SimulatedWorld:
         return {entity: name for name, robot in self.robots.items() for entity in robot.look().holding}
 
     def load(self, request: wire.LoadScene) -> wire.Loaded:
-        """Begin an episode; one that another robot began already goes on.
+        """Begin an episode, or join the present one that another robot began.
 
         Raises:
             ExecutionError: `EPISODE_CONFLICT`, `NO_AUTHORITY`, `RESET_FORBIDDEN` for the sake of another robot's
@@ -123,14 +120,13 @@ class SimulatedWorld:
         physics.step(round(spec.settle_s / scene.model.opt.timestep))
         if request.snapshot:
             state = decode_arrays(request.snapshot).get("state", np.empty(0))
-            for name, physics in bodies.items():
-                refuse_bad_state(state, physics, self.robots[name].profile)
+            for physics in bodies.values():
+                physics.refuse_bad_state(state)
             next(iter(bodies.values())).restore(state)
         self._enter(request, scene, bodies)
         return self._present[1] if self._present is not None else wire.Loaded(request.episode, scene.model_sha256)
 
     def _enter(self, request: wire.LoadScene, scene: CompiledScene, bodies: Mapping[str, Physics]) -> None:
-        """Another episode is the present."""
         faults = self._make_faults(request.episode, request.seed)
         for name, physics in bodies.items():
             robot = self.robots[name]
@@ -145,14 +141,7 @@ class SimulatedWorld:
 
 @dataclass(frozen=True, slots=True)
 class Embodiment:
-    """A robot in the present episode.
-
-    Attributes:
-        physics: Its part of the model.
-        controller: Of its joints.
-        rig: Its view of the world's cameras.
-        faults: As they act on it.
-    """
+    """A robot in the present episode: its part of the model, its joints, its cameras, its faults."""
 
     physics: Physics
     controller: JointController
@@ -161,13 +150,7 @@ class Embodiment:
 
 
 class MujocoDriver(TargetDriver):
-    """One robot of a simulated world.
-
-    Args:
-        world: It joins it.
-        profile: The robot.
-        folder: Where its model lies.
-    """
+    """One robot of a simulated world, whose model is in `folder`."""
 
     def __init__(self, world: SimulatedWorld, profile: TargetProfile, folder: Path) -> None:
         self.world, self.profile, self.folder = world, profile, folder
