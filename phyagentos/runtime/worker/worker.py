@@ -112,7 +112,25 @@ class WorkerLoop:
             if isinstance(order, Check):
                 self._control.send_bytes(encode(self._check(order)))
             elif isinstance(order, Run):
-                self._control.send_bytes(encode(self._carry_out(order)))
+                checked, self._checked, self._lease_until_s = self._checked, None, order.until_s
+                if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
+                    done = self._runner.run(
+                        order.session,
+                        order.epoch,
+                        checked.plan,
+                        evidence=order.evidence,
+                        cancel=self._find_stop_reason,
+                        beat=self._heartbeat.beat,
+                    )
+                else:
+                    done = Execution(
+                        ended=Ended.SKILL_FAILED, evidence="", code="NOT_CHECKED", message="run without preflight"
+                    )
+                if self._gate is not None:
+                    self._gate.file_result(self._workspace.root / order.evidence)
+                lost = done.ended is Ended.TARGET_LOST
+                finished = Finished(session=order.session.id, execution=done, is_target_lost=lost)
+                self._control.send_bytes(encode(finished))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
                 self._publish_environment(PUBLISH_PERIOD_S)
@@ -180,24 +198,6 @@ class WorkerLoop:
         while self._is_asked():
             self._obey(receive_order(self._control))
         return self._stop_reason is not None
-
-    def _carry_out(self, order: Run) -> Finished:
-        """Run the session that was checked last, and no other."""
-        checked, self._checked, self._lease_until_s = self._checked, None, order.until_s
-        if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
-            done = self._runner.run(
-                order.session,
-                order.epoch,
-                checked.plan,
-                evidence=order.evidence,
-                cancel=self._find_stop_reason,
-                beat=self._heartbeat.beat,
-            )
-        else:
-            done = Execution(ended=Ended.SKILL_FAILED, evidence="", code="NOT_CHECKED", message="run without preflight")
-        if self._gate is not None:
-            self._gate.file_result(self._workspace.root / order.evidence)
-        return Finished(session=order.session.id, execution=done, is_target_lost=done.ended is Ended.TARGET_LOST)
 
     def _publish_environment(self, period_s: float) -> None:
         """ENVIRONMENT.md: the world after the latest session, unless it was published less than `period_s` ago."""
