@@ -161,7 +161,10 @@ class SafetyGuard:
                 return self._find_broken_bound(command)
             jerk = found[JERK].sum(axis=0)
         if not (jerk <= self._limits.jerk_sum_max).all():
-            return self._describe_jerk(jerk)
+            joint = int((jerk / self._limits.jerk_sum_max).argmax())
+            scale = 1.0 / (self._limits.dt**2 * self._limits.shape[0])
+            most, limit = float(jerk[joint] * scale), float(self._limits.jerk_sum_max[joint] * scale)
+            return Violation(ViolationCode.JOINT_JERK, f"joint {joint + 1}", most, limit, "rad/s^3")
         return None
 
     def _find_broken_bound(self, command: Command) -> Violation | None:
@@ -189,12 +192,6 @@ class SafetyGuard:
                 limit = bounds.q_min[joint] if found < self._middle[joint] else bounds.q_max[joint]
             return Violation(code, f"joint {joint + 1}", float(found), float(limit), unit, row)
         return None
-
-    def _describe_jerk(self, jerk: Array) -> Violation:
-        joint = int((jerk / self._limits.jerk_sum_max).argmax())
-        scale = 1.0 / (self._limits.dt**2 * self._limits.shape[0])
-        found, limit = float(jerk[joint] * scale), float(self._limits.jerk_sum_max[joint] * scale)
-        return Violation(ViolationCode.JOINT_JERK, f"joint {joint + 1}", found, limit, "rad/s^3")
 
     def _check_gripper(self, width_m: Array) -> Violation | None:
         bounds = self._limits

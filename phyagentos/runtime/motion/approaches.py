@@ -47,7 +47,6 @@ class Way:
 class _Hover:
     way: Way
     q_rad: Array
-    distance: float
 
 
 def draw_seeds(kinematics: Kinematics, q_rad: Array, home_rad: Array, seed: int) -> list[Array]:
@@ -71,8 +70,8 @@ def find_approaches(
 ) -> list[Approach]:
     """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of death go to the job."""
     with job.stage("ik"):
-        hovers = [hover for way in ways for hover in _find_hovers(way, q_rad, seeds, kinematics, scene, job)]
-    hovers.sort(key=lambda hover: hover.distance)
+        hovers = [hover for way in ways for hover in _find_hovers(way, seeds, kinematics, scene, job)]
+    hovers.sort(key=lambda hover: float(np.linalg.norm(hover.q_rad - q_rad)))
     found: list[Approach] = []
     taken: Counter[str] = Counter()
     for hover in hovers:
@@ -86,7 +85,7 @@ def find_approaches(
 
 
 def _find_hovers(
-    way: Way, q_rad: Array, seeds: Sequence[Array], kinematics: Kinematics, scene: PlanningScene, job: Job
+    way: Way, seeds: Sequence[Array], kinematics: Kinematics, scene: PlanningScene, job: Job
 ) -> list[_Hover]:
     """Postures above a way that are free and whose way down looks open at its end."""
     job.checkpoint()
@@ -116,7 +115,7 @@ def _find_hovers(
             if any(scene.is_of_tool_pose(pair) for pair in blocked):
                 break
             continue
-        hovers.append(_Hover(way, q, float(np.linalg.norm(q - q_rad))))
+        hovers.append(_Hover(way, q))
     if not reached:
         job.rejected["ik"] += 1
     return hovers
