@@ -1,4 +1,4 @@
-"""Where things lie that only the assembly knows, and how a workspace comes to stand."""
+"""Paths that only the assembly knows, and how a workspace is opened."""
 
 import hashlib
 import itertools

@@ -134,11 +134,11 @@ def serve_shared(
     agreement = AgreementReceiver(sockets / f"{world}.time")
     stops = StopListener(workspace.signals.parent, sites[0].clock)
     robots = open_shared_world(sites, agreement.read if pace_by is None else None)
-    everybody: list[SharedTarget] = []
+    members: list[SharedTarget] = []
     for robot in robots:
         log = ReceiveLog(workspace.logs / f"receive-{robot.profile.target}.jsonl", sites[0].clock)
         truth = reads_truth(workspace)
-        SharedTarget(robot, log, everybody, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
+        SharedTarget(robot, log, members, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
     lock = robots[0].world.simulation.lock
     threading.Thread(target=agreement.wake, args=(lock,), daemon=True, name="hear-what-runs").start()
 
@@ -146,7 +146,7 @@ def serve_shared(
         name = target.robot.profile.target
         serve(target, open_door(str(sockets / f"{name}.world"), spin_s=0.0), tokens[name])
 
-    serve_together(everybody, serve_at, pace_by)
+    serve_together(members, serve_at, pace_by)
 
 
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool) -> None:
@@ -285,7 +285,7 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
 def open_world_model(
     workspace: Workspace, target: str, profile: TargetProfile, handle: "Eyes", settings: "Settings"
 ) -> "WorldModel":
-    """What perception.yaml chooses; what has no model cannot be told from the things in a picture."""
+    """What perception.yaml chooses; without a model the robot cannot be masked in pictures."""
     from phyagentos.runtime.perception.true_world import TrueWorld
 
     if settings.perception.sensing is Sensing.TRUTH or not profile.model:
@@ -316,7 +316,7 @@ def reads_truth(workspace: Workspace) -> bool:
 
 
 def open_detector(settings: "Settings") -> "Detector | None":
-    """The detector that perception.yaml names; None where colours tell things apart."""
+    """The detector that perception.yaml names; None where colours distinguish objects."""
     from phyagentos.runtime.perception.detection.detector_registry import build_detector_registry
 
     chosen = settings.perception.detector

@@ -22,7 +22,7 @@ FOLDERS = ("goal_graphs", "trees", "skills", "scenes", "robots", "faults", "prot
 
 
 def find_project(path: Path) -> Path:
-    """The project folder that a file lies in; its own folder when none is recognised."""
+    """The project folder of a file; its own folder when none is recognised."""
     resolved = path.resolve()
     for parent in resolved.parents:
         if parent.name in FOLDERS:

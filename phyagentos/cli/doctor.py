@@ -249,7 +249,7 @@ def check_clock(folder: Path, clock: Clock) -> Finding:
 
 
 def find_file_system(folder: Path) -> str:
-    """Kind of the file system that holds `folder`, empty where the system does not tell."""
+    """Kind of the file system that holds `folder`, empty where unknown."""
     best, kind = "", ""
     try:
         lines = Path("/proc/self/mounts").read_text(encoding="utf-8").splitlines()

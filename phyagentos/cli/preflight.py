@@ -116,7 +116,7 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
 
 
 def _settle(session: "Session") -> "Session":
-    """The session without what only earlier sessions can tell: arguments and conditions with open references."""
+    """The session without what only earlier sessions provide: arguments and conditions with open references."""
     import msgspec
 
     arguments = {name: value for name, value in session.parameters.items() if OPEN not in str(value)}

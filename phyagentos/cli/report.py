@@ -69,7 +69,7 @@ def render_json(report: RunReport) -> str:
 
 
 def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
-    """The final table, the goal's own criteria, and where the pictures are; `paos why` tells more."""
+    """The final table, the goal's own criteria, and where the pictures are; `paos why` explains more."""
     if not console.is_terminal:
         console.width = PIPE_WIDTH
     table = Table(box=None, pad_edge=False, header_style="dim")

@@ -137,7 +137,7 @@ class Histories:
 
 
 def _find_kin(of_node: Sequence[Record]) -> set[str]:
-    """Sessions that the records of a node tell of."""
+    """Sessions that the records of a node name."""
     return {str(body[name]) for record in of_node if (body := record.body or {}) for name in KIN if name in body}
 
 

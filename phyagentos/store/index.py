@@ -42,7 +42,7 @@ ORDER BY place.segment
 
 
 class RecordPosition(NamedTuple):
-    """Where one record lies."""
+    """Position of one record."""
 
     segment: str
     offset: int

@@ -92,7 +92,7 @@ def hold_lock(folder: Path, mode: int) -> Iterator[int]:
 
 
 def announce_segment(lock_fd: int, segment: str) -> None:
-    """Write the name of the segment that is written from now on; an empty name makes everybody list the folder."""
+    """Write the name of the segment that is written from now on; an empty name makes followers list the folder."""
     data = f"{segment}\n".encode() if segment else b""
     os.pwrite(lock_fd, data, 0)
     os.ftruncate(lock_fd, len(data))
@@ -113,7 +113,7 @@ def describe_move(path: Path) -> ExecutionError:
 
 
 def find_holder(lock_fd: int) -> str:
-    """The process that holds a lock file, for people: its id and command line, as far as the system tells."""
+    """The process that holds a lock file, for people: its id and command line, as far as known."""
     inode = f":{os.fstat(lock_fd).st_ino}"
     with contextlib.suppress(OSError, IndexError):
         for line in Path("/proc/locks").read_text(encoding="ascii").splitlines():

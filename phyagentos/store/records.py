@@ -210,7 +210,7 @@ class Tail(StrEnum):
     CLEAN = "clean"
     """Nothing."""
     TORN = "torn"
-    """The beginning of a batch whose writer is still at it, or died before anybody was told of it."""
+    """The beginning of a batch whose writer is still at it, or died before it was acknowledged."""
     DAMAGED = "damaged"
     """Bytes that no writer leaves: something acknowledged has changed."""
 

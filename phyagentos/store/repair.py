@@ -41,7 +41,7 @@ class Cut:
 
     def describe(self) -> dict[str, Any]:
         """As it stands in the `repair` record."""
-        told = {
+        facts = {
             "segment": self.segment,
             "offset": self.offset,
             "cut_bytes": len(self.gap.data),
@@ -49,8 +49,8 @@ class Cut:
             "lost": self.gap.lost,
         }
         if self.gap.lost:
-            told |= {"first_lost": self.gap.first_seq, "last_lost": self.gap.first_seq + self.gap.lost - 1}
-        return told if self.gap.is_exact else told | {"at_least": True}
+            facts |= {"first_lost": self.gap.first_seq, "last_lost": self.gap.first_seq + self.gap.lost - 1}
+        return facts if self.gap.is_exact else facts | {"at_least": True}
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ class _Plan:
         )
 
     def carry_out(self, lock: PartitionLock) -> Repair:
-        """Put the staged files in place, the newest first, and tell what was done in a new segment."""
+        """Put the staged files in place, the newest first, and report it in a new segment."""
         lock.announce("")  # followers look at the folder from now on
         forget_shortcuts(self._folder)
         aside: dict[str, Path] = {}
@@ -217,8 +217,8 @@ class _Plan:
                 continue
             for index in range(piece.lost):
                 seq, more = seq + 1, max(more - 1, 0)
-                told = {"offset": piece.offset, "bytes": len(piece.data), "sha256": piece.sha256}
-                yield encode_record(self._record(seq, LOST, None if index else told, more))
+                facts = {"offset": piece.offset, "bytes": len(piece.data), "sha256": piece.sha256}
+                yield encode_record(self._record(seq, LOST, None if index else facts, more))
 
     def _record(self, seq: int, ev: str, body: dict[str, Any] | None, more: int) -> Record:
         return Record(
@@ -262,7 +262,7 @@ class _Plan:
 
 
 def forget_shortcuts(folder: Path) -> None:
-    """Remove the checkpoint and the index of a lane: both tell of places that are about to move."""
+    """Remove the checkpoint and the index of a lane: both hold positions that are about to move."""
     index = folder.parent.parent / ".cache"
     for path in (folder / CHECKPOINT, *index.glob(f"{folder.name}.sqlite*")):
         path.unlink(missing_ok=True)

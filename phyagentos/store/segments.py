@@ -116,7 +116,7 @@ def choose_lane(folder: Path) -> str:
 
 
 def list_segments(folder: Path) -> list[str]:
-    """Names of the segments that lie in the lane, without suffix, oldest first."""
+    """Names of the segments in the lane, without suffix, oldest first."""
     return _sort(_list_names(folder))
 
 
@@ -136,7 +136,7 @@ def find_next_segment(folder: Path, name: str) -> str | None:
 
 
 def locate_archived(folder: Path, name: str) -> Path:
-    """Where a segment lies once it is archived."""
+    """Path of a segment once it is archived."""
     return folder.parent / ARCHIVE / name[:7] / folder.name / f"{name}.md"
 
 

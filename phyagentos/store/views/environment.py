@@ -62,12 +62,12 @@ def render_environment(environment: Environment | None) -> str:
 
 
 def _tell_changes(changes: tuple[Change, ...]) -> str:
-    told = [
+    shown = [
         f"{flatten(each.entity)} {flatten(each.what)}" + (f" by {each.by_m:.3f} m" if each.what == "moved" else "")
         for each in changes[:CHANGES_TOLD]
     ]
-    more = len(changes) - len(told)
-    return (", ".join(told) or "nothing") + (f", and {more} more" if more > 0 else "")
+    more = len(changes) - len(shown)
+    return (", ".join(shown) or "nothing") + (f", and {more} more" if more > 0 else "")
 
 
 def _describe(entity: Entity, places: list[Relation]) -> tuple[str, ...]:

@@ -82,8 +82,8 @@ def render_log(lines: Sequence[LogLine], seq: int, *, older: int = 0) -> str:
     front = render_front(LogFront(phy=LOG.phy, view=seq, older=older))
     note = f"{older} older records are not told here; they are in `sessions/`.\n\n" if older else ""
     days = groupby(lines, key=lambda line: line.at[:10])
-    told = [f"## {day}\n\n{''.join(map(_render_line, each))}" for day, each in days]
-    return f"{front}{_HEAD}{note}" + ("\n".join(told) or _NOTHING)
+    shown = [f"## {day}\n\n{''.join(map(_render_line, each))}" for day, each in days]
+    return f"{front}{_HEAD}{note}" + ("\n".join(shown) or _NOTHING)
 
 
 def _take_note(record: Record, ledger: Ledger) -> _Note:

@@ -56,7 +56,7 @@ def render_runtime_signal(signs: Signs | None) -> str:
     front = render_front(Front(phy=RUNTIME_SIGNAL.phy))
     if signs is None or signs.runtime is RuntimeState.NOT_STARTED:
         return f"{front}{_HEAD}{_NOTHING}"
-    told = (
+    state = (
         f"**The runtime is running**, as of {format_moment(signs.at)}.\n\n"
         if signs.runtime is RuntimeState.RUNNING
         else f"**The runtime ended**, {format_moment(signs.at)}. No worker is alive; this is what each said last.\n\n"
@@ -64,7 +64,7 @@ def render_runtime_signal(signs: Signs | None) -> str:
     workers = render_table(_COLUMNS, map(_tell_worker, signs.workers.values())) + "\n" if signs.workers else ""
     rows = ((each.state.value, each.kind, each.session, each.by, each.reason, each.at) for each in signs.requests)
     table = render_table(("request", "asks for", "session", "by", "why", "at"), rows) + "\n" if signs.requests else ""
-    return f"{front}{_HEAD}{told}{workers}{table}## Signs\n\n{render_block(signs)}\n{END_MARK}"
+    return f"{front}{_HEAD}{state}{workers}{table}## Signs\n\n{render_block(signs)}\n{END_MARK}"
 
 
 def _tell_worker(sign: WorkerSign) -> tuple[str, ...]:

@@ -159,8 +159,8 @@ def _tell(status: SessionStatus) -> str:
 
 
 def _render_attempt(number: int, attempt: Attempt, folder: str) -> str:
-    told = " ".join(f"{describe_attempt(attempt)} Sensing: {attempt.sensing}.".split())
-    return f"**Verdict {number}:** {told}\n\n" + render_criteria(attempt.criteria, folder)
+    verdict = " ".join(f"{describe_attempt(attempt)} Sensing: {attempt.sensing}.".split())
+    return f"**Verdict {number}:** {verdict}\n\n" + render_criteria(attempt.criteria, folder)
 
 
 @cache
