@@ -72,10 +72,7 @@ def _compute(profile: TargetProfile, folder: Path, _changed_ns: int) -> Collisio
 def sample_collision_matrix(model: mujoco.MjModel, data: mujoco.MjData, addresses: list[int]) -> CollisionMatrix:
     """Classify every pair of colliding bodies of a robot that is alone in its model.
 
-    Args:
-        model: Compiled.
-        data: Of it; joints that are not sampled keep their positions.
-        addresses: Of the arm's joints in `qpos`; their ranges are sampled.
+    The arm's joints (addresses in `qpos`) are sampled within their ranges; others keep their positions in `data`.
     """
     ranges = {int(model.jnt_qposadr[joint]): model.jnt_range[joint] for joint in range(model.njnt)}
     counts = _count_contacts(model, data, addresses, np.array([ranges[address] for address in addresses]))

@@ -122,10 +122,7 @@ class Mounting:
 def find_mounting(model: mujoco.MjModel, settings: CameraSettings, prefix: str = "") -> Mounting | None:
     """Mounting of a camera in a model; None where the model lacks the body or the scene's camera.
 
-    Args:
-        model: Compiled model.
-        settings: Of the camera.
-        prefix: Of the robot's names; its bodies and cameras precede those of the scene.
+    Bodies and cameras whose names carry the robot's prefix precede those of the scene.
     """
     if settings.scene_camera:
         camera = _find(model, mujoco.mjtObj.mjOBJ_CAMERA, prefix, settings.scene_camera)

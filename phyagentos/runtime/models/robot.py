@@ -10,7 +10,7 @@ import mujoco
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.documents.schema import Located, read_yaml, validate
+from phyagentos.protocol.documents.schema import read_yaml, validate
 
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
@@ -32,7 +32,13 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     """
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
-    problems = _check_lengths(profile, located)
+    lists = {name: value for name, value in profile.arm if isinstance(value, tuple)}
+    n = len(profile.arm.joints)
+    problems = [
+        located.problem("WRONG_LENGTH", ("arm", name), f"{len(value)} values", f"{n}, one per joint")
+        for name, value in lists.items()
+        if len(value) != n
+    ]
     if (profile.model or profile.kind == "simulation") and not (path.parent / profile.model).is_file():
         problems.append(
             located.problem("MODEL_MISSING", ("model",), repr(profile.model), f"a MJCF file in {path.parent}")
@@ -47,16 +53,6 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     if problems:
         raise DefinitionError(problems)
     return profile, path.parent
-
-
-def _check_lengths(profile: TargetProfile, located: Located) -> list[Problem]:
-    n = len(profile.arm.joints)
-    lists = {name: value for name, value in profile.arm if isinstance(value, tuple) and name != "joints"}
-    return [
-        located.problem("WRONG_LENGTH", ("arm", name), f"{len(value)} values", f"{n}, one per joint")
-        for name, value in lists.items()
-        if len(value) != n
-    ]
 
 
 def count_steps(profile: TargetProfile) -> int:

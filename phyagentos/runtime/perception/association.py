@@ -52,14 +52,9 @@ def associate(
     eyes: tuple[CameraView, ...],
     map_solids: Solids | None = None,
 ) -> dict[str, Match]:
-    """Matches of the movable things; things without one are left out.
+    """Matches of the movable things to points of `cloud`, which neither a fixed thing nor the hand explains.
 
-    Args:
-        things: To be found.
-        believed: Their last poses; without those never seen.
-        cloud: Points that neither a fixed thing nor the hand explains.
-        eyes: The cameras.
-        map_solids: Opaque solids; points behind them come from edges and noise.
+    Things without a match are left out. Points behind `map_solids`, which are opaque, come from edges and noise.
     """
     matches: dict[str, Match] = {}
     for color in dict.fromkeys(thing.colors[0] for thing in things.values()):

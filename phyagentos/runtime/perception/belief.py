@@ -49,18 +49,7 @@ def update_belief(
     time_s: float,
     focus: Collection[str] = (),
 ) -> dict[str, Entity]:
-    """The entities after a look.
-
-    Args:
-        inventory: Of the scene.
-        before: The last belief; empty at first.
-        eyes: The cameras of this look.
-        cloud: Their points.
-        state: The target's own state now.
-        hand: Its gripper.
-        time_s: Of the newest frame.
-        focus: Restricts the look to these things; empty for all.
-    """
+    """The entities after a look at time_s, the stamp of its newest frame; only at things of `focus`, unless empty."""
     entities = check_hand(inventory, follow_hand(inventory, before, state, hand, time_s), cloud, state, hand)
     entities.update(inventory.known)
     wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}

@@ -16,12 +16,7 @@ SPREAD = 1.35  # a cluster this much larger than the largest thing of its colour
 
 
 def find_clusters(points: Array, link_m: float) -> list[NDArray[np.intp]]:
-    """Indices of the points of each connected cluster, the largest first.
-
-    Args:
-        points: (n, 3).
-        link_m: Greatest distance of two linked points.
-    """
+    """Indices of the points (n, 3) of each connected cluster, the largest first; linked points are within `link_m`."""
     if len(points) < POINTS_MIN:
         return []
     labels = _connect(points, link_m)
@@ -59,13 +54,9 @@ def _label(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -> list[NDArray[np.intp]]:
-    """Splits a cluster that is too large for one thing.
+    """Splits a cluster (n, 3) that is too large for one thing of its colour into at most `most` parts.
 
-    Args:
-        points: (n, 3) of the cluster.
-        diameter_m: Of the largest thing of its colour.
-        most: Number of these things.
-        seeds: Believed places of some of them, within or near the cluster.
+    The largest of these things has `diameter_m`; `seeds` are believed places within or near the cluster.
     """
     low, high = np.percentile(points, (1, 99), axis=0)
     size_m = float(np.linalg.norm(high - low))

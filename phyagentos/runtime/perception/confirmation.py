@@ -45,12 +45,7 @@ def confirm(
 ) -> str | None:
     """Pointer to the thing where a picture confirms its believed pose; None in doubt.
 
-    Args:
-        thing: Its form and colours.
-        entity: Its believed pose.
-        frame: A window around it, thinned or not.
-        labels: (h, w) index in the palette of each pixel.
-        focal_px: (fx, fy, cx, cy) of the camera's whole picture.
+    The frame is a window, thinned or not; `labels` are (h, w) palette indices; `focal_px` is of the whole picture.
     """
     rotation, position = compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
     eye_m = np.array(frame.world_T_camera.position_m)

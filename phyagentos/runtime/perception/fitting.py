@@ -127,14 +127,9 @@ def fit(
     prior: tuple[Array, Array] | None = None,
     obstacle: Solids | None = None,
 ) -> Fit | None:
-    """The best pose of a movable thing for these points.
+    """The best pose of a movable thing for points (n, 3) of its surface, in the world.
 
-    Args:
-        thing: The model to fit.
-        points: (n, 3) of its surface, in the world.
-        eyes: Cameras whose depth may contradict a pose.
-        prior: Believed rotation and position: one more start.
-        obstacle: Impenetrable solids in the world.
+    The depths of `eyes` may contradict a pose; `prior` is one more start; `obstacle` is impenetrable, in the world.
     """
     points = thin(points)
     if len(points) < 4:

@@ -115,12 +115,7 @@ class Pipeline:
     ) -> Environment | None:
         """The world after a glance that shows these things unmoved; None in doubt.
 
-        Args:
-            frames: Windows around them, thinned or not.
-            state: The target's own state now.
-            time_s: Now [s].
-            before: The belief, carried on to now.
-            names: Of the things.
+        Frames are windows around them, thinned or not; `before` is the belief, carried on to now.
         """
         believed, _ = assess(frames, {}, time_s, self._max_age_s, self._noisy)
         pictures = [(frame, self._segmenter.label(frame.rgb)) for frame in believed]

@@ -45,15 +45,7 @@ def find_regions_of_interest(
     cameras: Mapping[str, Extrinsics],
     most: int,
 ) -> dict[str, Crop]:
-    """One region around all these things in each of the cameras that saw them best.
-
-    Args:
-        names: Of things.
-        entities: Their believed poses.
-        inventory: Of the scene.
-        cameras: Those that may be used.
-        most: Cameras per thing.
-    """
+    """One region around all these things in each of the `most` cameras per thing that saw them best."""
     boxes: dict[str, list[tuple[float, float, float, float]]] = {}
     for name in names:
         entity, thing = entities.get(name), inventory.things.get(name)

@@ -26,12 +26,7 @@ def separate_overlaps(
 ) -> dict[str, Fit]:
     """The fits; those that penetrate the map or another fit are fitted anew, the one with fewer points first.
 
-    Args:
-        things: By name.
-        fits: By name.
-        points_m: (n, 3) of each fit.
-        eyes: The cameras.
-        map_solids: In the world.
+    `points_m` are (n, 3) of each fit; `map_solids` are in the world.
     """
     apart = dict(fits)
     rank = {name: (len(points_m[name]), name) for name in fits}

@@ -73,11 +73,7 @@ def look(
 ) -> tuple[tuple[CameraView, ...], Cloud]:
     """Every camera's view, and the points in all of them that are neither the map nor the robot.
 
-    Args:
-        frames: Of one moment.
-        inventory: Of the scene.
-        segmenter: Labels pixels.
-        robots: Its solids in the world at the time of each frame, grown by model and calibration errors.
+    `robots` are its solids in the world at the time of each frame, grown by model and calibration errors.
     """
     eyes = tuple(_open_eye(frame) for frame in frames)
     parts = [

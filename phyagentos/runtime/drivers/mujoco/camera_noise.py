@@ -52,11 +52,7 @@ def draw_places(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of the whole picture from which each pixel of a thinned one takes its depth.
 
-    Args:
-        shape: (height, width) of the thinned picture.
-        every: Of so many rows and columns it has the middle one.
-        std_px: Of the wavering [pixels of the whole picture].
-        rng: Of this frame.
+    `shape` is (height, width) of the thinned picture; the wavering `std_px` counts pixels of the whole one.
     """
     shifts = np.rint(rng.standard_normal((2, *shape), dtype=np.float32) * np.float32(std_px)).astype(np.intp)
     height, width = shape

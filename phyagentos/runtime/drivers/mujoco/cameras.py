@@ -74,13 +74,7 @@ class CameraRig:
         history: StateHistory,
         find_corruption: FindCorruption = lambda _camera: _UNCORRUPTED,
     ) -> Frames:
-        """The latest frames.
-
-        Args:
-            request: Cameras, and windows of their pictures.
-            now_s: Simulated time.
-            history: The recent states.
-            find_corruption: Active faults of a camera.
+        """The latest frames at simulated time `now_s`, with the active faults of each camera.
 
         Raises:
             ExecutionError: `UNKNOWN_CAMERA`, `INVALID_CROP`.

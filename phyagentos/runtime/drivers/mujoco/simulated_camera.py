@@ -147,15 +147,9 @@ def open_cameras(
     names: Sequence[str] = (),
     prefix: str = "",
 ) -> dict[str, SimulatedCamera]:
-    """The cameras of sensors.yaml that a model can carry.
+    """The cameras of sensors.yaml that a model can carry, all or those of `names`.
 
-    Args:
-        model: Compiled model.
-        sensors: The settings.
-        seed: Of the scene.
-        level: Name of a noise level; the file's choice when empty.
-        names: Restricts the cameras; all when empty.
-        prefix: Of the names of the robot that carries some of them.
+    An empty `level` of noise is the file's choice; `prefix` is of the names of the robot that carries some of them.
 
     Raises:
         KeyError: When there is no such noise level.
