@@ -66,15 +66,9 @@ def thin(points: Array) -> Array:
 def refine(
     solids: Solids, points: Array, rotation: Array, position_m: Array, free: Array, iterations: int
 ) -> tuple[Array, Array]:
-    """Gauss-Newton from one start.
+    """Gauss-Newton on points (n, 3) in the world, from one start; the solids are in the thing's frame.
 
-    Args:
-        solids: In the thing's frame.
-        points: (n, 3) in the world.
-        rotation: (3, 3) start.
-        position_m: (3,) start.
-        free: (6,) 1 for each free translation along, and rotation about, x, y, z of the world.
-        iterations: At most.
+    `free` (6,) is 1 for each free translation along, and rotation about, x, y, z of the world.
     """
     moves = np.flatnonzero(free)
     for _ in range(iterations):

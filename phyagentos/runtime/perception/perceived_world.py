@@ -36,17 +36,10 @@ MEMORY = 8  # scenes whose inventory is kept
 
 
 class PerceivedWorld(WorldModel):
-    """Perceives with cameras (`sensing: perceived`).
+    """Perceives with cameras (`sensing: perceived`), of which the robot carries the `moving` ones.
 
-    Args:
-        target: Name of the target.
-        handle: Gives frames.
-        library: Holds the scenes.
-        robot: Its solids.
-        moving: Cameras that the robot carries.
-        max_age_s: Older frames are ignored.
-        detector: Labels pixels instead of their colours.
-        noisy: Whether the sensors declare noise, so that no picture repeats.
+    Frames older than `max_age_s` are ignored. A detector labels pixels instead of their colours. Pictures of `noisy`
+    sensors never repeat.
     """
 
     def __init__(

@@ -26,15 +26,10 @@ MAX_AGE_S = 0.3  # of a frame: its latency, and half a dozen lost ones
 
 
 class Pipeline:
-    """Senses one scene with one robot. It keeps no belief; its caller does.
+    """Senses one scene with one robot, whose solids are masked. It keeps no belief; its caller does.
 
-    Args:
-        inventory: Of the scene.
-        robot: Its solids, which are masked.
-        target: Its name.
-        max_age_s: Older frames are ignored.
-        segmenter: Labels pixels; by colour when absent.
-        noisy: Whether the sensors declare noise, so that no picture repeats.
+    Frames older than `max_age_s` are ignored. Without a segmenter, pixels are labelled by colour. Pictures of `noisy`
+    sensors never repeat.
     """
 
     def __init__(
@@ -64,14 +59,14 @@ class Pipeline:
         focus: Collection[str] = (),
         find_state: Callable[[float], TargetState] | None = None,
     ) -> Environment:
-        """The world after a look.
+        """The world after a look at `time_s`; a belief of another episode is ignored.
 
         Args:
             frames: Of the cameras.
             state: The target's own state now.
             scene: Name, seed and episode.
             time_s: Now [s].
-            before: The last belief; ignored when it is of another episode.
+            before: The last belief.
             focus: Things that the frames are windows of; empty for whole frames.
             find_state: The target's own state at an earlier time [s]; always `state` when absent.
         """

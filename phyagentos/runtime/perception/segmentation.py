@@ -24,13 +24,10 @@ class Segmenter(Protocol):
 
 
 class Palette:
-    """Labels pixels by their colour, under any light.
+    """Labels pixels by their colour, 0..1, out of (k, 3) colours of surfaces, under any light.
 
     A lit surface of one colour is on a ray from black through its colour, bent where a channel saturates; a pixel
     belongs to the nearest such curve. A lookup table holds the answer for every colour.
-
-    Args:
-        colors: (k, 3) colours of surfaces, 0..1.
     """
 
     def __init__(self, colors: Array) -> None:

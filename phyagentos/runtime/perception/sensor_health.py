@@ -23,15 +23,7 @@ REPEATED = "a new stamp on the same picture"
 def assess(
     frames: Frames, before: Mapping[str, SensorHealth], now_s: float, max_age_s: float, noisy: bool = True
 ) -> tuple[tuple[Frame, ...], dict[str, SensorHealth]]:
-    """The frames of healthy cameras, and the health of every camera.
-
-    Args:
-        frames: Of the target.
-        before: Health at the look before.
-        now_s: Time of the target [s].
-        max_age_s: Older frames are stale.
-        noisy: Whether the sensors declare noise, so that no picture repeats.
-    """
+    """The frames of healthy cameras, at most `max_age_s` old, and the health of every camera."""
     health = dict(before)
     believed: list[Frame] = []
     for camera, code in frames.missing.items():

@@ -32,13 +32,7 @@ FindCorruption = Callable[[str], tuple[FaultActivation, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """One exposure of one camera.
-
-    Attributes:
-        number: Since time zero.
-        time_s: Of the state that it shows.
-        qpos: (nq,) that state.
-    """
+    """One exposure of one camera, counted since time zero, and the state (nq,) that it shows."""
 
     number: int
     time_s: float
@@ -46,15 +40,7 @@ class Exposure:
 
 
 class CameraRig:
-    """All cameras in one model.
-
-    Args:
-        model: Compiled model.
-        sensors: Their settings.
-        seed: Of the scene.
-        episode: The run of the scene.
-        prefix: Of the names of the robot that carries some of them.
-    """
+    """All cameras in one model; `prefix` is of the names of the robot that carries some of them."""
 
     def __init__(self, model: mujoco.MjModel, sensors: Sensors, seed: int, episode: str, prefix: str = "") -> None:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode

@@ -56,13 +56,7 @@ class StateHistory:
 
 
 class JointController:
-    """Set-points, servos and stops.
-
-    Args:
-        profile: The robot.
-        physics: Its scene.
-        faults: Act before every physics step.
-        n_steps: Rows of one command.
+    """Set-points, servos and stops, for commands of `n_steps` rows.
 
     Attributes:
         activations: Faults that became active since this was emptied.

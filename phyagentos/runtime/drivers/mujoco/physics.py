@@ -29,13 +29,7 @@ _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class Physics:
-    """A robot in a scene.
-
-    Args:
-        profile: The robot.
-        scene: Compiled, with this robot in it; several robots may share one.
-        prefix: Of the robot's names in the model.
-    """
+    """A robot in a compiled scene, which several may share; `prefix` is of the robot's names in the model."""
 
     def __init__(self, profile: TargetProfile, scene: CompiledScene, prefix: str = "") -> None:
         self.scene, self.model, self.data = scene, scene.model, scene.data
@@ -269,15 +263,9 @@ class Physics:
     def pull(
         self, name: str, wanted: Array, stiffness: float, damping: float, *, spin_damping: float, carries_weight: bool
     ) -> None:
-        """Apply a hand's force to a body during the next physics step.
+        """Apply a hand's force towards `wanted` (3,) [m] to a body during the next physics step.
 
-        Args:
-            name: Of the body.
-            wanted: (3,) goal of the hand [m].
-            stiffness: Per unit of mass [1/s^2].
-            damping: Per unit of mass [1/s].
-            spin_damping: Per unit of inertia [1/s].
-            carries_weight: Whether the hand also bears its weight.
+        Stiffness [1/s^2] and damping [1/s] are per unit of mass, spin damping [1/s] is per unit of inertia.
         """
         body = self.model.body(name).id
         dof = int(self.model.body_dofadr[body])

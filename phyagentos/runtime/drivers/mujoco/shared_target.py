@@ -21,15 +21,9 @@ LATE_SHARE = 0.25  # of a control period, by which a command may be late that wa
 
 
 class SharedTarget(ServedTarget):
-    """One robot of a world that it shares.
+    """One robot of a world that it shares with `everybody`, this target included.
 
-    Args:
-        driver: The robot.
-        log: Its receive log.
-        everybody: All targets of the world, this one included, once they are made.
-        is_estopped: Whether the emergency stop is latched.
-        keep_stop: Makes the latch durable; called once every robot is at rest.
-        truth: Whether the ground truth may be read here.
+    `keep_stop` makes the latch durable; it is called once every robot is at rest. `truth` permits the ground truth.
     """
 
     def __init__(
@@ -89,11 +83,7 @@ def serve_together(
 ) -> None:
     """Serve the robots of one world, each on a thread of its own, until each is shut down.
 
-    Args:
-        targets: All robots of the world.
-        serve: Answers one target's clients, one after the other.
-        pace_by: The wall clock, for a world in real time; None in lockstep.
-        should_end: Polled in every control period of a world in real time.
+    A world in real time is paced by the wall clock `pace_by`, and polls `should_end` in every control period.
     """
     threads = [
         threading.Thread(target=serve, args=(target,), daemon=True, name=f"serve-{target.robot.profile.target}")

@@ -38,16 +38,7 @@ class UnknownMountingError(LookupError):
 
 
 class SimulatedCamera:
-    """One camera in one model.
-
-    Args:
-        model: Compiled model.
-        name: Of the camera, in sensors.yaml.
-        settings: Of the camera.
-        noise: Of its pictures and its placing.
-        caster: The back end.
-        seed: Of its constant calibration error.
-        prefix: Of the names of the robot that carries it.
+    """One camera in one model; the seed draws its constant calibration error.
 
     Raises:
         UnknownMountingError: When the model lacks the body or the scene's camera that the settings name.

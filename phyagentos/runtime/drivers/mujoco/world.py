@@ -49,12 +49,7 @@ class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class SimulatedWorld:
     """One scene at a time, with the robots that joined.
 
-    Args:
-        library: Holds the scenes.
-        faults: Makes the injector of a new episode from its name and its scene's seed.
-        mode: Stands in the descriptions of its robots.
-        sensors: The settings of its cameras; it has none without.
-        read_agreement: See `Simulation`.
+    `faults` makes the injector of a new episode from its name and its scene's seed.
     """
 
     def __init__(

@@ -50,13 +50,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class HttpDetector:
-    """Client of a model server.
-
-    Args:
-        url: Of the server's detection route.
-        timeout_s: Longest wait for an answer [s].
-        score_min: Detections below are left out.
-    """
+    """Client of a model server, whose detections below `score_min` are left out."""
 
     def __init__(self, url: str, timeout_s: float = TIMEOUT_S, score_min: float = 0.3) -> None:
         self._url, self._score_min = url, score_min
