@@ -96,7 +96,13 @@ class Simulation:
             Code of the stop that broke it off, empty when it was carried out.
         """
         if len(self.bodies) == 1:
-            return self._carry_out_alone(motion)
+            scene = self._get_scene()
+            try:
+                while True:
+                    next(motion)
+                    mujoco.mj_step(scene.model, scene.data)
+            except StopIteration as end:
+                return str(end.value or "")
         move = self._moves[name] = _Move(motion)
         self._standing.pop(name, None)
         self._primed.discard(name)
@@ -166,15 +172,6 @@ class Simulation:
             self._step()
         self._prime(also_standing=False)  # a command is over with its last step
         self.lock.notify_all()
-
-    def _carry_out_alone(self, motion: Motion) -> str:
-        scene = self._get_scene()
-        try:
-            while True:
-                next(motion)
-                mujoco.mj_step(scene.model, scene.data)
-        except StopIteration as end:
-            return str(end.value or "")
 
     def _read_agreed(self) -> Mapping[str, str] | None:
         if self.read_agreement is None:

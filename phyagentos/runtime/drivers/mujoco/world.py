@@ -23,7 +23,7 @@ from phyagentos.protocol.world.environment import TargetState
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.drivers.mujoco.cameras import CameraRig
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
-from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, Motion
+from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics
@@ -230,7 +230,7 @@ class MujocoDriver(TargetDriver):
     def begin(self, session: str, epoch: int) -> None:
         present, self.session = self._get_present(), session
         if self.is_moving:
-            self._carry_out(present.controller.halt())
+            self.world.simulation.carry_out(self.profile.target, present.controller.halt())
         present.controller.begin()
         present.controller.activations = list(present.faults.on_session(session))
 
@@ -244,22 +244,19 @@ class MujocoDriver(TargetDriver):
     def apply(self, command: wire.Command) -> str:
         if refused := self.controller.check(command):
             raise ExecutionError(refused.code, refused.message)
-        stopped = self._carry_out(self.controller.follow(command))
+        stopped = self.world.simulation.carry_out(self.profile.target, self.controller.follow(command))
         if stopped in BROKEN_OFF:
             raise ExecutionError(stopped, "the command was broken off; the robot has come to rest")
         return stopped
 
     @override
     def halt(self, category: int = 2) -> None:
-        self._carry_out(self.controller.halt())
+        self.world.simulation.carry_out(self.profile.target, self.controller.halt())
 
     @override
     def hold(self, duration_s: float) -> None:
         if duration_s > 0.0 or self.is_moving:
-            self._carry_out(self.controller.settle(duration_s))
-
-    def _carry_out(self, motion: Motion) -> str:
-        return self.world.simulation.carry_out(self.profile.target, motion)
+            self.world.simulation.carry_out(self.profile.target, self.controller.settle(duration_s))
 
     @override
     def report(self) -> wire.Step:
