@@ -23,13 +23,7 @@ SEED = 0
 
 @dataclass(frozen=True, slots=True)
 class CollisionMatrix:
-    """Which pairs of robot bodies need no collision test.
-
-    Attributes:
-        adjacent: Joined by a joint.
-        always: In contact in more than 95 % of postures.
-        never: In contact in no sampled posture.
-    """
+    """Pairs of robot bodies: joined by a joint, in contact in more than 95 % of postures, or in none."""
 
     adjacent: tuple[Pair, ...]
     always: tuple[Pair, ...]

@@ -26,16 +26,7 @@ Robot = tuple[TargetProfile, Path]
 
 @dataclass(frozen=True, slots=True)
 class CompiledScene:
-    """Robots and things, compiled, and their state.
-
-    Attributes:
-        spec: As compiled.
-        model: One for all robots.
-        data: The state that is stepped.
-        entities: The things, at their start.
-        regions: In the world.
-        model_sha256: Of the model's bytes.
-    """
+    """Robots and things, compiled into one model, and the state that is stepped; entities at their start."""
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel

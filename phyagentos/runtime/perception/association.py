@@ -35,11 +35,7 @@ SIGHT_REACH_M = 0.5  # so much of it, before the thing
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Match:
-    """A thing and its points.
-
-    Attributes:
-        points: Indices into the cloud.
-    """
+    """A thing's fit, and the indices of its points in the cloud."""
 
     fit: Fit
     points: NDArray[np.intp]

@@ -18,12 +18,7 @@ from phyagentos.runtime.perception.solids import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawer:
-    """A sliding thing with a part that shows its position.
-
-    Attributes:
-        part: Name of the thing that is measured in its place.
-        part_m: (3,) of that in the drawer's frame.
-    """
+    """A sliding thing, and the part that is measured in its place: its name, and (3,) in the drawer's frame."""
 
     template: Entity
     mechanism: Mechanism

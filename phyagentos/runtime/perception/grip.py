@@ -24,12 +24,9 @@ TIMES = 4  # as many as of its own
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """The gripper of one target.
+    """The gripper of one target; a grip takes `fingers` touching fingers.
 
-    Attributes:
-        target: Name of the target.
-        fingers: Touching fingers that make a grip.
-        reach_m: Greatest distance of a touched thing's surface from the tool centre point [m].
+    A touched thing's surface is at most `reach_m` from the tool centre point.
     """
 
     target: str

@@ -24,12 +24,7 @@ _KINDS = {
 
 
 class RobotMask:
-    """Poses the robot's solids.
-
-    Attributes:
-        fingers: Number of the gripper's fingers.
-        reach_m: Greatest distance of a touch from the tool centre point [m].
-    """
+    """Poses the robot's solids; its fingers touch at most `reach_m` from the tool centre point."""
 
     def __init__(self, profile: TargetProfile, folder: Path) -> None:
         self.fingers, self.reach_m = len(profile.gripper.joints), profile.gripper.grasp_reach_m

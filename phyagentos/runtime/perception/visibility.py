@@ -18,13 +18,7 @@ FACING = 0.2  # cosine of the steepest surface that a camera can be expected to 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Points of a thing's surface, counted over all cameras.
-
-    Attributes:
-        confirmed: Measured at the expected depth.
-        hidden: Measured nearer.
-        contradicted: Measured farther.
-    """
+    """Points of a thing's surface over all cameras, measured at the expected depth, nearer, or farther."""
 
     confirmed: int
     hidden: int

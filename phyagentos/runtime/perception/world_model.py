@@ -17,13 +17,7 @@ from phyagentos.runtime.targets.wire import Step
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """Required content of an answer about the world.
-
-    Attributes:
-        everything: The whole scene, by a new look.
-        things: These things, by a new look.
-        only_hand: Only the held thing; entities may be missing.
-    """
+    """Required content of an answer: a new look at everything or at some things, or only the held thing."""
 
     everything: bool = False
     things: frozenset[str] = frozenset()
@@ -43,10 +37,6 @@ HAND = Need(only_hand=True)
 
 class WorldModel(ABC):
     """Perception of one target.
-
-    Args:
-        target: Name of the target.
-        handle: Gives steps, observations and frames.
 
     Attributes:
         looks: Whole looks since `enter`, after the latest one before it; empty without perception.

@@ -120,8 +120,7 @@ class LocalLimits:
     def _check_place(self, q: Array, qd: Array) -> Refused | None:
         """Refuse a resting place in collision or outside of the workspace.
 
-        The arm is assumed to brake at the end of the command, all joints in proportion: they keep their direction.
-        Braking each for itself was rejected, since it bends the way.
+        All joints are assumed to brake in proportion: braking each for itself was rejected, since it bends the way.
         """
         way = 0.5 * self._compute_stop_s(qd, FORESIGHT_SHARE) * qd
         looks = LOOKS_FAST if np.count_nonzero(np.abs(way) > FAST_RAD) else LOOKS_SLOW

@@ -56,13 +56,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """First hits of rays.
-
-    Attributes:
-        geoms: (n,) -1 for nothing.
-        distances_m: (n,) along the ray.
-        normals: (n, 3) of the surface.
-    """
+    """First hits of n rays: geoms (-1 for nothing), distances along the rays, normals (n, 3) of the surfaces."""
 
     geoms: NDArray[np.int32]
     distances_m: Array

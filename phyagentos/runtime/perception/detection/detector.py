@@ -31,11 +31,7 @@ class Detector(Protocol):
     """Finds things in pictures by words."""
 
     def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
-        """All matches of the labels, the best first.
-
-        Args:
-            rgb: (h, w, 3).
-            labels: Words, such as `red cube`.
+        """All matches of the labels (`red cube`) in a picture (h, w, 3), the best first.
 
         Raises:
             ExecutionError: With the code of the failure.
