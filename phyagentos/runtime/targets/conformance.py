@@ -40,7 +40,6 @@ class Subject:
     joint: int = 0
     way: float = 0.04
     estop: bool = False
-    sequence: int = 0
     _targets: list[ServedTarget] = field(default_factory=list)
 
     def serve(self) -> "Client":
@@ -68,8 +67,7 @@ class Client:
 
     def load(self, episode: str = "e", seed: int = 1, snapshot: bytes = b"", *, may_reset: bool = True) -> Any:
         """The scene of the subject."""
-        scene = self.subject.scene
-        return self.ask(wire.LoadScene(scene, seed, episode, snapshot, may_reset=may_reset))
+        return self.ask(wire.LoadScene(self.subject.scene, seed, episode, snapshot, may_reset=may_reset))
 
     def begin(self, session: str = SESSION, epoch: int = EPOCH) -> "Client":
         """Load and take authority."""
@@ -109,7 +107,6 @@ class Client:
                 sequence=self.sequence + 1 + index,
                 q_rad=q[index * steps : (index + 1) * steps],
                 qd_rad_s=qd[index * steps : (index + 1) * steps],
-                gripper_width_m=first.gripper_width_m,
             )
             for index in range(PERIODS)
         ]
@@ -122,7 +119,7 @@ class Client:
 
 
 def describes_itself(subject: Subject) -> None:
-    """What it describes agrees with itself and with what it measures."""
+    """Its description is consistent with itself and with its measurements."""
     client = subject.serve()
     _require(client.load(), wire.Loaded, "LoadScene")
     live, now = client.ask(wire.Describe()), client.ask(wire.Observe())
@@ -168,11 +165,11 @@ def follows_set_points(subject: Subject) -> None:
     error = np.abs(np.array(rest.target.q_rad) - commands[-1].q_rad[-1]).max()
     assert error < TOLERANCE_RAD, f"it came to rest {error:.4f} from its last set-point"
     assert np.abs(rest.target.qd_rad_s).max() < STILL_RAD_S, "it does not come to rest"
-    assert not client.target.is_moving, "it says that it moves, at rest"
+    assert not client.target.is_moving, "it reports a motion at rest"
 
 
 def refuses_what_is_no_command(subject: Subject) -> None:
-    """Arrays of a wrong shape or with numbers that are none move nothing, and count as nothing."""
+    """Arrays of a wrong shape or with NaN move nothing, and their sequence number stays free."""
     client = subject.serve().begin()
     sound, before = client.make(), _look(client)
     for name in ("q_rad", "qd_rad_s", "gripper_width_m"):
@@ -185,7 +182,7 @@ def refuses_what_is_no_command(subject: Subject) -> None:
 
 
 def asks_for_authority(subject: Subject) -> None:
-    """What does not come from the session in authority, in its turn and in time, moves nothing."""
+    """A command of another session, out of sequence or late moves nothing."""
     client = subject.serve()
     _require(client.load(), wire.Loaded, "LoadScene")
     _refuse(client.send(client.make()), "NO_AUTHORITY")
@@ -218,7 +215,7 @@ def halts_in_the_middle(subject: Subject) -> None:
 
 
 def halts_when_its_client_is_gone(subject: Subject) -> None:
-    """A client that vanishes in the middle of a motion leaves it at rest, without authority."""
+    """A client that disconnects in the middle of a motion leaves it at rest, without authority."""
     client = _be_in_the_middle(subject)
     client.target.withdraw()
     assert not client.target.is_moving, "it goes on without its client"
@@ -302,7 +299,7 @@ def _be_in_the_middle(subject: Subject) -> Client:
 
 
 def _look(client: Client) -> Any:
-    """The present without its time: what must not change."""
+    """The present state without its time."""
     return client.ask(wire.Observe()).target
 
 

@@ -9,19 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.targets.wire import (
-    Artefact,
-    Capture,
-    Command,
-    Description,
-    Frames,
-    Loaded,
-    LoadScene,
-    Observation,
-    RecordedFault,
-    Step,
-    ToolResult,
-)
+from phyagentos.runtime.targets import wire
 
 
 class TargetDriver(ABC):
@@ -47,11 +35,11 @@ class TargetDriver(ABC):
         """Whether the latest command left the body in motion, so that another one must follow."""
 
     @abstractmethod
-    def describe(self) -> Description:
+    def describe(self) -> wire.Description:
         """What the body is, from the live model; `driver`, `tools` and `ground_truth` included."""
 
     @abstractmethod
-    def load(self, request: LoadScene) -> Loaded:
+    def load(self, request: wire.LoadScene) -> wire.Loaded:
         """Begin an episode; a device checks that it is at home. Never called while a session has authority.
 
         Raises:
@@ -62,18 +50,18 @@ class TargetDriver(ABC):
         """A session takes authority; its motion begins at rest."""
 
     @abstractmethod
-    def observe(self, *, truth: bool) -> Observation:
+    def observe(self, *, truth: bool) -> wire.Observation:
         """The present, without a snapshot; `truth` adds entities and regions, where `ground_truth` is described."""
 
     @abstractmethod
-    def report(self) -> Step:
+    def report(self) -> wire.Step:
         """The present for a controller, with the maximum contact force since the latest report."""
 
     @abstractmethod
-    def snapshot(self) -> Artefact | None:
+    def snapshot(self) -> wire.Artefact | None:
         """The whole state, from which `load` can start; None where the driver has none."""
 
-    def capture(self, request: Capture) -> Frames:
+    def capture(self, request: wire.Capture) -> wire.Frames:
         """The latest frames of its RGB-D cameras; none by default.
 
         Raises:
@@ -81,10 +69,10 @@ class TargetDriver(ABC):
         """
         if request.cameras or request.crops:
             raise ExecutionError("UNKNOWN_CAMERA", "the target has no cameras")
-        return Frames(())
+        return wire.Frames(())
 
     @abstractmethod
-    def apply(self, command: Command) -> str:
+    def apply(self, command: wire.Command) -> str:
         """Carry out one control period of set-points; the driver checks shapes and values of their arrays.
 
         Returns:
@@ -102,11 +90,11 @@ class TargetDriver(ABC):
     def halt(self, category: int = 2) -> None:
         """Come to rest within the limits, by its own means, and hold; stop category of IEC 60204-1, 9.2.2."""
 
-    def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> ToolResult:
+    def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
         """Use one of the described tools; raises ExecutionError `MALFORMED` for wrong arguments."""
         raise ExecutionError("UNKNOWN_TOOL", f"the target has no tool {name!r}")
 
-    def end(self) -> tuple[RecordedFault, ...]:
+    def end(self) -> tuple[wire.RecordedFault, ...]:
         """The session's authority ends: come to rest; returns its faults, for the evidence."""
         if self.is_moving:
             self.halt()

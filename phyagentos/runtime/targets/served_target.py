@@ -11,31 +11,10 @@ from collections.abc import Callable
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError, format_names
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.authority import Authority
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
-from phyagentos.runtime.targets.wire import (
-    Ack,
-    Begin,
-    Capture,
-    Command,
-    Describe,
-    Description,
-    End,
-    Ended,
-    Halt,
-    InvokeTool,
-    Loaded,
-    LoadScene,
-    Observation,
-    Observe,
-    Refused,
-    Reply,
-    Request,
-    Settle,
-    Shutdown,
-    Step,
-)
 
 SETTLE_MAX_S = 60.0
 
@@ -61,9 +40,9 @@ class ServedTarget:
         self.driver = driver
         self._log, self._is_estopped, self._keep_stop, self._truth = log, is_estopped, keep_stop, truth
         self._authority = Authority()
-        self._scene: LoadScene | None = None
-        self._loaded: Loaded | None = None
-        self._description: Description | None = None  # of this scene
+        self._scene: wire.LoadScene | None = None
+        self._loaded: wire.Loaded | None = None
+        self._description: wire.Description | None = None  # of this scene
 
     def close(self) -> None:
         """Close driver and log."""
@@ -114,48 +93,48 @@ class ServedTarget:
         self._keep_stop()
         return True
 
-    def handle(self, request: Request) -> Reply:
+    def handle(self, request: wire.Request) -> wire.Reply:
         """Carry out one request, or refuse it."""
         self._log.stamp()
-        reply: Reply
+        reply: wire.Reply
         try:
             match request:
-                case Command():
+                case wire.Command():
                     reply = self._apply(request)
-                case Observe():
+                case wire.Observe():
                     reply = self._observe(request)
-                case Capture():
+                case wire.Capture():
                     reply = self.driver.capture(request)
-                case Describe():
+                case wire.Describe():
                     reply = self._describe()
-                case LoadScene():
+                case wire.LoadScene():
                     reply = self._load(request)
-                case Begin():
+                case wire.Begin():
                     reply = self._begin(request)
-                case InvokeTool():
+                case wire.InvokeTool():
                     reply = self._invoke_tool(request)
-                case Shutdown():
-                    reply = Ack()
+                case wire.Shutdown():
+                    reply = wire.Ack()
                 case _:
                     reply = self._authority.check(request.session, request.epoch) or self._bring_to_rest(request)
         except ExecutionError as error:
-            reply = Refused(error.code, str(error).removeprefix(f"{error.code}: "))
+            reply = wire.Refused(error.code, str(error).removeprefix(f"{error.code}: "))
         except DefinitionError as error:
-            reply = Refused(error.problems[0].code, str(error))
+            reply = wire.Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:
-            reply = Refused("MALFORMED", f"{type(request).__name__}: {error}")
+            reply = wire.Refused("MALFORMED", f"{type(request).__name__}: {error}")
         if self._is_logged(request):
             self._note(type(request).__name__, request, reply)
         return reply
 
-    def _is_logged(self, request: Request) -> bool:
+    def _is_logged(self, request: wire.Request) -> bool:
         """Whether a request stands in the receive log; those that change nothing are too frequent."""
-        if isinstance(request, InvokeTool):
+        if isinstance(request, wire.InvokeTool):
             tools = self._description.tools if self._description is not None else ()
             return any(tool.moves and tool.name == request.name for tool in tools)
-        return not isinstance(request, Observe | Describe | Capture | Shutdown)
+        return not isinstance(request, wire.Observe | wire.Describe | wire.Capture | wire.Shutdown)
 
-    def _apply(self, command: Command) -> Reply:
+    def _apply(self, command: wire.Command) -> wire.Reply:
         self._refuse_unlogged()
         self.look_for_stops()
         refused = self._authority.check_command(command, self.time_s)
@@ -169,57 +148,57 @@ class ServedTarget:
             step = msgspec.structs.replace(step, stopped=stopped)
         return step
 
-    def _bring_to_rest(self, request: Halt | Settle | End) -> Step | Ended:
+    def _bring_to_rest(self, request: wire.Halt | wire.Settle | wire.End) -> wire.Step | wire.Ended:
         """Requests that only the session in authority may send, even after a stop."""
         match request:
-            case Halt():
+            case wire.Halt():
                 self.driver.halt(request.category)
                 if request.category == 1 and not self._authority.stopped:
                     self._authority.stop("DRIVES_OFF")
-            case Settle():
+            case wire.Settle():
                 if not 0.0 <= request.duration_s <= SETTLE_MAX_S:  # also when it is NaN
                     message = f"a settling time of {request.duration_s} s; 0 to {SETTLE_MAX_S} s are possible"
                     raise ExecutionError("MALFORMED", message)
                 self.driver.hold(request.duration_s)
-            case End():
+            case wire.End():
                 faults = self.driver.end()
                 self._authority.end()
-                return Ended(self.time_s, faults)
+                return wire.Ended(self.time_s, faults)
         return self.driver.report()
 
-    def _describe(self) -> Description:
+    def _describe(self) -> wire.Description:
         if self._description is None:
             described = self.driver.describe()
             offers = described.ground_truth and self._truth
             self._description = msgspec.structs.replace(described, ground_truth=offers)
         return self._description
 
-    def _load(self, request: LoadScene) -> Reply:
+    def _load(self, request: wire.LoadScene) -> wire.Reply:
         if self._authority.session:
             message = f"{self._authority.session} has authority; scenes are loaded between sessions"
-            return Refused("NO_AUTHORITY", message)
+            return wire.Refused("NO_AUTHORITY", message)
         standing = self._scene
         if standing is not None and self._loaded is not None:
             if request.episode == standing.episode and not request.snapshot:
                 if (request.scene, request.seed) != (standing.scene, standing.seed):
                     known = (standing.scene, standing.seed)
                     asked = (request.scene, request.seed)
-                    return Refused("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {asked}")
+                    return wire.Refused("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {asked}")
                 return self._loaded
             if not request.may_reset:
                 message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
-                return Refused("RESET_FORBIDDEN", message)
+                return wire.Refused("RESET_FORBIDDEN", message)
         self._loaded = self.driver.load(request)
         self._scene, self._description = request, None  # cameras belong to the scene
         self._note(STATE_WRITE)
         return self._loaded
 
-    def _begin(self, request: Begin) -> Reply:
+    def _begin(self, request: wire.Begin) -> wire.Reply:
         self._refuse_unlogged()
         if self._scene is None:
-            return Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
+            return wire.Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
-            return Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
+            return wire.Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
         refused = self._authority.begin(request.session, request.epoch)
         if refused is not None:
             return refused
@@ -228,9 +207,9 @@ class ServedTarget:
         except ExecutionError:
             self._authority.end()
             raise
-        return Ack()
+        return wire.Ack()
 
-    def _observe(self, request: Observe) -> Observation:
+    def _observe(self, request: wire.Observe) -> wire.Observation:
         if request.truth and not self._describe().ground_truth:
             message = "the ground truth is not offered here; perception.yaml must say `sensing: truth` for a simulation"
             raise ExecutionError("NO_GROUND_TRUTH", message)
@@ -239,10 +218,10 @@ class ServedTarget:
             return observation
         return msgspec.structs.replace(observation, snapshot=self.driver.snapshot())
 
-    def _invoke_tool(self, request: InvokeTool) -> Reply:
+    def _invoke_tool(self, request: wire.InvokeTool) -> wire.Reply:
         tools = {tool.name: tool for tool in self._describe().tools}
         if request.name not in tools:
-            return Refused("UNKNOWN_TOOL", f"no tool {request.name!r}; there are {format_names(tools)}")
+            return wire.Refused("UNKNOWN_TOOL", f"no tool {request.name!r}; there are {format_names(tools)}")
         if tools[request.name].moves:
             self._refuse_unlogged()
             self.look_for_stops()
@@ -260,7 +239,7 @@ class ServedTarget:
         self._log.stamp()
         self._note(kind)
 
-    def _note(self, kind: str, request: Request | None = None, reply: Reply | None = None) -> None:
+    def _note(self, kind: str, request: wire.Request | None = None, reply: wire.Reply | None = None) -> None:
         self._log.note(
             Reception(
                 time_s=0.0 if math.isnan(self.time_s) else self.time_s,
@@ -269,7 +248,7 @@ class ServedTarget:
                 session=getattr(request, "session", ""),
                 epoch=getattr(request, "epoch", 0),
                 sequence=getattr(request, "sequence", 0),
-                accepted=not isinstance(reply, Refused),
-                code=reply.code if isinstance(reply, Refused) else "",
+                accepted=not isinstance(reply, wire.Refused),
+                code=reply.code if isinstance(reply, wire.Refused) else "",
             )
         )
