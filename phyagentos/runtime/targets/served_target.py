@@ -100,7 +100,10 @@ class ServedTarget:
         try:
             match request:
                 case wire.Command():
-                    reply = self._apply(request)
+                    self._refuse_unlogged()
+                    self.look_for_stops()
+                    refused = self._authority.check_command(request, self.time_s)
+                    reply = refused or self._report(self.driver.apply(request))
                 case wire.Observe():
                     reply = self._observe(request)
                 case wire.Capture():
@@ -134,13 +137,8 @@ class ServedTarget:
             return any(tool.moves and tool.name == request.name for tool in tools)
         return not isinstance(request, wire.Observe | wire.Describe | wire.Capture | wire.Shutdown)
 
-    def _apply(self, command: wire.Command) -> wire.Reply:
-        self._refuse_unlogged()
-        self.look_for_stops()
-        refused = self._authority.check_command(command, self.time_s)
-        if refused is not None:
-            return refused
-        stopped = self.driver.apply(command)
+    def _report(self, stopped: str) -> wire.Step:
+        """The end of a command, with the code of the body's own stop."""
         self._authority.count()
         step = self.driver.report()
         if stopped:
