@@ -32,7 +32,8 @@ from phyagentos.clock import SystemClock
 HERE = Path(__file__).resolve().parent
 SHAPES = ("layered", "chain")
 STEP_M = 0.02  # by which one session moves the mark
-PEERS = {"prefect": 10.0, "dagster": 10.0, "luigi": 5.0, "dbos": 1.0, "langgraph": 1.0}  # how many times their rate
+# how many times their rate is asked; of DBOS and LangGraph 65 % of what checks ahead of their turn had reached
+PEERS = {"prefect": 10.0, "dagster": 10.0, "luigi": 5.0, "dbos": 0.46, "langgraph": 0.73}
 COMPARED = {"langgraph": ("chain",)}  # elsewhere both shapes; its layered form waits for the disk once a layer
 SLOW = frozenset({"prefect", "dagster"})  # run once; the others as often as we
 PEER_LIMIT_S = 900.0
