@@ -78,7 +78,7 @@ class PerceivedSensing:
         after = self._sense(shown, end_s, belief)
         attempt = self._ask(after)
         for number in range(1, LOOKS_AGAIN + 1):
-            if not attempt.wants:
+            if not attempt.missing_evidence:
                 break
             time_s = end_s + number * AGAIN_S
             if lie in {Lie.NONE, Lie.HIDDEN}:
