@@ -19,6 +19,7 @@ from phyagentos.assembly.planes import watching
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.memory_entries import Embodiment
+from phyagentos.protocol.sessions.strategy import OWN_WAY
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.settings.verification import Verification, VerificationMode
 from tests.agent.memory.conftest import SLOW, make_episode
@@ -166,9 +167,9 @@ def test_memory_is_left_alone_or_read_or_grows(pursue, tmp_path):
     def measure(use):
         before = count_records()
         _, statuses = pursue(memory=tmp_path, memory_use=use)
-        return dict(statuses[0].contract.strategy), bool(statuses[0].contract.advised_by), count_records() > before
+        return statuses[0].contract.strategy, bool(statuses[0].contract.advised_by), count_records() > before
 
-    assert measure(MemoryUse.NONE) == ({}, False, False)
+    assert measure(MemoryUse.NONE) == (OWN_WAY, False, False)
     assert measure(MemoryUse.READ) == (SLOW, True, False)
     assert measure(MemoryUse.LEARN) == (SLOW, True, True)
 
