@@ -82,6 +82,7 @@ def reconcile(order: Reconcile, how: str) -> Finished:
 def main() -> None:
     entry = read_entry(Path(sys.argv[1]))
     control = Connection(int(sys.argv[3]))
+    control.recv_bytes()  # the token for its target, which it does not have
     if entry.get("start") == "die":
         os._exit(1)
     control.send_bytes(encode(Ready()))

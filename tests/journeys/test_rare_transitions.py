@@ -52,7 +52,7 @@ class Stand:
 
     def _hire(self, target: str) -> Worker:
         script = [str(HERE / "scripted_worker.py"), str(self._plan)]
-        return Worker(target, world=[], lock=Path(), worker=script, logs=self.workspace.logs)
+        return Worker(target, world=None, worker=script, logs=self.workspace.logs, socket=Path())
 
     def play(self, *plan: dict[str, str], **limits: float) -> None:
         """Submit one session to a target whose worker processes behave as planned."""
