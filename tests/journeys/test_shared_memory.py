@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from phyagentos.agent.memory.memory import Memory
@@ -35,9 +36,9 @@ def test_a_lesson_of_another_workspace_changes_the_session_and_task_md_names_it(
     task = (root / "TASK.md").read_text()
     (line,) = (line for line in task.splitlines() if line.startswith(f"- **Memory changed {session['id']}:**"))
     (lesson,) = (id for id in known if id in line)
-    assert f"speed {SLOW['speed']}: lesson {lesson}" in line
+    assert f"speed {SLOW.speed}: lesson {lesson}" in line
     assert not (root / "memory").exists(), "it is kept in one place"
     told = json.loads(paos("memory", "why", lesson, "-w", shared, "--json").stdout)
     (episode,) = (each for each in told["episodes"] if each["session"] == session["id"])
-    assert (episode["strategy"], episode["verdict"]) == (SLOW, "success")
+    assert (episode["strategy"], episode["verdict"]) == (msgspec.to_builtins(SLOW), "success")
     assert Path(episode["evidence"]).samefile(root / "evidence" / session["id"]), "found from anywhere"
