@@ -143,7 +143,7 @@ def count_stages(folder: Path, tally: Tally) -> None:
                 tally.stages_ms.setdefault(f"plan: {stage}", []).append(ms)
         elif event["kind"] == "timing":
             kilobytes = details.pop("look_bytes", 0) / 1e3  # what other bundles hold as well is counted too
-            tally.stages_ms.setdefault("session: frames in the bundle [kB]", []).append(kilobytes)
+            tally.stages_ms.setdefault("session: frames in the bundle (kB)", []).append(kilobytes)
             for stage, ms in details.items():
                 tally.stages_ms.setdefault(f"session: {stage}", []).append(ms)
     tally.planning_s.append(planning_ms / 1e3)
