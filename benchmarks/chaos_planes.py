@@ -22,7 +22,7 @@ from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.follower import Follower
-from phyagentos.store.journal import choose_lane
+from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
 
 MARKS = {
@@ -123,7 +123,7 @@ class Planes:
         sessions = self.root / "sessions"
         if not sessions.is_dir() or not any(sessions.iterdir()):
             return None, []
-        ledger, follower = Ledger(forgets=False), Follower(sessions / choose_lane(sessions))
+        ledger, follower = Ledger(forgets=False), Follower(sessions / choose_partition(sessions))
         for record in follower.read_new():
             ledger.apply(record)
         follower.close()

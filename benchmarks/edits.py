@@ -116,7 +116,7 @@ class Publisher:
     def __init__(self, workspace: Workspace, lane: Path) -> None:
         self.path = workspace.sessions_document
         self.history = History(lane)
-        self.desk = EditIntake(workspace, SystemClock())
+        self.edits = EditIntake(workspace, SystemClock())
         self.published = b""
 
     def turn(self) -> None:
@@ -133,7 +133,7 @@ class Publisher:
     def close(self) -> None:
         """Let go of the journal."""
         self.history.close()
-        self.desk.close()
+        self.edits.close()
 
 
 class Comparing(Publisher):
@@ -146,7 +146,7 @@ class Comparing(Publisher):
         except FileNotFoundError:  # an editor has moved it away
             return
         if self.published not in {b"", data}:
-            self.desk.take_text(decode(data), self.history, is_whole=END_MARK.encode() in data)
+            self.edits.take_text(decode(data), self.history, is_whole=END_MARK.encode() in data)
 
 
 class Exchanging(Publisher):
@@ -155,13 +155,13 @@ class Exchanging(Publisher):
     def turn(self) -> None:
         """Publish once."""
         self.history.read_new()
-        self.desk.take(self.history)
-        self.desk.put(self.history.render(self.history.build_page(self.desk.notes)))
+        self.edits.take(self.history)
+        self.edits.put(self.history.render(self.history.build_page(self.edits.notes)))
 
     def close(self) -> None:
         """Take in what is left."""
         self.turn()
-        self.desk.take(self.history, at_once=True)
+        self.edits.take(self.history, at_once=True)
         super().close()
 
 

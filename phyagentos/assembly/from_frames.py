@@ -15,7 +15,7 @@ from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.settings.settings_files import compute_file_hash
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.perception.look import RecordedEyes
+from phyagentos.runtime.perception.look import RecordedFrames
 from phyagentos.runtime.perception.look_file import read_look
 from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from phyagentos.runtime.preflight.settings import read_settings
@@ -38,7 +38,7 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     _check_settings(workspace, folder)
     looks = {entry.file: read_look(folder / entry.file, entry.sha256) for entry in entries}
     profile = read_target_registry(workspace.target_registry)[target]
-    eyes = RecordedEyes(next(iter(looks.values())))
+    eyes = RecordedFrames(next(iter(looks.values())))
     world = open_world_model(workspace, target, profile, eyes, read_settings(workspace, target))
     if not isinstance(world, PerceivedWorld):
         raise ExecutionError("LOOK_DIFFERS", f"{workspace.perception}: sensing is truth, the session's was perceived")

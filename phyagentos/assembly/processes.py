@@ -27,7 +27,7 @@ from phyagentos.runtime.channel import SPIN_S, Channel, Link
 if TYPE_CHECKING:
     from phyagentos.runtime.actions.handle import TargetSessionHandle
     from phyagentos.runtime.perception.detection.detector import Detector
-    from phyagentos.runtime.perception.look import Eyes
+    from phyagentos.runtime.perception.look import FrameSource
     from phyagentos.runtime.perception.world_model import WorldModel
     from phyagentos.runtime.preflight.settings import Settings
     from phyagentos.runtime.targets.driver_registry import DriverSite
@@ -223,8 +223,8 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         clock=clock,
         sampling_hz=settings.contract.sampling_hz,
     )
-    oracle = RehearsalProcess([sys.executable, *make_command("rehearsal", workspace.root, target)])
-    gate = LookaheadGate(oracle=oracle, world=world, evidence=workspace.evidence)
+    forecasts = RehearsalProcess([sys.executable, *make_command("rehearsal", workspace.root, target)])
+    gate = LookaheadGate(forecasts=forecasts, world=world, evidence=workspace.evidence)
     collect_rarely()
     if settings.contract.world_mode is WorldMode.REALTIME:
         ask_for_precedence()
@@ -283,7 +283,7 @@ def run_rehearsal(root: Path, target: str, descriptor: int) -> None:
 
 
 def open_world_model(
-    workspace: Workspace, target: str, profile: TargetProfile, handle: "Eyes", settings: "Settings"
+    workspace: Workspace, target: str, profile: TargetProfile, handle: "FrameSource", settings: "Settings"
 ) -> "WorldModel":
     """What perception.yaml chooses; without a model the robot cannot be masked in pictures."""
     from phyagentos.runtime.perception.true_world import TrueWorld

@@ -17,7 +17,7 @@ from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Run, ToWorker
 from phyagentos.runtime.worker.rerun import find_differences
 from phyagentos.store.history import Histories
-from phyagentos.store.journal import choose_lane
+from phyagentos.store.journal import choose_partition
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def _order(worker: Worker, status: SessionStatus, folder: Path) -> Execution:
 
 def find_session(workspace: Workspace, session: str) -> SessionStatus:
     """A recorded session; raises `NOT_EXECUTED` when it is unknown or left no evidence."""
-    with Histories(workspace.sessions / choose_lane(workspace.sessions)) as histories:
+    with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
         status = histories.find_status(SessionId(session))
     if status is None or status.execution is None:
         problem = Problem(

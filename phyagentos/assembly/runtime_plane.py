@@ -32,7 +32,7 @@ from phyagentos.runtime.supervision.watchdog import Watchdog
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.runtime.supervision.world_process import WorldProcess, end_worlds, get_lock
 from phyagentos.store.edits.edit_intake import EditIntake
-from phyagentos.store.edits.signal_intake import SignalDesk
+from phyagentos.store.edits.signal_intake import SignalIntake
 from phyagentos.store.journal import Journal, Record
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.turn_marks import TurnMarks
@@ -93,10 +93,10 @@ def _read_terms(workspace: Workspace) -> tuple[WorldMode, bool, bytes]:
 def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:
     sockets = make_socket_folder(workspace.root)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
-    desk = EditIntake(workspace, clock)
-    views = Views(workspace, journal.folder, clock, desk=desk)
-    signal_desk = SignalDesk(workspace, clock)
-    signals = RuntimeSignal(workspace, clock, desk=signal_desk)
+    edits = EditIntake(workspace, clock)
+    views = Views(workspace, journal.folder, clock, edits=edits)
+    signal_edits = SignalIntake(workspace, clock)
+    signals = RuntimeSignal(workspace, clock, edits=signal_edits)
     known = read_target_registry(workspace.target_registry)
     shared = open_shared_time(known, workspace, sockets, clock)
     worlds: dict[str, WorldProcess | None] = {}
@@ -149,9 +149,9 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         shared.close()
     views.close()
     seal_rest(workspace, views.ledger)
-    desk.close()
+    edits.close()
     signals.close()
-    signal_desk.close()
+    signal_edits.close()
     journal.close()
 
 

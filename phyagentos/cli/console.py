@@ -40,7 +40,7 @@ class RunConsole:
         self._console = Console(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=not sys.stderr.isatty())
         self._live = Live(console=self._console, auto_refresh=False, transient=True) if self.is_live else None
         self._title = title
-        self._told: dict[str, str] = {}
+        self._printed: dict[str, str] = {}
         self._notes: set[str] = set()
 
     @property
@@ -63,28 +63,28 @@ class RunConsole:
         """Bring the view up to date."""
         rows = fold.rows()
         for row in rows:
-            self._tell(row)
+            self._print_change(row)
         if self._live is not None:
             self._live.update(build_progress_table(self._title, rows), refresh=True)
 
-    def tell(self, text: str, style: str = "") -> None:
+    def print_line(self, text: str, style: str = "") -> None:
         """One line above the table."""
         self._console.print(Text(text, style=style))
 
-    def tell_once(self, text: str, style: str = "") -> None:
+    def print_once(self, text: str, style: str = "") -> None:
         """The same, unless it has been said."""
         if text not in self._notes:
             self._notes.add(text)
-            self.tell(text, style)
+            self.print_line(text, style)
 
-    def _tell(self, row: Row) -> None:
+    def _print_change(self, row: Row) -> None:
         """Say what changed about a row since the last call."""
-        if row.session is None or self._told.get(row.name) == row.state:
+        if row.session is None or self._printed.get(row.name) == row.state:
             return
-        self._told[row.name] = row.state
+        self._printed[row.name] = row.state
         if not row.is_final:
             if self._live is None:
-                self.tell(f"{row.name}: {row.state}")
+                self.print_line(f"{row.name}: {row.state}")
             return
         self._console.print(
             Text.assemble(f"{row.name}: ", (row.state, STYLES.get(row.state, "")), f"  {describe(row)}")

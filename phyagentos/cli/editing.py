@@ -30,15 +30,15 @@ def edit(
     from phyagentos.clock import SystemClock
     from phyagentos.protocol.workspace.workspace import Workspace
     from phyagentos.store.edits.edit_intake import EditIntake
-    from phyagentos.store.journal import choose_lane
+    from phyagentos.store.journal import choose_partition
     from phyagentos.store.views.history import History
 
     place = Workspace.open(workspace)
-    lane = place.sessions / choose_lane(place.sessions)
+    lane = place.sessions / choose_partition(place.sessions)
     lane.mkdir(parents=True, exist_ok=True)
-    with closing(EditIntake(place, SystemClock(), adopts=False)) as desk, closing(History(lane)) as history:
-        merged = _edit_copy(desk, history, place.sessions_document.name, _choose_editor(editor))
-        _publish(desk, history)
+    with closing(EditIntake(place, SystemClock(), adopts=False)) as edits, closing(History(lane)) as history:
+        merged = _edit_copy(edits, history, place.sessions_document.name, _choose_editor(editor))
+        _publish(edits, history)
     return int(_report(merged, place.sessions_document.name, place.rejected_document))
 
 
@@ -64,14 +64,14 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
     return int(ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET)
 
 
-def _edit_copy(desk: "EditIntake", history: "History", name: str, command: list[str]) -> "Merge":
+def _edit_copy(edits: "EditIntake", history: "History", name: str, command: list[str]) -> "Merge":
     """Let a person change a fresh rendering; the file is not replaced meanwhile."""
     from phyagentos.store.edits.reading import decode
 
-    with desk.file.hold(wait=False) as is_free:
+    with edits.file.hold(wait=False) as is_free:
         if not is_free:
             print_note(f"{name} is being edited or rendered elsewhere; waiting")
-    with desk.file.hold(wait=True), tempfile.TemporaryDirectory(prefix="paos-edit-") as scratch:
+    with edits.file.hold(wait=True), tempfile.TemporaryDirectory(prefix="paos-edit-") as scratch:
         history.read_new()
         copy = Path(scratch) / name
         copy.write_text(history.render(history.build_page()), encoding="utf-8")
@@ -88,14 +88,14 @@ def _edit_copy(desk: "EditIntake", history: "History", name: str, command: list[
         except OSError as error:
             why = f"the editor left no file: {error.strerror}; nothing was changed"
             raise Exit(ExitCode.INVALID_INPUT, why) from error
-        return desk.take_text(text, history)
+        return edits.take_text(text, history)
 
 
-def _publish(desk: "EditIntake", history: "History") -> None:
+def _publish(edits: "EditIntake", history: "History") -> None:
     """Show the result, where no runtime does; what came out may be an edit that was saved without `paos edit`."""
     for _ in range(2):
-        desk.put(history.render(history.build_page(desk.notes)))
-        if not any(merged.accepted or merged.refused for merged in desk.take_file(history, at_once=True)):
+        edits.put(history.render(history.build_page(edits.notes)))
+        if not any(merged.accepted or merged.refused for merged in edits.take_file(history, at_once=True)):
             return
 
 
@@ -103,7 +103,7 @@ def _report(merged: "Merge", name: str, rejected: Path) -> ExitCode:
     from phyagentos.store.edits.rejections import format_refusal
 
     for change in merged.accepted:
-        print_result(f"{name}:{change.line}: {change.told}")
+        print_result(f"{name}:{change.line}: {change.summary}")
     for refusal in merged.refused:
         print_note(format_refusal(refusal, name))
     if merged.refused:

@@ -5,8 +5,8 @@ from pathlib import Path
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.history import Histories, fold_lane
-from phyagentos.store.journal import choose_lane
+from phyagentos.store.history import Histories, fold_partition
+from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.segments import list_all_segments
 
@@ -19,7 +19,7 @@ def read_ledger(root: Path, about: str = "") -> Ledger:
         ExecutionError: `JOURNAL_DAMAGED`.
     """
     workspace = Workspace.open(root)
-    folder = workspace.sessions / choose_lane(workspace.sessions)
+    folder = workspace.sessions / choose_partition(workspace.sessions)
     if about and folder.is_dir() and len(list_all_segments(folder)) > 1:
         try:
             with Histories(folder) as histories:
@@ -28,4 +28,4 @@ def read_ledger(root: Path, about: str = "") -> Ledger:
         except ExecutionError as error:
             if error.code != "INDEX_UNAVAILABLE":  # a folder that may not be written, say
                 raise
-    return fold_lane(folder)
+    return fold_partition(folder)

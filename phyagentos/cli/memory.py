@@ -65,7 +65,7 @@ def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:
         ]
         lines += [f"  baseline    {baseline} without it"] if (baseline := getattr(found, "baseline", "")) else []
         for each in episodes:
-            lines += _tell(each)
+            lines += _format_episode(each)
         for edit in edits:
             said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))
             lines.append(f"  said        {edit.by or 'unknown'}: {said or 'where it holds was changed'}")
@@ -147,7 +147,7 @@ def _trace(memory: "Memory", entry: str) -> "tuple[list[Episode], list[Edit]]":
     return episodes, edits
 
 
-def _tell(episode: "Episode") -> list[str]:
+def _format_episode(episode: "Episode") -> list[str]:
     cause = f" {episode.cause}" if episode.cause else ""
     advised = ", advised by it" if episode.advised_by else ""
     return [

@@ -224,10 +224,10 @@ def follow_run(
             ]  # before reading: nothing is missed
             fold.apply(journal.read_new())
             console.show(fold)
-            tell_stop(workspace, console)
+            print_stop(workspace, console)
             if interrupts.count and asked_at_s is None:
                 asked_at_s = clock.now_s()
-                console.tell("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")
+                console.print_line("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")
                 ask_for_end(fold, journal, workspace, clock)
             is_quiet = not has_live(fold)
             if fold.goal is not None and fold.goal.verdict and is_quiet:
@@ -245,12 +245,12 @@ def has_live(fold: RunFold) -> bool:
     return any(goal is None or each.contract.goal == goal.id for each in fold.ledger.live_sessions())
 
 
-def tell_stop(workspace: Workspace, console: RunConsole) -> None:
+def print_stop(workspace: Workspace, console: RunConsole) -> None:
     """Say why nothing moves under a latched emergency stop."""
     latch = read_latch(workspace.signals.parent)
     if latch is not None:
         why = f"emergency stop latched by {latch.by or '?'} ({latch.reason or 'no reason given'})"
-        console.tell_once(f"{why}; paos estop -w {workspace.root} --reset --reason ... lets it go on.", "red")
+        console.print_once(f"{why}; paos estop -w {workspace.root} --reset --reason ... lets it go on.", "red")
 
 
 def ask_for_end(fold: RunFold, journal: Journal, workspace: Workspace, clock: Clock) -> None:

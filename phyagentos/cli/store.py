@@ -26,13 +26,13 @@ Json = Annotated[bool, typer.Option("--json", help="As one JSON object.")]
 def check(workspace: Space, lane: Lane = None, as_json: Json = False) -> int:
     """Read every byte, archive included, and tell every problem; changes nothing. Exit code 1 when there is damage."""
     from phyagentos.clock import SystemClock
-    from phyagentos.store.inspection import inspect_lane
+    from phyagentos.store.inspection import inspect_partition
 
-    folder = _find_lane(workspace, lane)
-    found = inspect_lane(folder)
+    folder = _find_partition(workspace, lane)
+    found = inspect_partition(folder)
     if not found.is_whole:  # or a writer was cutting a torn end meanwhile; the lock would stop all of them for seconds
         SystemClock().sleep(_LOOK_AGAIN_S)
-        found = inspect_lane(folder)
+        found = inspect_partition(folder)
     if as_json:
         findings = [asdict(finding) | {"is_damage": finding.is_damage} for finding in found.findings]
         counts = {"segments": found.segments, "records": found.records, "last_seq": found.last_seq}
@@ -57,11 +57,11 @@ def repair(
     from phyagentos.clock import SystemClock
     from phyagentos.protocol.sessions.lifecycle import Side
     from phyagentos.store.journal import Journal
-    from phyagentos.store.repair import repair_lane
+    from phyagentos.store.repair import repair_partition
     from phyagentos.store.segments import SystemIO
 
-    folder = _find_lane(workspace, lane)
-    done = repair_lane(folder, accept_loss=accept_loss, by=_BY, clock=SystemClock(), file_io=SystemIO())
+    folder = _find_partition(workspace, lane)
+    done = repair_partition(folder, accept_loss=accept_loss, by=_BY, clock=SystemClock(), file_io=SystemIO())
     is_cut = done.is_only_torn
     if is_cut:  # by opening the journal, as any writer does
         Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), lane=folder.name).close()
@@ -82,11 +82,11 @@ def repair(
 def compact(workspace: Space, lane: Lane = None, as_json: Json = False) -> None:
     """Seal and archive every segment that nothing alive needs, and write a fresh checkpoint."""
     from phyagentos.clock import SystemClock
-    from phyagentos.store.compaction import compact_lane
+    from phyagentos.store.compaction import compact_partition
     from phyagentos.store.segments import SystemIO
 
-    folder = _find_lane(workspace, lane)
-    done = compact_lane(folder, by=_BY, clock=SystemClock(), file_io=SystemIO())
+    folder = _find_partition(workspace, lane)
+    done = compact_partition(folder, by=_BY, clock=SystemClock(), file_io=SystemIO())
     if as_json:
         _print_json({"lane": folder.name, **asdict(done)})
         return
@@ -107,7 +107,7 @@ def stats(
     from phyagentos.clock import SystemClock
     from phyagentos.store.statistics import compute_statistics, measure_sync
 
-    folder = _find_lane(workspace, lane)
+    folder = _find_partition(workspace, lane)
     found = compute_statistics(folder)
     times = measure_sync(folder, SystemClock()) if disk else None
     if as_json:
@@ -122,13 +122,13 @@ def stats(
     return int(ExitCode.GOAL_NOT_MET if found.tail == "damaged" else ExitCode.GOAL_MET)
 
 
-def _find_lane(workspace: Path, lane: str | None) -> Path:
+def _find_partition(workspace: Path, lane: str | None) -> Path:
     from phyagentos.errors import DefinitionError, Problem
     from phyagentos.protocol.workspace.workspace import Workspace
-    from phyagentos.store.journal import choose_lane
+    from phyagentos.store.journal import choose_partition
 
     sessions = Workspace.open(workspace).sessions
-    folder = sessions / (lane or choose_lane(sessions))
+    folder = sessions / (lane or choose_partition(sessions))
     if not folder.is_dir():
         problem = Problem(
             code="NO_JOURNAL",

@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.checkpoint import start_reading, write_checkpoint
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Journal
-from phyagentos.store.maintenance import LOCK_NAME as UPKEEP_LOCK
+from phyagentos.store.maintenance import LOCK_NAME as MAINTENANCE_LOCK
 from phyagentos.store.maintenance import archive_segments
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import Tail
@@ -34,7 +34,7 @@ class Compaction:
     archived: list[str]
 
 
-def compact_lane(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Compaction:
+def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Compaction:
     """Seal, checkpoint and archive `sessions/<lane>` with the lane locked; other writers continue afterwards.
 
     Raises:
@@ -50,10 +50,10 @@ def compact_lane(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Com
 @contextlib.contextmanager
 def keep_still(folder: Path) -> Iterator[PartitionLock]:
     """Hold both locks of a lane, so that no other process writes or archives; raises `JOURNAL_LOCKED`."""
-    upkeep = os.open(folder / UPKEEP_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    maintenance = os.open(folder / MAINTENANCE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     lock = PartitionLock(folder)
     try:
-        fcntl.flock(upkeep, fcntl.LOCK_EX)  # held for milliseconds, by one who waits for no other lock
+        fcntl.flock(maintenance, fcntl.LOCK_EX)  # held for milliseconds, by one who waits for no other lock
         lock.acquire()
         try:
             yield lock
@@ -61,7 +61,7 @@ def keep_still(folder: Path) -> Iterator[PartitionLock]:
             lock.release()
     finally:
         lock.close()
-        os.close(upkeep)
+        os.close(maintenance)
 
 
 def _compact(folder: Path, lock: PartitionLock, today: str, file_io: FileIO) -> Compaction:

@@ -155,7 +155,7 @@ def fold(records: Sequence[Record]) -> Ledger:
     return ledger
 
 
-def fold_lane(folder: Path) -> Ledger:
+def fold_partition(folder: Path) -> Ledger:
     """The state of every session and goal of a lane; empty where there is no such folder."""
     if not folder.is_dir():
         return fold(())

@@ -62,7 +62,7 @@ class Inspection:
         return not any(finding.is_damage for finding in self.findings)
 
 
-def inspect_lane(folder: Path) -> Inspection:
+def inspect_partition(folder: Path) -> Inspection:
     """Check every segment of `sessions/<lane>`, archived ones too: frames, chain, bodies, lifecycle, checkpoint."""
     findings = list(_iter_doubles(folder))
     expected = find_checkpoint(folder)

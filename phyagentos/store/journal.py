@@ -34,14 +34,14 @@ from phyagentos.store.checkpoint import (
 from phyagentos.store.consumer_offset import ConsumerOffset
 from phyagentos.store.follower import Follower
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.maintenance import Upkeep
+from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.memory import Cold, Memory
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_batch
-from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_lane, choose_next_name, sync_folder
+from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_next_name, choose_partition, sync_folder
 from phyagentos.store.writer import SegmentWriter
 
-__all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_lane"]
+__all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "choose_partition"]
 
 SEGMENT_BYTES = 16 << 20
 _CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member, and this one is asked for at every commit
@@ -76,7 +76,7 @@ class Journal:
         segment_bytes: int = SEGMENT_BYTES,
         file_io: FileIO | None = None,
     ) -> None:
-        self.folder = root / "sessions" / (lane or choose_lane(root / "sessions"))
+        self.folder = root / "sessions" / (lane or choose_partition(root / "sessions"))
         self._side, self._by, self._clock = side, by, clock
         self._durable = durable
         self._segment_bytes = segment_bytes
@@ -99,7 +99,7 @@ class Journal:
         self._memory = Memory(self.folder, checkpoint)
         self._admission = self._memory.admission
         self._reading = ConsumerOffset(self.folder)
-        self._upkeep = Upkeep(self.folder, clock, io, durable=durable)
+        self._maintenance = Maintenance(self.folder, clock, io, durable=durable)
         try:
             with self._mutex, self._locked():
                 self._catch_up()
@@ -209,7 +209,7 @@ class Journal:
         with self._mutex:
             if self._writer.failure is None:
                 with contextlib.suppress(SyncFailedError):  # what was acknowledged stands without it
-                    self._upkeep.finish(self._ledger, self._follower.position)
+                    self._maintenance.finish(self._ledger, self._follower.position)
             self._let_go()
             self._writer.failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
 
@@ -235,8 +235,8 @@ class Journal:
         ledger, delivered = self._ledger, self._reading.delivered
         if ledger is None or delivered is None or ledger.seq != delivered.seq:
             return
-        if self._upkeep.is_due(delivered):
-            self._writer.be_durable(self._upkeep.tidy, ledger, delivered)
+        if self._maintenance.is_due(delivered):
+            self._writer.be_durable(self._maintenance.tidy, ledger, delivered)
 
     def _catch_up(self) -> None:
         """Know everything that stands in the lane; cut what a dying writer left half."""

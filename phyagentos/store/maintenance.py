@@ -41,7 +41,7 @@ LOCK_NAME = ".upkeep.lock"
 _FRONT_BYTES = 4096
 
 
-class Upkeep:
+class Maintenance:
     """Decides when a lane's checkpoint is due, and writes it."""
 
     def __init__(self, folder: Path, clock: Clock, file_io: FileIO, *, durable: bool) -> None:

@@ -108,7 +108,7 @@ class Repair:
         return sum(cut.gap.lost for cut in self.cuts)
 
 
-def repair_lane(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: FileIO) -> Repair:
+def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: FileIO) -> Repair:
     """Repair a lane `sessions/<lane>`; `accept_loss` permits more than cutting a torn end.
 
     With a torn end alone `is_done` is False: opening a `Journal` cuts it.
@@ -183,7 +183,7 @@ class _Plan:
             self._io.replace(each.staged, each.path)
         for place in {each.path.parent for each in self._changed}:
             sync_folder(place, self._io)
-        self._tell(lock, aside)
+        self._record_repair(lock, aside)
         return self.result(list(aside.values()), is_done=True)
 
     def discard(self) -> None:
@@ -232,7 +232,7 @@ class _Plan:
             markdown=render_body(body),
         )
 
-    def _tell(self, lock: PartitionLock, aside: dict[str, Path]) -> None:
+    def _record_repair(self, lock: PartitionLock, aside: dict[str, Path]) -> None:
         """Begin a segment with the `repair` records: a running process finds that it does not fit what it knows."""
         files = [
             {"segment": each.segment, "before": each.before, "after": each.after}

@@ -31,8 +31,8 @@ from phyagentos.protocol.sessions.looks import PREFIX
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention, read_runtime_contract
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.history import fold_lane
-from phyagentos.store.journal import choose_lane
+from phyagentos.store.history import fold_partition
+from phyagentos.store.journal import choose_partition
 
 GRACE_S = 60.0  # a worker may still be sealing the bundle of a session that was judged at once
 _DAY_S = 86_400.0
@@ -246,7 +246,7 @@ class _Cleaning:
 
 def _find_ended(workspace: Workspace, now: str) -> dict[SessionId, SessionStatus]:
     """Sessions that are final, for more than a moment, and whose goal has ended too."""
-    ledger = fold_lane(workspace.sessions / choose_lane(workspace.sessions))
+    ledger = fold_partition(workspace.sessions / choose_partition(workspace.sessions))
     running = {id for id, goal in ledger.goals.items() if not goal.verdict and not goal.is_cancelled}
     return {
         id: status

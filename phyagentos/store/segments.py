@@ -101,7 +101,7 @@ class Front:
         ).encode()
 
 
-def choose_lane(folder: Path) -> str:
+def choose_partition(folder: Path) -> str:
     """Name of the lane below `sessions/` to use: the only one, else this host's; raises `LANE_UNCLEAR`."""
     host = re.sub(r"[^A-Za-z0-9._-]", "-", os.uname().nodename) or "host"
     found = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []

@@ -26,8 +26,8 @@ class ByHand:
     def __init__(self, stage) -> None:
         self.stage, self.workspace = stage, stage.workspace
         self.agent = Journal(self.workspace.root, side=Side.AGENT, by="judge", clock=SystemClock(), durable=False)
-        self.desk = EditIntake(self.workspace, SystemClock(), durable=False)
-        self.views = Views(self.workspace, self.agent.folder, SystemClock(), desk=self.desk)
+        self.edits = EditIntake(self.workspace, SystemClock(), durable=False)
+        self.views = Views(self.workspace, self.agent.folder, SystemClock(), edits=self.edits)
 
     def drop(self, name):
         (self.workspace.inbox / "new" / f"{name}.yaml").write_text(REQUEST)
@@ -40,7 +40,7 @@ class ByHand:
 
     def close(self):
         self.views.close()
-        self.desk.close()
+        self.edits.close()
         self.agent.close()
 
 

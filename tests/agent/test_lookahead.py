@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import msgspec
 import pytest
 
-from phyagentos.agent.repair.foresight import revise_foreseen
+from phyagentos.agent.repair.foresight import revise_refused
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
@@ -48,7 +48,7 @@ HOPELESS = Alternative(strategy=Strategy(speed=0.25), samples=1, succeeded=0)
 def test_the_best_way_that_was_rehearsed_is_taken_and_looked_ahead_again(tmp_path):
     write_json(tmp_path / LOOKAHEAD, make_result(SIDEWAYS, SLOWER))
 
-    advice = revise_foreseen(make_refused(), tmp_path)
+    advice = revise_refused(make_refused(), tmp_path)
 
     assert advice is not None
     assert advice.strategy == Strategy(speed=0.5)
@@ -60,7 +60,7 @@ def test_the_best_way_that_was_rehearsed_is_taken_and_looked_ahead_again(tmp_pat
 def test_where_no_way_is_likely_enough_the_best_is_tried_all_the_same(tmp_path):
     write_json(tmp_path / LOOKAHEAD, make_result(SIDEWAYS, HOPELESS))
 
-    advice = revise_foreseen(make_refused(), tmp_path)
+    advice = revise_refused(make_refused(), tmp_path)
 
     assert advice is not None
     assert (advice.strategy, advice.threshold) == (Strategy(avoid_grasps=("yaw+000",)), 0.0)
@@ -69,7 +69,7 @@ def test_where_no_way_is_likely_enough_the_best_is_tried_all_the_same(tmp_path):
 def test_where_no_other_way_is_better_the_own_one_is_tried(tmp_path):
     write_json(tmp_path / LOOKAHEAD, make_result(HOPELESS))
 
-    advice = revise_foreseen(make_refused(), tmp_path)
+    advice = revise_refused(make_refused(), tmp_path)
 
     assert advice is not None
     assert (advice.strategy, advice.threshold) == (OWN_WAY, 0.0)
@@ -79,7 +79,7 @@ def test_where_no_other_way_is_better_the_own_one_is_tried(tmp_path):
 def test_a_child_that_is_refused_too_is_not_refused_again(tmp_path):
     write_json(tmp_path / LOOKAHEAD, make_result(SLOWER))
 
-    advice = revise_foreseen(make_refused(attempt=1), tmp_path)
+    advice = revise_refused(make_refused(attempt=1), tmp_path)
 
     assert advice is not None
     assert (advice.strategy, advice.threshold) == (Strategy(speed=0.5), 0.0)
@@ -90,7 +90,7 @@ def test_without_a_readable_result_there_is_nothing_to_go_by(tmp_path, text):
     if text is not None:
         (tmp_path / LOOKAHEAD).write_bytes(text)
 
-    assert revise_foreseen(make_refused(), tmp_path) is None
+    assert revise_refused(make_refused(), tmp_path) is None
 
 
 @dataclass

@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.store.edits import edit_intake as desk
+from phyagentos.store.edits import edit_intake as edits
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def test_what_this_program_fails_on_is_kept_too(pending, paos, monkeypatch):
     def fail(*_):
         raise KeyError("odd")
 
-    monkeypatch.setattr(desk, "merge", fail)
+    monkeypatch.setattr(edits, "merge", fail)
     result = paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'")
 
     assert result.code == ExitCode.INVALID_INPUT

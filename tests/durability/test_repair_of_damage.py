@@ -7,8 +7,8 @@ from collections import Counter
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
-from phyagentos.store.inspection import inspect_lane
-from phyagentos.store.repair import repair_lane
+from phyagentos.store.inspection import inspect_partition
+from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import SystemIO
 
 from . import damages, second_reader
@@ -45,8 +45,8 @@ def test_every_damage_can_be_repaired_and_nothing_is_made_up(memory, scale, figu
 def repair_and_read(root, whole):
     """Repair with every loss accepted; identities of all records, on which both readers agree."""
     folder, clock = root / "sessions" / LANE, ManualClock(whole.clock.now_s() + DAY_S)
-    repair_lane(folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
-    found = inspect_lane(folder)
+    repair_partition(folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
+    found = inspect_partition(folder)
     assert found.is_whole, [str(each) for each in found.findings]
     follower = Follower(folder)
     try:

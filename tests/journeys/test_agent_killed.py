@@ -18,7 +18,7 @@ from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.follower import Follower
-from phyagentos.store.journal import choose_lane
+from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
 from phyagentos.store.watch import Watch
@@ -45,7 +45,7 @@ class Planes:
             if self._watch.poll() is not None:
                 self._log.close()
                 pytest.fail((self.workspace.logs / "planes.log").read_text())
-        self._lane = self.workspace.sessions / choose_lane(self.workspace.sessions)
+        self._lane = self.workspace.sessions / choose_partition(self.workspace.sessions)
 
     def start_agent(self, seed: int) -> subprocess.Popen[bytes]:
         name = f"{self.graph.stem}-{seed}"

@@ -7,7 +7,7 @@ import pytest
 
 from phyagentos.protocol.sessions.lookahead import read_lookahead
 from phyagentos.store.history import Histories
-from phyagentos.store.journal import choose_lane
+from phyagentos.store.journal import choose_partition
 
 GRAPH = Path(__file__).resolve().parents[2] / "benchmarks" / "lookahead_parts" / "balance.yaml"
 
@@ -27,7 +27,7 @@ def test_a_block_that_would_tip_the_board_is_put_elsewhere_before_a_motor_moves(
     assert not last.is_low
     assert "sensing perceived" in foreseen.notes[0]
 
-    with Histories(plane.workspace.sessions / choose_lane(plane.workspace.sessions)) as histories:
+    with Histories(plane.workspace.sessions / choose_partition(plane.workspace.sessions)) as histories:
         refusals = [record for record in histories.find(refused.id) if record.ev == "reject"]
         (submitted,) = [record for record in histories.find(revised[-1].id) if record.ev == "submit"]
     assert "LOOKAHEAD_LOW" in refusals[0].body["reason"]

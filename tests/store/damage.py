@@ -4,7 +4,7 @@ from phyagentos.clock import ManualClock
 from phyagentos.store.checkpoint import start_reading, write_checkpoint
 from phyagentos.store.journal import Entry
 from phyagentos.store.records import encode_record
-from phyagentos.store.repair import repair_lane
+from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import SystemIO
 from phyagentos.store.statistics import HashingFollower
 
@@ -12,7 +12,7 @@ from .conftest import make_submit
 
 
 def mend(folder, *, accept_loss=True, **options):
-    return repair_lane(
+    return repair_partition(
         folder,
         **({"accept_loss": accept_loss, "by": "repair", "clock": ManualClock(1e6), "file_io": SystemIO()} | options),
     )

@@ -16,8 +16,8 @@ class EditStand:
             Journal(root, side=side, by=by, clock=clock, durable=False)
             for side, by in ((Side.AGENT, "mission"), (Side.RUNTIME, "watchdog"), (Side.OPERATOR, "operator"))
         )
-        self.desk = EditIntake(self.workspace, clock, durable=False)
-        self.views = Views(self.workspace, self.agent.folder, clock, desk=self.desk, period_s=period_s)
+        self.edits = EditIntake(self.workspace, clock, durable=False)
+        self.views = Views(self.workspace, self.agent.folder, clock, edits=self.edits, period_s=period_s)
 
     @property
     def file(self):
@@ -58,6 +58,6 @@ class EditStand:
 
     def close(self) -> None:
         self.views.close()
-        self.desk.close()
+        self.edits.close()
         for journal in (self.agent, self.runtime, self.operator):
             journal.close()

@@ -12,7 +12,7 @@ from phyagentos.store.checkpoint import NAME, start_reading
 from phyagentos.store.follower import Follower
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
-from phyagentos.store.maintenance import Upkeep, archive_segments
+from phyagentos.store.maintenance import Maintenance, archive_segments
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
 
 from .histories import STEPS, Story, fold
@@ -61,7 +61,7 @@ def tidy(folder, io=None, *, durable=False):
     ledger, follower = start_reading(folder)
     fold(follower.read_new(), ledger)
     if follower.position is not None:
-        Upkeep(folder, ManualClock(), io or SystemIO(), durable=durable).tidy(ledger, follower.position)
+        Maintenance(folder, ManualClock(), io or SystemIO(), durable=durable).tidy(ledger, follower.position)
     follower.close()
     return ledger
 

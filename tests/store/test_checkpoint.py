@@ -16,7 +16,7 @@ from phyagentos.store.checkpoint import NAME, find_checkpoint, find_checkpoint_s
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry, IllegalEvent, Journal
 from phyagentos.store.ledger import Ledger
-from phyagentos.store.maintenance import PERIOD_RECORDS, PERIOD_S, Upkeep
+from phyagentos.store.maintenance import PERIOD_RECORDS, PERIOD_S, Maintenance
 from phyagentos.store.segments import SystemIO
 
 from .histories import STEPS, Story, fold
@@ -43,7 +43,7 @@ def start(folder):
 def write_checkpoint(folder):
     ledger, follower = start_reading(folder)
     fold(follower.read_new(), ledger)
-    Upkeep(folder, ManualClock(), SystemIO(), durable=False).tidy(ledger, follower.position)
+    Maintenance(folder, ManualClock(), SystemIO(), durable=False).tidy(ledger, follower.position)
     follower.close()
     return ledger.seq
 

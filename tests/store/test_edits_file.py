@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from phyagentos.store.edits.exchange import ExchangeUnsupported, exchange, may_be_written, rename_new
-from phyagentos.store.edits.shared_file import GRACE_S, MISSING_S, TwoWayFile
+from phyagentos.store.edits.shared_file import GRACE_S, MISSING_S, SharedFile
 
 MARK = "<!-- end of view -->\n"
 
@@ -14,7 +14,7 @@ MARK = "<!-- end of view -->\n"
 class Shelf:
     def __init__(self, folder, clock, **options):
         self.path, self.aside, self.clock = folder / "S.md", folder / ".edits", clock
-        self.file = TwoWayFile(self.path, self.aside, clock, **options)
+        self.file = SharedFile(self.path, self.aside, clock, **options)
         self.found = []
 
     def put(self, text):
@@ -179,7 +179,7 @@ def test_what_was_not_dealt_with_stays(shelf):
 
 
 def test_nobody_swaps_while_somebody_holds_the_file(shelf):
-    other = TwoWayFile(shelf.path, shelf.aside, shelf.clock)
+    other = SharedFile(shelf.path, shelf.aside, shelf.clock)
     with other.hold(wait=True) as is_held:
         assert is_held
         assert not shelf.put("two\n")

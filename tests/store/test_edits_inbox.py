@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from phyagentos.store.edits import edit_intake as desk
+from phyagentos.store.edits import edit_intake as edits
 from phyagentos.store.journal import Entry
 
 from .edit_stand import EditStand
@@ -158,7 +158,7 @@ def test_what_this_program_fails_on_is_refused_with_the_error(stand, monkeypatch
     def fail(*_):
         raise KeyError("odd")
 
-    monkeypatch.setattr(desk, "plan_request", fail)
+    monkeypatch.setattr(edits, "plan_request", fail)
     drop(stand, "r.yaml", "{kind: cancel, session: a}")
 
     told = (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text()

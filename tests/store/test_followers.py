@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.compaction import compact_lane
-from phyagentos.store.inspection import inspect_lane
+from phyagentos.store.compaction import compact_partition
+from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.records import frame_payload, read_record
-from phyagentos.store.repair import repair_lane
+from phyagentos.store.repair import repair_partition
 from phyagentos.store.segments import Front, SystemIO, create_segment, locate
 from phyagentos.store.statistics import HashingFollower
 
@@ -108,13 +108,13 @@ def test_an_archived_journal_reads_as_before(open_journal, agree, clock):
     journal.commit([Entry("t0", "cancel"), Entry("t1", "cancel")])
     before = agree()
 
-    first = compact_lane(journal.folder, by="operator", clock=clock, file_io=SystemIO())
+    first = compact_partition(journal.folder, by="operator", clock=clock, file_io=SystemIO())
 
     assert first.archived  # those before the submission of t2, which is live
     assert first.sealed is None
     assert agree() == before
     journal.commit([Entry(f"t{number}", "cancel") for number in (2, 3, 4)])
-    second = compact_lane(journal.folder, by="operator", clock=clock, file_io=SystemIO())
+    second = compact_partition(journal.folder, by="operator", clock=clock, file_io=SystemIO())
     assert second.archived[-1] == second.sealed
     assert len(list(journal.folder.glob("[0-9]*.md"))) == 1
     assert agree()["seq"] == before["seq"] + 3
@@ -127,19 +127,19 @@ def test_damage_in_the_archive_is_found_by_both(open_journal, agree, clock):
     for number in range(5):
         journal.commit([make_submit(f"s{number}")])
         journal.commit([Entry(f"s{number}", "cancel")])
-    name = compact_lane(journal.folder, by="operator", clock=clock, file_io=SystemIO()).archived[1]
+    name = compact_partition(journal.folder, by="operator", clock=clock, file_io=SystemIO()).archived[1]
     path = locate(journal.folder, name)
     path.write_bytes(path.read_bytes().replace(b"red cube", b"red cubE", 1))
 
     found = agree()
 
     assert (found["tail"], found["segment"]) == ("damaged", name)
-    assert not inspect_lane(journal.folder).is_whole
-    repair_lane(journal.folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
+    assert not inspect_partition(journal.folder).is_whole
+    repair_partition(journal.folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
     assert (agree()["tail"], agree()["seq"]) == ("clean", 11)
     assert path.exists()
     assert path.with_name(f"{path.name}.damaged").exists()
-    assert inspect_lane(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == []
 
 
 def test_a_torn_end_is_waited_for(open_journal, agree):
@@ -254,7 +254,7 @@ def test_the_second_reader_stops_when_the_journal_is_repaired_under_it(open_jour
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as reader:
         told = [json.loads(reader.stdout.readline())["seq"] for _ in range(9)]
         path.write_bytes(path.read_bytes().replace(b"red cube", b"red cubE", 1))
-        repair_lane(journal.folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
+        repair_partition(journal.folder, accept_loss=True, by="operator", clock=clock, file_io=SystemIO())
         told += [json.loads(line)["seq"] for line in reader.stdout]
         said = reader.stderr.read()
 

@@ -5,8 +5,8 @@ import shutil
 import pytest
 
 from phyagentos.store.checkpoint import write_checkpoint
-from phyagentos.store.compaction import compact_lane
-from phyagentos.store.inspection import inspect_lane
+from phyagentos.store.compaction import compact_partition
+from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.records import Record, encode_record
 from phyagentos.store.segments import SystemIO, locate_archived
 from phyagentos.store.statistics import HashingFollower
@@ -22,7 +22,7 @@ def test_every_damage_is_told_not_only_the_first(open_journal):
     places = [(path.stem, spoil(path, seq)) for path, seq in ((first, 2), (first, 5), (third, 16))]
     second.write_bytes(second.read_bytes().replace(b"first_seq: ", b"first_seq  "))
 
-    findings = inspect_lane(journal.folder).findings
+    findings = inspect_partition(journal.folder).findings
 
     assert [(each.segment, each.offset) for each in findings if each.code == "RECORD_DAMAGED"] == places
     assert (second.stem, 0) in [(each.segment, each.offset) for each in findings if each.code == "SEGMENT_MISLINKED"]
@@ -38,7 +38,7 @@ def test_a_missing_segment_is_told_by_the_numbers_that_are_gone(open_journal):
     gone = [record.seq for record in frames_of(journal.folder)[1] if b"%010d" % record.seq in second.read_bytes()]
     second.unlink()
 
-    findings = inspect_lane(journal.folder).findings
+    findings = inspect_partition(journal.folder).findings
 
     assert [(each.code, each.segment) for each in findings][:1] == [("RECORDS_MISSING", first.stem)]
     assert f"records {gone[0]} to {gone[-1]} are lost" in findings[0].message
@@ -47,10 +47,10 @@ def test_a_missing_segment_is_told_by_the_numbers_that_are_gone(open_journal):
 def test_a_segment_in_two_places_is_told(open_journal, clock):
     journal = open_journal(segment_bytes=2000)
     fill(journal)
-    name = compact_lane(journal.folder, by="o", clock=clock, file_io=SystemIO()).archived[0]
+    name = compact_partition(journal.folder, by="o", clock=clock, file_io=SystemIO()).archived[0]
     shutil.copy(locate_archived(journal.folder, name), journal.folder / f"{name}.md")
 
-    found = inspect_lane(journal.folder)
+    found = inspect_partition(journal.folder)
 
     assert [(each.code, each.segment) for each in found.findings] == [("SEGMENT_TWICE", name)]
     assert found.is_whole
@@ -63,7 +63,7 @@ def test_a_torn_end_is_told_and_is_no_damage(open_journal):
     end = path.stat().st_size
     path.write_bytes(path.read_bytes() + b"<!-- phy1 0000000006")
 
-    found = inspect_lane(journal.folder)
+    found = inspect_partition(journal.folder)
 
     assert [(each.code, each.offset) for each in found.findings] == [("END_TORN", end)]
     assert found.is_whole
@@ -99,7 +99,7 @@ def test_a_record_that_could_not_have_been_admitted_is_told(open_journal, facts,
     journal.commit([make_submit("s0")])
     offset = append(journal, seq=2, **facts)
 
-    (finding,) = inspect_lane(journal.folder).findings
+    (finding,) = inspect_partition(journal.folder).findings
 
     assert (finding.code, finding.offset) == ("RECORD_ILLEGAL", offset)
     assert what in finding.message
@@ -111,7 +111,7 @@ def test_a_body_that_cannot_be_read_is_told(open_journal, markdown):
     journal.commit([make_submit("s0")])
     offset = append(journal, seq=2, id="s0", ev="cancel", source="pending", to="cancelled", epoch=0, markdown=markdown)
 
-    (finding,) = inspect_lane(journal.folder).findings
+    (finding,) = inspect_partition(journal.folder).findings
 
     assert (finding.code, finding.offset) == ("BODY_UNREADABLE", offset)
 
@@ -120,12 +120,12 @@ def test_a_checkpoint_that_says_something_else_is_told(open_journal):
     journal = open_journal()
     fill(journal, 5)
     ledger = checkpoint(journal.folder)
-    assert inspect_lane(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == []
 
     follower = HashingFollower(journal.folder)
     follower.read_new()
     ledger.apply(Record(seq=9, id="s4", ev="cancel", source="pending", to="cancelled", by="x", side="agent", at="now"))
     write_checkpoint(journal.folder, ledger, follower.position, SystemIO(), durable=False)
 
-    (finding,) = inspect_lane(journal.folder).findings
+    (finding,) = inspect_partition(journal.folder).findings
     assert (finding.code, finding.segment, finding.is_damage) == ("CHECKPOINT_WRONG", "checkpoint.md", True)

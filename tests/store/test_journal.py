@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
-from phyagentos.store.journal import Entry, Fenced, IllegalEvent, choose_lane
+from phyagentos.store.journal import Entry, Fenced, IllegalEvent, choose_partition
 
 GOAL = Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7})
 
@@ -200,15 +200,15 @@ def test_a_closed_journal_says_so(open_journal, submit):
 
 def test_the_lane_is_the_only_one_there_is_or_that_of_this_host(tmp_path, monkeypatch):
     monkeypatch.setattr("os.uname", lambda: SimpleNamespace(nodename="edge 01"))
-    assert choose_lane(tmp_path / "missing") == "edge-01"
+    assert choose_partition(tmp_path / "missing") == "edge-01"
 
     (tmp_path / "a").mkdir()
-    assert choose_lane(tmp_path) == "a"
+    assert choose_partition(tmp_path) == "a"
     (tmp_path / "b").mkdir()
     with pytest.raises(ExecutionError, match=r"LANE_UNCLEAR: .*found a, b, none of this host \(edge-01\)"):
-        choose_lane(tmp_path)
+        choose_partition(tmp_path)
     (tmp_path / "edge-01").mkdir()
-    assert choose_lane(tmp_path) == "edge-01"
+    assert choose_partition(tmp_path) == "edge-01"
 
 
 def test_an_empty_commit_does_nothing(open_journal):

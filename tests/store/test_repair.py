@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from phyagentos.clock import ManualClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.compaction import compact_lane
+from phyagentos.store.compaction import compact_partition
 from phyagentos.store.history import Histories
-from phyagentos.store.inspection import inspect_lane
+from phyagentos.store.inspection import inspect_partition
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import frame_payload, read_record
@@ -47,7 +47,7 @@ def test_a_whole_journal_has_no_finding_and_needs_no_repair(open_journal):
     fill(journal)
     before = {path: path.read_bytes() for path in segments_of(journal)}
 
-    found = inspect_lane(journal.folder)
+    found = inspect_partition(journal.folder)
     repair = mend(journal.folder)
 
     assert (found.findings, found.records, found.last_seq) == ([], 23, 23)
@@ -87,7 +87,7 @@ def test_several_damages_are_mended_and_everything_else_stands_unchanged(open_jo
         seq: frame for seq, frame in original.items() if seq not in lost
     }
     assert agree(journal.folder) == len(original) + 1
-    assert inspect_lane(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == []
     assert {path.name for path in repair.aside} >= {f"{path.name}.damaged" for path in damaged}
     for path, data in damaged.items():
         assert path.with_name(f"{path.name}.damaged").read_bytes() == data
@@ -149,7 +149,7 @@ def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_c
         ledger.apply(record)
     assert set(repair.sessions) == {"a", "b"}
     assert {id: status.state for id, status in ledger.sessions.items()} == {"b": "running"}
-    assert inspect_lane(agent.folder).is_whole
+    assert inspect_partition(agent.folder).is_whole
     assert open_journal(Side.RUNTIME).commit([Entry("b", "halt", epoch=1)])[0].to == "halting"
 
 
@@ -175,13 +175,13 @@ def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, agree):
     (path,) = segments_of(journal)
     path.write_bytes(path.read_bytes()[: start_of(path, 6)])
 
-    finding, unused = inspect_lane(journal.folder).findings
+    finding, unused = inspect_partition(journal.folder).findings
     mend(journal.folder)
 
     assert (finding.code, finding.message) == ("RECORDS_MISSING", "records 6 to 9 are lost, at least")
     assert (unused.code, unused.is_damage) == ("CHECKPOINT_UNUSED", False)
     assert agree(journal.folder) == 10
-    assert inspect_lane(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == []
 
 
 def test_a_repair_forgets_the_checkpoint_and_the_index(open_journal, tmp_path):
@@ -249,7 +249,7 @@ def test_missing_segments_are_filled_up(open_journal, agree):
 
     assert agree(journal.folder) == total + 1
     assert second.read_bytes().split(b"first_seq: ")[1].startswith(b"1\n")
-    assert inspect_lane(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == []
 
 
 def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
@@ -279,7 +279,7 @@ def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
         shutil.copytree(backup, journal.folder)
         with pytest.raises(OSError, match="the power went out"):
             mend(journal.folder, file_io=DyingIO(renames))
-        assert inspect_lane(journal.folder).is_whole == (renames == needed)
+        assert inspect_partition(journal.folder).is_whole == (renames == needed)
         mend(journal.folder)
         frames, records, _ = frames_of(journal.folder)
         assert [record.seq for record in records if record.ev == "lost"] == [seq]
@@ -297,7 +297,7 @@ def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path
     journal.close()
     original, _, _ = frames_of(journal.folder)
     if data.draw(st.booleans()):
-        compact_lane(journal.folder, by="o", clock=ManualClock(1e6), file_io=SystemIO())
+        compact_partition(journal.folder, by="o", clock=ManualClock(1e6), file_io=SystemIO())
         original, _, _ = frames_of(journal.folder)
     paths = [path for _, path in list_segment_files(journal.folder)]
     for _ in range(data.draw(st.integers(1, 3))):
@@ -323,7 +323,7 @@ def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path
         for seq, frame in original.items()
         if any(frame in path.read_bytes() and read_record(frame, 0) for path in paths)
     }
-    found = inspect_lane(journal.folder)
+    found = inspect_partition(journal.folder)
 
     repair = mend(journal.folder)
     if repair.is_only_torn:
@@ -332,7 +332,7 @@ def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path
     frames, records, tail = frames_of(journal.folder)
     assert tail == "clean"
     assert agree(journal.folder) == max(frames, default=0)
-    assert inspect_lane(journal.folder).is_whole
+    assert inspect_partition(journal.folder).is_whole
     assert repair.is_needed == bool(found.findings)
     kept = {seq for seq in original if frames.get(seq) == original[seq]}
     torn = {record.seq for record in records if record.ev == "repair"}

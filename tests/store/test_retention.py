@@ -21,8 +21,8 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
 from phyagentos.store import retention
-from phyagentos.store.compaction import compact_lane
-from phyagentos.store.journal import choose_lane
+from phyagentos.store.compaction import compact_partition
+from phyagentos.store.journal import choose_partition
 from phyagentos.store.segments import SystemIO
 
 from .evidence_bundles import DAY_S, EVERYTHING, HEAVY, MODEL, SMALL, Store, names_in, read_all
@@ -300,8 +300,8 @@ def test_a_manifest_can_be_read_by_any_json_reader(store):
 def test_sessions_whose_journal_is_archived_are_thinned_all_the_same(store):
     folder = store.run("g.a")
     store.close()
-    lane = store.workspace.sessions / choose_lane(store.workspace.sessions)
-    compact_lane(lane, by="test", clock=store.clock, file_io=SystemIO())
+    lane = store.workspace.sessions / choose_partition(store.workspace.sessions)
+    compact_partition(lane, by="test", clock=store.clock, file_io=SystemIO())
     assert list((store.workspace.sessions / "archive").rglob("*.md"))
 
     assert [each.session for each in store.prune().thinned] == ["g.a"]

@@ -25,7 +25,7 @@ from phyagentos.protocol.sessions.lessons import Lesson, read_lessons, render_le
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.edits.shared_file import TwoWayFile
+from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.ledger import Ledger
 
 PERSON = "a person"
@@ -127,7 +127,7 @@ class EpisodeRecorder:
             if refused:
                 self._refuse(path, refused)
 
-        file = TwoWayFile(path, self._workspace.edits / path.stem, self._clock)
+        file = SharedFile(path, self._workspace.edits / path.stem, self._clock)
         try:
             file.adopt()
             file.put(view.render())

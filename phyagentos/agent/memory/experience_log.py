@@ -17,7 +17,7 @@ from phyagentos.protocol.sessions.memory_entries import Scope
 from phyagentos.store.follower import Follower, Position
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import Record, Tail, encode_batch
-from phyagentos.store.segments import SystemIO, choose_lane, choose_next_name, locate
+from phyagentos.store.segments import SystemIO, choose_next_name, choose_partition, locate
 from phyagentos.store.writer import SegmentWriter
 
 SEGMENT_BYTES = 16 << 20
@@ -65,7 +65,7 @@ class ExperienceLog:
     """Reads and extends the records below `root`, the folder `memory/` of a workspace."""
 
     def __init__(self, root: Path, *, by: str, side: Side, clock: Clock, durable: bool = True) -> None:
-        self.folder = root / choose_lane(root)
+        self.folder = root / choose_partition(root)
         self._by, self._side, self._clock, self._durable = by, side, clock, durable
         self._known: Position | None = None  # as far as this object has looked; only a shortcut
 

@@ -68,8 +68,8 @@ class LessonIndex:
         """
         wanted = " OR ".join(_quote(word) for word in dict.fromkeys(words) if word.strip())
         parts = [f"skill: ({_quote(skill)} OR {_quote(_ANY)})"] if skill else []
-        told_of_all = f" OR {{things}}: {_quote(_ANY)}" if skill else ""
-        parts += [f"({{things words}}: ({wanted}){told_of_all})"] if wanted else []
+        or_general = f" OR {{things}}: {_quote(_ANY)}" if skill else ""
+        parts += [f"({{things words}}: ({wanted}){or_general})"] if wanted else []
         if not parts:
             return None
         query = "SELECT id FROM lesson WHERE lesson MATCH ? ORDER BY bm25(lesson, 1.0, 4.0, 4.0, 1.0), id LIMIT ?"

@@ -58,13 +58,13 @@ class Drafter:
             "relation": relation or get_relation(session.purpose),
             "reason": join((*reasons, *session.advice)),
         }
-        return [self._say(session.node, GoalEvent.CHILD_OF, child_of), submission]
+        return [self._note(session.node, GoalEvent.CHILD_OF, child_of), submission]
 
-    def say(self, node: str, event: GoalEvent, reason: str) -> Entry:
+    def note(self, node: str, event: GoalEvent, reason: str) -> Entry:
         """A record about a node."""
-        return self._say(node, event, {"reason": reason})
+        return self._note(node, event, {"reason": reason})
 
-    def say_next(
+    def note_next(
         self, node: str, event: GoalEvent, reason: str, relation: Relation = Relation.AGAIN, after: Sequence[str] = ()
     ) -> Entry:
         """A record about a node that will have another session: a step of the graph that is not yet submitted.
@@ -79,9 +79,9 @@ class Drafter:
         ids = self.facts.get_ids(node)
         child = compute_session_id(self.facts.goal, node, len(ids))
         body = {"reason": reason, "child": child, "parent": ids[-1], "relation": relation}
-        return self._say(node, event, body | ({"after": list(after)} if after else {}))
+        return self._note(node, event, body | ({"after": list(after)} if after else {}))
 
-    def _say(self, node: str, event: GoalEvent, body: Mapping[str, Any]) -> Entry:
+    def _note(self, node: str, event: GoalEvent, body: Mapping[str, Any]) -> Entry:
         return Entry(f"node:{self.facts.goal}/{node}", event, dict(body))
 
 

@@ -98,8 +98,8 @@ class GoalController:
         parts = [names[index : index + NODES_A_RECORD] for index in range(0, len(names), NODES_A_RECORD)]
         first = [name for name in self.graph.order if not self.graph.nodes[name].after]
         return [
-            self._say(GoalEvent.GOAL_SUBMITTED, asked),
-            *(self._say(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
+            self._note(GoalEvent.GOAL_SUBMITTED, asked),
+            *(self._note(GoalEvent.GOAL_COMPILED, {"nodes": {n: nodes[n] for n in part}, **judged}) for part in parts),
             *self._keep_to_budget(self._start(first, {})),
         ]
 
@@ -123,7 +123,7 @@ class GoalController:
             for status in self.iter_live()
             if (trigger := find_cancel(status.state)) is not None
         ]
-        return entries if self.status.is_cancelled else [*entries, self._say(GoalEvent.GOAL_CANCELLED, body)]
+        return entries if self.status.is_cancelled else [*entries, self._note(GoalEvent.GOAL_CANCELLED, body)]
 
     # -- sessions ------------------------------------------------------------------------------------------------------
 
@@ -142,7 +142,7 @@ class GoalController:
             finishes = not status.contract.purpose or is_look(status.contract)
             if _lets_go_on(attempt, bundle) and finishes:
                 fresh[node] = bundle.execution.outputs
-                done = self._drafter.say(node, GoalEvent.NODE_DONE, attempt.reason)
+                done = self._drafter.note(node, GoalEvent.NODE_DONE, attempt.reason)
                 freed = self._find_freed_by(node, fresh)
                 entries += [*_record_verdict(status, attempt), done, *self._start(freed, fresh)]
             elif not entries:
@@ -170,8 +170,8 @@ class GoalController:
             bundle = join_evidence(course, seen) if looks else course
             attempt = self._verifier.judge(bundle, history)
         if looks:
-            told = f"{subject.contract.id}, on what {status.contract.id} saw: {attempt.reason}"
-            attempt = msgspec.structs.replace(attempt, reason=told)
+            reason = f"{subject.contract.id}, on what {status.contract.id} saw: {attempt.reason}"
+            attempt = msgspec.structs.replace(attempt, reason=reason)
             if attempt.missing_evidence and facts.count_looks(subject.contract) >= LOOKS_MAX:
                 attempt = settle(bundle, attempt)
         return bundle, attempt
@@ -199,7 +199,7 @@ class GoalController:
         if latest is not None and latest.state == SessionState.REJECTED:
             return self._recovery.follow_refusal(latest)
         if latest is not None and latest.state == SessionState.CANCELLED:
-            return [self._drafter.say(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+            return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
         waits_for_restoration = latest is not None and latest.state == SessionState.REPLANNED
         if node.state not in _OPEN and not waits_for_restoration:
             return []
@@ -208,7 +208,7 @@ class GoalController:
         missing = dag.find_open(name, further=not waits) if waits or node.sessions else []
         for before in missing:
             if before in blocked or self._facts.get_state(before) is NodeState.BLOCKED:
-                return [self._drafter.say(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
+                return [self._drafter.note(name, GoalEvent.NODE_BLOCKED, f"it waits for {before}, which is blocked")]
         if waits:
             return []
         if missing:  # what it had begun with has been undone further back
@@ -223,10 +223,10 @@ class GoalController:
             revision = Revision(parent=again[-1]) if again else None
             session = self._drafter.draft(name, revision, fresh)
             if isinstance(session, str):
-                entries.append(self._drafter.say(name, GoalEvent.NODE_BLOCKED, session))
+                entries.append(self._drafter.note(name, GoalEvent.NODE_BLOCKED, session))
                 continue
             ready = join(("everything before it is done", *session.advice))
-            entries.append(self._drafter.say(name, GoalEvent.NODE_READY, ready))
+            entries.append(self._drafter.note(name, GoalEvent.NODE_READY, ready))
             entries += self._drafter.submit(session, ("it has to be done again",), Relation.AGAIN)
         return entries
 
@@ -248,7 +248,7 @@ class GoalController:
             node = str((entry.body or {}).get("node"))
             id = f"node:{self.goal}/{node}"
             kept = [each for each in kept if each.id != id or each.ev not in {GoalEvent.NODE_READY, GoalEvent.CHILD_OF}]
-            kept.append(self._drafter.say(node, GoalEvent.NODE_BLOCKED, why))
+            kept.append(self._drafter.note(node, GoalEvent.NODE_BLOCKED, why))
         return kept
 
     def _finish(self) -> list[Entry]:
@@ -261,8 +261,8 @@ class GoalController:
         outcome = judge_goal(self.graph, self._evidence, blocked)
         mode = self._verifier.mode
         if mode is VerificationMode.OFF and not blocked:
-            told = "verification is off: every execution completed, none was judged"
-            outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=told)
+            reason = "verification is off: every execution completed, none was judged"
+            outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=reason)
         decides = mode in {VerificationMode.ENFORCE, VerificationMode.RECOVERY} and not blocked
         if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
             regressions = self._recovery.find_regressions()
@@ -279,7 +279,7 @@ class GoalController:
                 if looks:
                     return looks
         body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
-        return [self._say(GoalEvent.GOAL_VERDICT, body)]
+        return [self._note(GoalEvent.GOAL_VERDICT, body)]
 
     # -- facts ---------------------------------------------------------------------------------------------------------
 
@@ -293,7 +293,7 @@ class GoalController:
             and fresh.keys() >= set(self.worklist.dag.find_open(name))
         ]
 
-    def _say(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
+    def _note(self, event: GoalEvent, body: dict[str, Any]) -> Entry:
         return Entry(f"goal:{self.goal}", event, body)
 
 

@@ -80,7 +80,7 @@ class GoalFacts:
         ids = self.get_ids(name)
         if len(ids) < 2:
             return 0
-        counted = (s for s in self.get_sessions(name) if not s.contract.purpose and not is_foreseen(s))
+        counted = (s for s in self.get_sessions(name) if not s.contract.purpose and not is_forecast_refusal(s))
         return max(0, sum(1 for _ in counted) - 1)
 
     def has_replans(self, name: str) -> bool:
@@ -114,6 +114,6 @@ class GoalFacts:
         )
 
 
-def is_foreseen(status: SessionStatus) -> bool:
+def is_forecast_refusal(status: SessionStatus) -> bool:
     """Whether look-ahead refused a session."""
     return status.state == SessionState.REJECTED and any(each.code == LOOKAHEAD_LOW for each in status.problems)

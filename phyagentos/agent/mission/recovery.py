@@ -13,11 +13,11 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import find_missing_evidence
 from phyagentos.agent.mission.drafting import Drafter, join
-from phyagentos.agent.mission.goal_facts import GoalFacts, is_foreseen
+from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
 from phyagentos.agent.repair import clearing, looking
 from phyagentos.agent.repair.alternative import AlternativeKind, Decision
 from phyagentos.agent.repair.case import Case, Miss
-from phyagentos.agent.repair.foresight import revise_foreseen
+from phyagentos.agent.repair.foresight import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
@@ -74,7 +74,7 @@ class Recovery:
             why = f"{attempt.reason} To look again costs no replan."
             return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries
         if attempt.verdict is not Verdict.REPLAN:
-            return attempt, [self.drafter.say(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
         entries = self._repair(node, Miss.of_execution(bundle, attempt))
         if _is_end(entries):  # no revision is worth its budget
             why = str((entries[-1].body or {}).get("reason", ""))
@@ -92,9 +92,9 @@ class Recovery:
         node = refused.contract.node
         if refused.contract.purpose:
             return self.go_on(refused)
-        if is_foreseen(refused) and (entries := self._revise_foreseen(refused)):
+        if is_forecast_refusal(refused) and (entries := self._revise_refused(refused)):
             return entries
-        blocked = [self.drafter.say(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
+        blocked = [self.drafter.note(node, GoalEvent.NODE_BLOCKED, f"{refused.state}: {refused.reason}")]
         if not self.policy.restores:
             return blocked
         miss = self._find_miss(refused)
@@ -109,7 +109,7 @@ class Recovery:
         subject = self.facts.find_subject(latest.contract)
         miss = self._find_miss(subject)
         if miss is None:
-            return [self.drafter.say(node, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
         if latest.execution is not None and latest.contract.id != subject.contract.id:
             miss = miss.join(self.evidence.read(latest))
             if is_look(latest.contract) and latest.decision is not None and miss.bundle is not None:
@@ -127,8 +127,8 @@ class Recovery:
         """Finished nodes that must be done again, each at the price of one replan."""
         entries: list[Entry] = []
         for name, reason in regressions.items():
-            entries.append(self.drafter.say_next(name, GoalEvent.INVALIDATED, reason))
-            entries.append(self.drafter.say(name, GoalEvent.BUDGET_SPENT, reason))
+            entries.append(self.drafter.note_next(name, GoalEvent.INVALIDATED, reason))
+            entries.append(self.drafter.note(name, GoalEvent.BUDGET_SPENT, reason))
         return entries
 
     def look_for(self, criteria: Sequence[Criterion], now: Environment) -> list[Entry]:
@@ -164,7 +164,7 @@ class Recovery:
         reason = f"it waits for {', '.join(regressions)}, to be done again"
         state = self.facts.get_state(node)
         relation = Relation.AGAIN if state is NodeState.INVALIDATED else Relation.REPLAN
-        return self.drafter.say_next(node, GoalEvent.NODE_WAITS, reason, relation, regressions)
+        return self.drafter.note_next(node, GoalEvent.NODE_WAITS, reason, relation, regressions)
 
     # -- one miss ------------------------------------------------------------------------------------------------------
 
@@ -175,16 +175,16 @@ class Recovery:
         if decision.chosen.kind is AlternativeKind.RESTART:
             return self._restart(node, miss.cause, decision)
         if revision is None:
-            return [self.drafter.say(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
+            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
         child = self.drafter.draft(node, revision)
         if isinstance(child, str):
-            return [self.drafter.say(node, GoalEvent.NODE_BLOCKED, child)]
+            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]
         return self._submit(child, miss, decision.reasons, restores=restores)
 
-    def _revise_foreseen(self, refused: SessionStatus) -> list[Entry]:
+    def _revise_refused(self, refused: SessionStatus) -> list[Entry]:
         """The best child by look-ahead; empty when there is none."""
         contract = refused.contract
-        advice = revise_foreseen(refused, self.evidence.root / "evidence" / contract.id)
+        advice = revise_refused(refused, self.evidence.root / "evidence" / contract.id)
         if advice is None:
             return []
         revision = Revision(
@@ -215,7 +215,7 @@ class Recovery:
             restorers = self._find_restorers(child.node, lost)
             if restorers:
                 return self.reopen(restorers)  # the child is paid for when its turn comes
-        spent = self.drafter.say(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
+        spent = self.drafter.note(child.node, GoalEvent.BUDGET_SPENT, f"{miss.cause}: {miss.session.id}")
         return [spent, *self.drafter.submit(child, reasons)]
 
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
@@ -234,7 +234,7 @@ class Recovery:
         node, subject = status.contract.node, self.facts.find_subject(status.contract)
         miss = self._find_miss(subject)
         if miss is None:
-            return attempt, [self.drafter.say(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
+            return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
         miss = miss.join(bundle)
         if attempt.verdict is Verdict.SUCCESS:
             revision = Revision(
@@ -246,7 +246,7 @@ class Recovery:
             )
             child = self.drafter.draft(node, revision)
             if isinstance(child, str):
-                return attempt, [self.drafter.say(node, GoalEvent.NODE_BLOCKED, child)]
+                return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]
             return attempt, self._submit(child, miss, revision.reasons, restores=True)
         entries = self._repair(node, miss)
         verdict = Verdict.FAILURE if _is_end(entries) else Verdict.REPLAN
@@ -273,10 +273,10 @@ class Recovery:
         """Every begun node is open again; live sessions are cancelled."""
         why = f"{decision.chosen.effect}: {cause} of {node}"
         nodes = self.facts.ledger.goals[self.facts.goal].nodes
-        entries = [self.drafter.say(node, GoalEvent.BUDGET_SPENT, why)]
+        entries = [self.drafter.note(node, GoalEvent.BUDGET_SPENT, why)]
         for name, each in nodes.items():
             if each.state in {NodeState.ACTIVE, NodeState.DONE}:
-                entries.append(self.drafter.say_next(name, GoalEvent.INVALIDATED, why))
+                entries.append(self.drafter.note_next(name, GoalEvent.INVALIDATED, why))
                 entries += [
                     Entry(status.contract.id, trigger, {"reason": why})
                     for status in self.facts.get_sessions(name)

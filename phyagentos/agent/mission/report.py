@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from phyagentos.agent.mission.goal_facts import is_foreseen
+from phyagentos.agent.mission.goal_facts import is_forecast_refusal
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -88,7 +88,7 @@ def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionRepo
     sessions = [status for status in ledger.sessions.values() if status.contract.goal == goal.id]
     firsts: dict[str, SessionStatus] = {}
     for status in sessions:
-        if not is_foreseen(status):  # which moved nothing and was revised
+        if not is_forecast_refusal(status):  # which moved nothing and was revised
             firsts.setdefault(status.contract.node, status)
     return MissionReport(
         goal=goal.id,

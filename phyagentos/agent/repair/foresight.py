@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.lookahead import Alternative, LookaheadResult,
 from phyagentos.protocol.sessions.session import SessionStatus
 
 
-def revise_foreseen(refused: SessionStatus, folder: Path) -> Advice | None:
+def revise_refused(refused: SessionStatus, folder: Path) -> Advice | None:
     """The best rehearsed alternative; None without a readable result in `folder`, the session's evidence."""
     try:
         result = read_lookahead(folder)

@@ -19,7 +19,7 @@ PURPOSE = "inspect"
 LOOKS_MAX = 2  # for one session
 LEAD = 1000  # before whatever else waits for the target
 _CHANCE = 0.8  # the arm is out of the way, and most of what is unknown was hidden behind it
-_UNTOLD = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN})
+_UNCERTAIN = frozenset({Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN})
 
 
 def propose_looking(case: Case) -> Iterator[Alternative]:
@@ -27,7 +27,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
     looks = len(case.find_prepared(PURPOSE))
     named = find_object(case.session, case.miss.initial, case.miss.criteria)
     wanted = case.miss.missing_evidence or ((named,) if named else ())
-    if case.cause not in _UNTOLD or looks >= LOOKS_MAX or not wanted:
+    if case.cause not in _UNCERTAIN or looks >= LOOKS_MAX or not wanted:
         return
     name = wanted[looks % len(wanted)]
     try:

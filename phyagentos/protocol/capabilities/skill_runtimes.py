@@ -154,7 +154,7 @@ class SkillRuntime(Authored):
 SKILLRUNTIME = DocumentFormat(
     name="skillruntime",
     file="SKILLRUNTIME.md",
-    says="Every skill that a workspace can run: parameters, conditions, promises, needs, and its behaviour tree.",
+    summary="Every skill that a workspace can run: parameters, conditions, promises, needs, and its behaviour tree.",
     block=SkillRuntime,
     key="skill",
 )

@@ -185,7 +185,7 @@ class RegisteredTarget(TargetProfile):
 TARGETS = DocumentFormat(
     name="targets",
     file="TARGETS.md",
-    says="Every target of a workspace: its profile, and how its worker is.",
+    summary="Every target of a workspace: its profile, and how its worker is.",
     block=RegisteredTarget,
     key="target",
 )

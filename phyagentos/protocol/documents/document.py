@@ -71,7 +71,7 @@ class DocumentFormat(Generic[BlockT]):
 
     name: str
     file: str
-    says: str
+    summary: str
     block: type[BlockT] | None
     headings: tuple[str, ...] = ()
     key: str = ""
@@ -146,7 +146,7 @@ def build_schema(format: DocumentFormat[Any]) -> dict[str, Any]:
         properties["lines"] = {"type": "array", "items": line, "description": "Oldest first."}
     return {
         "title": format.file,
-        "description": format.says,
+        "description": format.summary,
         "type": "object",
         "properties": properties,
         "required": [*front["required"], BLOCKS],

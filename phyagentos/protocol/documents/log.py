@@ -48,7 +48,7 @@ class Log(msgspec.Struct, frozen=True, kw_only=True):
 LOG: DocumentFormat[Any] = DocumentFormat(
     name="log",
     file="LOG.md",
-    says="What happened, one line an event, newest last; each takes its day from the heading above it.",
+    summary="What happened, one line an event, newest last; each takes its day from the heading above it.",
     block=None,
     front=LogFront,
     lines=LogLine,

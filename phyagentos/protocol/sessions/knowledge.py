@@ -26,7 +26,7 @@ class Fact(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
 KNOWLEDGE = DocumentFormat(
     name="knowledge",
     file="KNOWLEDGE.md",
-    says="Facts about a place that hold beyond one session.",
+    summary="Facts about a place that hold beyond one session.",
     block=Fact,
     key="id",
 )

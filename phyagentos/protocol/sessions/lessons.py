@@ -32,7 +32,7 @@ class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
 LESSONS = DocumentFormat(
     name="lessons",
     file="LESSONS.md",
-    says="What verified outcomes taught: under which conditions a strategy failed, and what helped.",
+    summary="What verified outcomes taught: under which conditions a strategy failed, and what helped.",
     block=Lesson,
     key="id",
 )

@@ -85,7 +85,7 @@ class Signs(msgspec.Struct, frozen=True, kw_only=True):
 RUNTIME_SIGNAL = DocumentFormat(
     name="runtime_signal",
     file="RUNTIME_SIGNAL.md",
-    says="Whether a runtime is running, what each worker said last, and which requests were made.",
+    summary="Whether a runtime is running, what each worker said last, and which requests were made.",
     block=Signs,
     headings=("Signs",),
 )

@@ -246,7 +246,7 @@ class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
 SESSIONS = DocumentFormat(
     name="sessions",
     file="SESSIONS.md",
-    says="Every live session and the latest finished ones: contract, state, execution, judgements.",
+    summary="Every live session and the latest finished ones: contract, state, execution, judgements.",
     block=SessionStatus,
     key="contract.id",
     front=FrontMatter,

@@ -201,7 +201,7 @@ def iter_edges(goal: GoalStatus) -> Iterator[Edge]:
 TASK = DocumentFormat(
     name="task",
     file="TASK.md",
-    says="The goals of a workspace: what was asked, how each node of the graph stands, and why the verdict fell.",
+    summary="The goals of a workspace: what was asked, how each node of the graph stands, and why the verdict fell.",
     block=GoalStatus,
     key="id",
     front=FrontMatter,

@@ -199,8 +199,8 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
         pose: `world_T_camera` that came with that frame, in OpenCV's convention.
         focal_px: (fx, fy, cx, cy) of the whole picture.
         size_px: (width, height) of the whole picture.
-        pulse: Hash of a small window of its latest frame, and the stamp of that: `hash@time_s`.
-        pulse_s: When that window was asked for [s].
+        liveness_probe: Hash of a small window of its latest frame, and the stamp of that: `hash@time_s`.
+        probed_s: When that window was asked for [s].
     """
 
     status: str = "live"
@@ -211,8 +211,8 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     pose: Pose | None = None
     focal_px: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     size_px: tuple[int, int] = (0, 0)
-    pulse: str = ""
-    pulse_s: float = 0.0
+    liveness_probe: str = msgspec.field(default="", name="pulse")
+    probed_s: float = msgspec.field(default=0.0, name="pulse_s")
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
@@ -298,7 +298,7 @@ class Snapshot(Environment, frozen=True, kw_only=True):
 ENVIRONMENT = DocumentFormat(
     name="environment",
     file="ENVIRONMENT.md",
-    says="The world as last observed: things, regions, targets, and the relations between them.",
+    summary="The world as last observed: things, regions, targets, and the relations between them.",
     block=Snapshot,
     headings=("Snapshot",),
 )

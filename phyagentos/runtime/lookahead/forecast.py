@@ -79,8 +79,8 @@ class Forecaster:
             return _count(session, [cause]), rehearsal
         causes: list[str] = []
         while not causes or not is_decided(causes.count(""), len(causes), request.threshold, request.samples):
-            courses = playback.play(worlds.get(len(causes), len(causes) + BATCH))
-            causes += [find_cause(course, nominal, rehearsal) for course in courses]
+            rollouts = playback.play(worlds.get(len(causes), len(causes) + BATCH))
+            causes += [find_cause(rollout, nominal, rehearsal) for rollout in rollouts]
         return _count(session, causes), rehearsal
 
 

@@ -21,13 +21,13 @@ class LookaheadGate:
     """Requests a forecast, and refuses by it.
 
     Args:
-        oracle: Answers.
+        forecasts: Answers.
         world: Makes the estimate.
         evidence: Folder of all bundles.
     """
 
-    def __init__(self, *, oracle: ForecastService, world: WorldModel, evidence: Path) -> None:
-        self._oracle, self._world = oracle, world
+    def __init__(self, *, forecasts: ForecastService, world: WorldModel, evidence: Path) -> None:
+        self._forecasts, self._world = forecasts, world
         self._evidence = evidence
         self._result: LookaheadResult | None = None
 
@@ -50,7 +50,7 @@ class LookaheadGate:
             self._world.enter(session.scene)
             estimate = self._world.observe(WORLD)
             question = Rehearse(session=session, request=session.lookahead, tree=tree, environment=estimate)
-            result = self._oracle.ask(question, should_stop)
+            result = self._forecasts.ask(question, should_stop)
         except ExecutionError as error:
             return (Problem(code=error.code, address=address, found=str(error)),)
         if result is None:
@@ -71,8 +71,8 @@ class LookaheadGate:
             write_json(folder / LOOKAHEAD, self._result)
 
     def close(self) -> None:
-        """Close the oracle."""
-        self._oracle.close()
+        """Close the forecasts."""
+        self._forecasts.close()
 
 
 def _explain(result: LookaheadResult, address: str) -> Problem:

@@ -20,7 +20,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.lookahead.estimate import SETTLE_S, Array
 from phyagentos.runtime.lookahead.rehearsal import STATE_STEPS, Rehearsal, Stage
-from phyagentos.runtime.lookahead.shared_prefix import HeadStart
+from phyagentos.runtime.lookahead.shared_prefix import SharedPrefix
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
@@ -28,7 +28,7 @@ _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Course:
+class Rollout:
     """Samples of one imagined world.
 
     Attributes:
@@ -58,7 +58,7 @@ class Playback:
         self._rehearsal = rehearsal
         model = rehearsal.stage.physics.model
         rest_steps, stride = (round(span_s / model.opt.timestep) for span_s in (SETTLE_S, SAMPLE_S))
-        self._head = HeadStart(rehearsal, rest_steps)
+        self._head = SharedPrefix(rehearsal, rest_steps)
         self._controls = rehearsal.controls[self._head.steps :]
         if not self._head.steps:  # the robot waits until the things have come to rest
             self._controls = np.concatenate((np.repeat(rehearsal.controls[:1], rest_steps, axis=0), self._controls))
@@ -73,15 +73,15 @@ class Playback:
         moments = [round((first + index + 1) / STATE_STEPS) for index in self._chosen]
         return states[[min(moment, len(states) - 1) for moment in moments]]
 
-    def play(self, starts: Sequence[ImaginedStart]) -> list[Course]:
-        """The course of every one of these worlds."""
+    def play(self, starts: Sequence[ImaginedStart]) -> list[Rollout]:
+        """The rollout of every one of these worlds."""
         begins = np.array([self._head.put(start.state) for start in starts])
         models = [start.model for start in starts]
         states, _ = rollout.rollout(models, self._data, begins, self._controls[None])
         return [_watch(each[self._chosen], self._rehearsal, self._rehearsal.stage) for each in states]
 
 
-def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Course:
+def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Rollout:
     """One world's samples, as a session's observers would have seen them."""
     session, physics = rehearsal.session, stage.physics
     held: list[tuple[str, ...]] = []
@@ -98,7 +98,7 @@ def _watch(states: Array, rehearsal: Rehearsal, stage: Stage) -> Course:
             mujoco.mj_setState(physics.model, physics.data, state, _FULL)
             physics.look()
             held.append(physics.read_target(physics.find_touching()).holding)
-    return Course(held=tuple(held), initial=initial, terminal=_look(states[-1], stage), violated=violated)
+    return Rollout(held=tuple(held), initial=initial, terminal=_look(states[-1], stage), violated=violated)
 
 
 def _look(state: Array, stage: Stage) -> Environment:
@@ -106,47 +106,47 @@ def _look(state: Array, stage: Stage) -> Environment:
     return stage.observe()
 
 
-def find_cause(course: Course, nominal: Course, rehearsal: Rehearsal) -> str:
+def find_cause(rollout: Rollout, nominal: Rollout, rehearsal: Rehearsal) -> str:
     """Coded cause why a world's end does not meet the contract; empty when it does.
 
-    A grasp is judged by comparison with the nominal course: where that held the thing, this world should.
+    A grasp is judged by comparison with the nominal rollout: where that held the thing, this world should.
     """
     session = rehearsal.session
-    view = View(now=course.terminal, initial=course.initial, target=session.target)
+    view = View(now=rollout.terminal, initial=rollout.initial, target=session.target)
     foreseeable = [text for text in session.accept if not has_metric(text)]  # nothing is measured on the way here
     failed = [text for text in foreseeable if parse_predicate(text).evaluate(view).truth is not Truth.TRUE]
-    if course.violated:
+    if rollout.violated:
         return "CONSTRAINT_VIOLATED"
     if not failed:
         return ""
-    if cause := _judge_grasp(course, nominal):
+    if cause := _judge_grasp(rollout, nominal):
         return cause
-    thing = course.initial.find_movable(session.parameters.values())
+    thing = rollout.initial.find_movable(session.parameters.values())
     about = {name for text in failed for name in iter_entities(parse_predicate(text))}
-    if any(_has_moved(name, course) and not _has_moved(name, nominal) for name in about - {thing}):
+    if any(_has_moved(name, rollout) and not _has_moved(name, nominal) for name in about - {thing}):
         return "OBJECT_MOVED"  # what was to stay where it was
-    if any(_has_been_on(name, thing, course) for name in about - {thing}):
+    if any(_has_been_on(name, thing, rollout) for name in about - {thing}):
         return "LOAD_LOST"  # what was to travel with the thing
-    return "PLACED_WRONG" if any(_has_moved(name, course) for name in {thing, *about}) else "WITHOUT_EFFECT"
+    return "PLACED_WRONG" if any(_has_moved(name, rollout) for name in {thing, *about}) else "WITHOUT_EFFECT"
 
 
-def _judge_grasp(course: Course, nominal: Course) -> str:
-    missing = [set(wanted) - set(found) for wanted, found in zip(nominal.held, course.held, strict=True)]
+def _judge_grasp(rollout: Rollout, nominal: Rollout) -> str:
+    missing = [set(wanted) - set(found) for wanted, found in zip(nominal.held, rollout.held, strict=True)]
     lost = set.union(*(first & second for first, second in pairwise(missing)), set())
     if not lost:  # a single sample without contact is a flicker
         return ""
-    return "GRASP_LOST" if any(lost & set(found) for found in course.held) else "GRASP_MISSED"
+    return "GRASP_LOST" if any(lost & set(found) for found in rollout.held) else "GRASP_MISSED"
 
 
-def _has_been_on(load: str, thing: object, course: Course) -> bool:
-    if thing not in course.initial.entities or load not in course.initial.entities:
+def _has_been_on(load: str, thing: object, rollout: Rollout) -> bool:
+    if thing not in rollout.initial.entities or load not in rollout.initial.entities:
         return False
-    view = View(now=course.initial, initial=course.initial, target=None)
+    view = View(now=rollout.initial, initial=rollout.initial, target=None)
     return parse_predicate(f"on({load}, {thing})").evaluate(view).truth is Truth.TRUE
 
 
-def _has_moved(name: object, course: Course) -> bool:
-    before, after = (world.entities.get(str(name)) for world in (course.initial, course.terminal))
+def _has_moved(name: object, rollout: Rollout) -> bool:
+    before, after = (world.entities.get(str(name)) for world in (rollout.initial, rollout.terminal))
     if before is None or after is None:
         return False
     return float(np.linalg.norm(np.subtract(after.pose.position_m, before.pose.position_m))) > MOVED_M

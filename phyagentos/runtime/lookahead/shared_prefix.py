@@ -17,7 +17,7 @@ NEAR_M = 0.03  # more than what a pose is wrong by, at three standard deviations
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 
 
-class HeadStart:
+class SharedPrefix:
     """The beginning that all worlds of a recording share.
 
     Args:

@@ -45,7 +45,7 @@ def associate(
     things: Mapping[str, ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
     map_solids: Solids | None = None,
 ) -> dict[str, Match]:
     """Matches of the movable things to points of `cloud`, which neither a fixed thing nor the hand explains.
@@ -59,28 +59,28 @@ def associate(
         if len(indices) < POINTS_MIN:
             continue
         pieces = [indices[piece] for piece in _cut(group, believed, cloud.points_m[indices])]
-        pieces = [piece for piece in pieces if not _is_behind_map(cloud.take(piece), eyes, map_solids)]
-        tracked = _track(group, believed, cloud, pieces, eyes)
+        pieces = [piece for piece in pieces if not _is_behind_map(cloud.take(piece), views, map_solids)]
+        tracked = _track(group, believed, cloud, pieces, views)
         matches |= tracked
         taken = {id(match.points) for match in tracked.values()}
         rest = [thing for thing in group if thing.name not in tracked]
         if rest:
-            matches |= _assign(rest, believed, cloud, [piece for piece in pieces if id(piece) not in taken], eyes)
+            matches |= _assign(rest, believed, cloud, [piece for piece in pieces if id(piece) not in taken], views)
     if map_solids is None:
         return matches
     fits = {name: match.fit for name, match in matches.items()}
     points = {name: cloud.points_m[match.points] for name, match in matches.items()}
-    apart = separate_overlaps(things, fits, points, eyes, map_solids)
+    apart = separate_overlaps(things, fits, points, views, map_solids)
     return {name: replace(match, fit=apart[name]) for name, match in matches.items()}
 
 
-def _is_behind_map(seen: Cloud, eyes: tuple[CameraView, ...], map_solids: Solids | None) -> bool:
+def _is_behind_map(seen: Cloud, views: tuple[CameraView, ...], map_solids: Solids | None) -> bool:
     """Whether a solid of the map blocks every camera's line of sight to these points."""
     if map_solids is None or not map_solids.kinds:
         return False
-    for index in np.unique(seen.eyes).tolist():
-        middle = np.median(seen.points_m[seen.eyes == index], axis=0)
-        towards = eyes[index].position_m - middle
+    for index in np.unique(seen.view_index).tolist():
+        middle = np.median(seen.points_m[seen.view_index == index], axis=0)
+        towards = views[index].position_m - middle
         length = float(np.linalg.norm(towards))
         along = np.arange(SIGHT_STEP_M, min(length, SIGHT_REACH_M), SIGHT_STEP_M)
         line = middle + along[:, None] * towards / max(length, SIGHT_STEP_M)
@@ -94,7 +94,7 @@ def _track(
     believed: Mapping[str, Entity],
     cloud: Cloud,
     pieces: Sequence[NDArray[np.intp]],
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
 ) -> dict[str, Match]:
     """Things near their last pose, each alone with its cluster."""
     middles = [np.median(cloud.points_m[piece], axis=0) for piece in pieces]
@@ -112,7 +112,7 @@ def _track(
         prior = _get_prior(believed.get(claimants[0].name))
         if len(claimants) > 1 or prior is None:
             continue
-        fitted = track(claimants[0], cloud.points_m[pieces[index]], eyes, prior)
+        fitted = track(claimants[0], cloud.points_m[pieces[index]], views, prior)
         if fitted is not None:
             found[claimants[0].name] = Match(fit=fitted, points=pieces[index])
     return found
@@ -140,7 +140,7 @@ def _assign(
     believed: Mapping[str, Entity],
     cloud: Cloud,
     pieces: Sequence[NDArray[np.intp]],
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
 ) -> dict[str, Match]:
     costs = np.full((len(group), len(pieces) + len(group)), HUGE)
     fits: dict[tuple[int, int], Fit] = {}
@@ -152,7 +152,7 @@ def _assign(
             points = cloud.points_m[piece]
             if _measure_size(points) > ROOM * thing.diameter_m + LINK_M:
                 continue
-            found = fit(thing, points, eyes, prior)
+            found = fit(thing, points, views, prior)
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found

@@ -41,7 +41,7 @@ SPEED_S = (0.08, 2.0)  # a speed needs two looks this far apart
 def update_belief(
     inventory: Inventory,
     before: Mapping[str, Entity],
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
     cloud: Cloud,
     state: TargetState,
     *,
@@ -55,30 +55,30 @@ def update_belief(
     wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}
     for thing in wanted.values():
         if not thing.template.movable and not focus:
-            found = _look_at_fixed(thing, entities.get(thing.name), eyes, cloud, time_s)
+            found = _look_at_fixed(thing, entities.get(thing.name), views, cloud, time_s)
             if found is not None:
                 entities[thing.name] = found
     held = [name for name, entity in entities.items() if entity.status is Status.HELD]
     rest = _leave_out(cloud, inventory, entities, held)
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
-    matches = associate(loose, entities, rest, eyes, inventory.map)
+    matches = associate(loose, entities, rest, views, inventory.map)
     for name, thing in loose.items():
         match, entity = matches.get(name), entities.get(name)
         if match is not None:
-            entities[name] = _see(thing, entity, match, rest, eyes, time_s)
+            entities[name] = _see(thing, entity, match, rest, views, time_s)
         elif entity is not None:
-            entities[name] = _miss(thing, entity, eyes)
+            entities[name] = _miss(thing, entity, views)
     if not held and not focus:  # a worker that was lost may have gripped it unseen
         seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
         taken = find_held(seen, state, inventory, hand)
         if taken is not None:
             entities[taken.name] = carry(taken, state, hand)
     outside, filled = _take_filling(filling, entities, rest)
-    spilt = associate(filling, entities, outside, eyes, inventory.map)
+    spilt = associate(filling, entities, outside, views, inventory.map)
     for name, thing in filling.items():
         if name in spilt:
-            entities[name] = _see(thing, entities.get(name), spilt[name], outside, eyes, time_s)
+            entities[name] = _see(thing, entities.get(name), spilt[name], outside, views, time_s)
         else:
             _fill(thing, entities, filled, time_s)
     return _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
@@ -116,7 +116,7 @@ def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[s
 
 
 def _look_at_fixed(
-    thing: ObjectModel, entity: Entity | None, eyes: tuple[CameraView, ...], cloud: Cloud, time_s: float
+    thing: ObjectModel, entity: Entity | None, views: tuple[CameraView, ...], cloud: Cloud, time_s: float
 ) -> Entity | None:
     if entity is not None and entity.looks >= FIXED_LOOKS:
         return None
@@ -128,7 +128,7 @@ def _look_at_fixed(
     start = (rotation, position)
     if entity is not None and entity.looks:
         start = (compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m))
-    found = fit_fixed(thing, own[near], eyes, *start)
+    found = fit_fixed(thing, own[near], views, *start)
     if found is None:
         return None
     measured = found.position_m
@@ -172,28 +172,28 @@ def _fuse(
 
 
 def _see(
-    thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, eyes: tuple[CameraView, ...], time_s: float
+    thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, views: tuple[CameraView, ...], time_s: float
 ) -> Entity:
     found = match.fit
     seen = cloud.take(match.points)
-    evidence = tuple(_point_at(eye, seen, index) for index, eye in enumerate(eyes) if (seen.eyes == index).any())
+    evidence = tuple(_point_at(views[index], seen, index) for index in np.unique(seen.view_index).tolist())
     placed = _fuse(thing, entity, as_pose(found.rotation, found.position_m), found, time_s, evidence)
     local = (seen.points_m - found.position_m) @ found.rotation
     x, y, z = np.round(np.percentile(local, 98, axis=0) - np.percentile(local, 2, axis=0), 4).tolist()
     return msgspec.structs.replace(placed, extent_m=(x, y, z))
 
 
-def _point_at(eye: CameraView, seen: Cloud, index: int) -> str:
+def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
     """Pointer to the pixels of a thing in one picture."""
-    pixels = seen.pixels[seen.eyes == index]
+    pixels = seen.pixels[seen.view_index == index]
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
-    box = (eye.origin_px[0] + left, eye.origin_px[1] + top, right - left + 1, bottom - top + 1)
-    return format_pointer(eye.camera, eye.time_s, box)
+    box = (view.origin_px[0] + left, view.origin_px[1] + top, right - left + 1, bottom - top + 1)
+    return format_pointer(view.camera, view.time_s, box)
 
 
-def _miss(thing: ObjectModel, entity: Entity, eyes: tuple[CameraView, ...]) -> Entity:
+def _miss(thing: ObjectModel, entity: Entity, views: tuple[CameraView, ...]) -> Entity:
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), eyes)
+    sight = compute_sight(thing, rotation, np.array(entity.pose.position_m), views)
     total = sight.confirmed + sight.hidden + sight.contradicted
     if total and sight.visible_fraction > SEEN_FRACTION and sight.contradicted_fraction > GONE_FRACTION:
         return msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1, looks=0)

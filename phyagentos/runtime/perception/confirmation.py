@@ -48,14 +48,14 @@ def confirm(
     The frame is a window, thinned or not; `labels` are (h, w) palette indices; `focal_px` is of the whole picture.
     """
     rotation, position = compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
-    eye_m = np.array(frame.world_T_camera.position_m)
-    eye = compute_rotation(frame.world_T_camera.quaternion_wxyz)
-    if _measure_shown(thing, (rotation, position), frame, labels, (eye, eye_m)) < SHOWN:
+    camera_m = np.array(frame.world_T_camera.position_m)
+    view = compute_rotation(frame.world_T_camera.quaternion_wxyz)
+    if _measure_shown(thing, (rotation, position), frame, labels, (view, camera_m)) < SHOWN:
         return None
     rows, columns = np.nonzero(np.isfinite(frame.depth_m) & (labels == thing.colors[0]))
     depth = frame.depth_m[rows, columns].astype(np.float64)
     rays = ((columns + 0.5 - frame.cx) / frame.fx * depth, (rows + 0.5 - frame.cy) / frame.fy * depth, depth)
-    points = np.column_stack(rays) @ eye.T + eye_m
+    points = np.column_stack(rays) @ view.T + camera_m
     near = np.abs(thing.solids.measure((points - position) @ rotation)) < NEAR_M
     if near.sum() < LEAST_PIXELS or near.mean() < OWN:
         return None
@@ -67,14 +67,14 @@ def confirm(
 
 
 def _measure_shown(
-    thing: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], eye: tuple[Array, Array]
+    thing: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], view: tuple[Array, Array]
 ) -> float:
     """Share of the surface facing the camera that is seen as expected."""
     rotation, position = pose
     points, normals = thing.samples_m @ rotation.T + position, thing.normals @ rotation.T
-    towards = eye[1] - points
+    towards = view[1] - points
     facing = np.einsum("ij,ij->i", normals, towards) > FACING * measure_lengths(towards)
-    x, y, z = (-towards[facing] @ eye[0]).T
+    x, y, z = (-towards[facing] @ view[0]).T
     z = np.maximum(z, 1e-3)
     columns = np.floor(x / z * frame.fx + frame.cx).astype(np.intp)
     rows = np.floor(y / z * frame.fy + frame.cy).astype(np.intp)

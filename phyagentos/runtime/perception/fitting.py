@@ -117,37 +117,37 @@ def measure_sunk(thing: ObjectModel, rotation: Array, position_m: Array, obstacl
 def fit(
     thing: ObjectModel,
     points: Array,
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
     prior: tuple[Array, Array] | None = None,
     obstacle: Solids | None = None,
 ) -> Fit | None:
     """The best pose of a movable thing for points (n, 3) of its surface, in the world.
 
-    The depths of `eyes` may contradict a pose; `prior` is one more start; `obstacle` is impenetrable, in the world.
+    The depths of `views` may contradict a pose; `prior` is one more start; `obstacle` is impenetrable, in the world.
     """
     points = thin(points)
     if len(points) < 4:
         return None
-    best = None if prior is None else _finish(thing, points, eyes, *prior, obstacle)
+    best = None if prior is None else _finish(thing, points, views, *prior, obstacle)
     few = points[:: max(1, len(points) // COARSE_POINTS)]
     ranked: list[Fit] = []
     for rotation, position in iter_starts(thing, points):
         free = UPRIGHT if _is_standing(rotation) else FREE
         turned, moved = refine(thing.solids, few, rotation, position, free, 3)
-        ranked.append(_weigh(thing, few, eyes, turned, moved, obstacle))
+        ranked.append(_weigh(thing, few, views, turned, moved, obstacle))
     for start in sorted(ranked, key=lambda each: each.cost_m)[:2]:
-        candidate = _finish(thing, points, eyes, start.rotation, start.position_m, obstacle)
+        candidate = _finish(thing, points, views, start.rotation, start.position_m, obstacle)
         if best is None or candidate.cost_m < best.cost_m:
             best = candidate
     return best
 
 
-def track(thing: ObjectModel, points: Array, eyes: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
+def track(thing: ObjectModel, points: Array, views: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
     """The pose near a believed one; None when the points contradict it."""
     points = thin(points)
     if len(points) < 4:
         return None
-    found = _finish(thing, points, eyes, *prior)
+    found = _finish(thing, points, views, *prior)
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     return found if is_good else None
 
@@ -155,7 +155,7 @@ def track(thing: ObjectModel, points: Array, eyes: tuple[CameraView, ...], prior
 def _finish(
     thing: ObjectModel,
     points: Array,
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
     rotation: Array,
     position_m: Array,
     obstacle: Solids | None = None,
@@ -167,14 +167,14 @@ def _finish(
     found = _weigh(
         thing,
         points,
-        eyes,
+        views,
         *refine(thing.solids, points, rotation, position_m, UPRIGHT if standing else FREE, 8),
         obstacle,
     )
     if not standing or found.rms_m < 0.0025:
         return found
     freely = refine(thing.solids, points, found.rotation, found.position_m, FREE, 8)
-    tilted = _weigh(thing, points, eyes, *freely, obstacle)
+    tilted = _weigh(thing, points, views, *freely, obstacle)
     leans = np.arccos(np.clip(np.abs(tilted.rotation[2]).max(), -1, 1))
     return tilted if leans > TILTED_RAD and tilted.cost_m < TILT_GAIN * found.cost_m else found
 
@@ -182,13 +182,13 @@ def _finish(
 def _weigh(
     thing: ObjectModel,
     points: Array,
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
     rotation: Array,
     position_m: Array,
     obstacle: Solids | None = None,
 ) -> Fit:
     cost, rms = compute_cost(thing.solids, points, rotation, position_m)
-    sight = compute_sight(thing, rotation, position_m, eyes)
+    sight = compute_sight(thing, rotation, position_m, views)
     cost += CONTRADICTION_M * sight.contradicted_fraction
     cost += DOWN_M if thing.form is Form.ROUND and rotation[2, 2] < -0.5 else 0.0
     sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
@@ -287,7 +287,7 @@ def choose_symmetric(thing: ObjectModel, rotation: Array, like: Array) -> Array:
 
 
 def fit_fixed(
-    thing: ObjectModel, points: Array, eyes: tuple[CameraView, ...], rotation: Array, position_m: Array
+    thing: ObjectModel, points: Array, views: tuple[CameraView, ...], rotation: Array, position_m: Array
 ) -> Fit | None:
     """Pose of a body near its nominal place, from that place or the believed one."""
     if thing.reach_m is None or len(points) < 12:
@@ -301,7 +301,7 @@ def fit_fixed(
         free[2] = 0.0
     turned, moved = refine(solids, points, rotation, position_m, free, 10)
     cost, rms = compute_cost(solids, points, turned, moved)
-    sight = compute_sight(thing, turned, moved, eyes)
+    sight = compute_sight(thing, turned, moved, views)
     return Fit(
         rotation=turned, position_m=moved, cost_m=cost, rms_m=rms, sight=sight, count=len(points), stretch=stretch
     )

@@ -15,7 +15,7 @@ Moment = tuple[float, TargetState]
 """A time [s], and the target's state then."""
 
 
-class Eyes(Protocol):
+class FrameSource(Protocol):
     """Inputs of perception: the target's own state, and its cameras."""
 
     @property
@@ -80,7 +80,7 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
         )
 
 
-class RecordedEyes:
+class RecordedFrames:
     """Replays the readings of one look; stands in for the handle when that look is perceived again."""
 
     def __init__(self, look: Look) -> None:

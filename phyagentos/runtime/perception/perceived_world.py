@@ -17,12 +17,12 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
 from phyagentos.runtime.perception.inventory import build_inventory
-from phyagentos.runtime.perception.look import Eyes, Look, Moment, RecordedEyes
+from phyagentos.runtime.perception.look import FrameSource, Look, Moment, RecordedFrames
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
 from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_regions_of_interest, is_overlapping
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import DetectorSegmenter
-from phyagentos.runtime.perception.sensor_health import AHEAD_S, feel_pulses, find_pulses
+from phyagentos.runtime.perception.sensor_health import AHEAD_S, check_probes, find_probe_regions
 from phyagentos.runtime.perception.world_model import Need, WorldModel
 from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Step
 
@@ -31,7 +31,7 @@ STATES_KEPT = 32  # control periods: longer than any latency
 GLANCE_CAMERAS = 1
 LARGE_PX = 1200  # a window of so many pixels shows enough
 THINNED = 3  # of whose rows and columns one is read out
-PULSE_S = 0.5  # between two proofs that the cameras live: a frozen one is believed for twice this at most
+PROBE_PERIOD_S = 0.5  # between two proofs that the cameras live: a frozen one is believed for twice this at most
 MEMORY = 8  # scenes whose inventory is kept
 
 
@@ -45,7 +45,7 @@ class PerceivedWorld(WorldModel):
     def __init__(
         self,
         target: str,
-        handle: Eyes,
+        handle: FrameSource,
         library: Library,
         robot: RobotMask,
         moving: Collection[str] = (),
@@ -81,7 +81,7 @@ class PerceivedWorld(WorldModel):
         Raises:
             ExecutionError: `LOOK_DIFFERS` where perception now reads something else.
         """
-        self._handle = RecordedEyes(look)
+        self._handle = RecordedFrames(look)
         self._belief = look.before
         self._states = deque(sorted(look.states, key=lambda each: each[0]), maxlen=STATES_KEPT)
         self.enter(look.scene)
@@ -105,7 +105,7 @@ class PerceivedWorld(WorldModel):
             if look.things:
                 found = self._perceive_things(now, look.things)
             else:
-                self._feel_pulses(now[0], 0.0)
+                self._probe_cameras(now[0], 0.0)
                 frames = self._handle.capture()
                 look.captures.append((Capture(), frames))
                 now = self._catch_up(frames, now)
@@ -216,18 +216,18 @@ class PerceivedWorld(WorldModel):
         """Remember the target's state, for frames with latency."""
         if not self._states or now[0] > self._states[-1][0] + SAME_S:
             self._states.append(now)
-            self._feel_pulses(now[0], PULSE_S)
+            self._probe_cameras(now[0], PROBE_PERIOD_S)
 
-    def _feel_pulses(self, time_s: float, period_s: float) -> Environment | None:
+    def _probe_cameras(self, time_s: float, period_s: float) -> Environment | None:
         """The belief, with frozen cameras marked; probes at most once in a period."""
         belief = self._belief
         if belief is None or not self._noisy:
             return belief
-        regions = find_pulses(belief.sensors)
-        latest_s = max((belief.sensors[camera].pulse_s for camera in regions), default=0.0)
+        regions = find_probe_regions(belief.sensors)
+        latest_s = max((belief.sensors[camera].probed_s for camera in regions), default=0.0)
         if regions and time_s - latest_s > max(period_s - SAME_S, SAME_S):
             frames = self._capture(tuple(regions), regions)
-            sensors = feel_pulses(frames, belief.sensors, time_s)
+            sensors = check_probes(frames, belief.sensors, time_s)
             self._belief = belief = msgspec.structs.replace(belief, sensors=sensors)
         return belief
 

@@ -76,8 +76,8 @@ class Pipeline:
         believed, health = assess(frames, earlier, time_s, self._max_age_s, self._noisy)
         robots = tuple(self._robot.pose(find_state(each.time_s) if find_state else state) for each in believed)
         try:
-            eyes, cloud = look(believed, self.inventory, self._segmenter, robots)
-            eyes = tuple(_place_crop(eye, known) for eye in eyes) if focus else eyes
+            views, cloud = look(believed, self.inventory, self._segmenter, robots)
+            views = tuple(_place_crop(view, known) for view in views) if focus else views
         except ExecutionError as error:  # of a detector: what is not segmented is not seen
             blind = {"status": "unread", "detail": str(error)}
             health = {name: msgspec.structs.replace(each, **blind) for name, each in health.items()}
@@ -85,7 +85,7 @@ class Pipeline:
         if believed:
             newest_s = max(frame.time_s for frame in believed)
             after = update_belief(
-                self.inventory, entities, eyes, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
+                self.inventory, entities, views, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
             )
         else:
             after = self.inventory.known | follow_hand(self.inventory, entities, state, self._hand, time_s)
@@ -148,9 +148,11 @@ class Pipeline:
         return msgspec.structs.replace(state, holding=held)
 
 
-def _place_crop(eye: CameraView, before: Environment | None) -> CameraView:
+def _place_crop(view: CameraView, before: Environment | None) -> CameraView:
     """A view with its crop's origin in the whole picture, by the middle of the latest whole picture."""
-    health = before.sensors.get(eye.camera) if before is not None else None
+    health = before.sensors.get(view.camera) if before is not None else None
     if health is None:
-        return eye
-    return replace(eye, origin_px=(round(health.focal_px[2] - eye.focal[2]), round(health.focal_px[3] - eye.focal[3])))
+        return view
+    return replace(
+        view, origin_px=(round(health.focal_px[2] - view.focal[2]), round(health.focal_px[3] - view.focal[3]))
+    )

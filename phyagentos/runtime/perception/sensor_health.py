@@ -16,7 +16,7 @@ from phyagentos.runtime.targets.wire import Crop, Frame, Frames
 
 SAME_S = 1e-6  # stamps this near to each other are one
 AHEAD_S = 0.005  # no frame is from the future
-PULSE_PX = 12  # side of the window in the middle of a picture: a few hundred numbers with noise never repeat
+PROBE_PX = 12  # side of the window in the middle of a picture: a few hundred numbers with noise never repeat
 REPEATED = "a new stamp on the same picture"
 
 
@@ -45,26 +45,26 @@ def assess(
     return tuple(believed), health
 
 
-def find_pulses(health: Mapping[str, SensorHealth]) -> dict[str, Crop]:
+def find_probe_regions(health: Mapping[str, SensorHealth]) -> dict[str, Crop]:
     """The probe windows: the middle of every picture whose size is known."""
     return {
-        camera: (each.size_px[0] // 2 - PULSE_PX // 2, each.size_px[1] // 2 - PULSE_PX // 2, PULSE_PX, PULSE_PX)
+        camera: (each.size_px[0] // 2 - PROBE_PX // 2, each.size_px[1] // 2 - PROBE_PX // 2, PROBE_PX, PROBE_PX)
         for camera, each in health.items()
-        if min(each.size_px) >= PULSE_PX
+        if min(each.size_px) >= PROBE_PX
     }
 
 
-def feel_pulses(frames: Frames, before: Mapping[str, SensorHealth], now_s: float) -> dict[str, SensorHealth]:
+def check_probes(frames: Frames, before: Mapping[str, SensorHealth], now_s: float) -> dict[str, SensorHealth]:
     """Health of the cameras by these windows: one that repeats with a new stamp is of a frozen camera."""
-    health = {camera: msgspec.structs.replace(each, pulse_s=now_s) for camera, each in before.items()}
+    health = {camera: msgspec.structs.replace(each, probed_s=now_s) for camera, each in before.items()}
     for frame in frames.frames:
         was = health.get(frame.camera)
         if was is None:
             continue  # not asked for
         if not np.isfinite(frame.depth_m).any():
-            health[frame.camera] = msgspec.structs.replace(was, pulse="")  # darkness repeats
+            health[frame.camera] = msgspec.structs.replace(was, liveness_probe="")  # darkness repeats
             continue
-        digest, _, stamp = was.pulse.partition("@")
+        digest, _, stamp = was.liveness_probe.partition("@")
         if stamp and frame.time_s <= float(stamp) + SAME_S:
             continue  # the same frame once more: the next ones were lost
         now = compute_digest(frame)
@@ -72,7 +72,7 @@ def feel_pulses(frames: Frames, before: Mapping[str, SensorHealth], now_s: float
             was = _turn(was, "frozen", now_s, REPEATED)
         elif was.status == "frozen":
             was = _turn(was, "live", now_s, "")
-        health[frame.camera] = msgspec.structs.replace(was, pulse=f"{now}@{frame.time_s:.6f}")
+        health[frame.camera] = msgspec.structs.replace(was, liveness_probe=f"{now}@{frame.time_s:.6f}")
     return health
 
 
@@ -95,7 +95,7 @@ def _judge(
         return "dark", "no depth at all"
     if was is None or not noisy:
         return "live", ""
-    if was.status == "frozen" and (was.pulse or was.digest == digest):
+    if was.status == "frozen" and (was.liveness_probe or was.digest == digest):
         return "frozen", REPEATED
     if was.digest == digest and frame.time_s > was.time_s + SAME_S:
         return "frozen", REPEATED

@@ -21,7 +21,7 @@ def separate_overlaps(
     things: Mapping[str, ObjectModel],
     fits: Mapping[str, Fit],
     points_m: Mapping[str, Array],
-    eyes: tuple[CameraView, ...],
+    views: tuple[CameraView, ...],
     map_solids: Solids,
 ) -> dict[str, Fit]:
     """The fits; those that penetrate the map or another fit are fitted anew, the one with fewer points first.
@@ -41,6 +41,6 @@ def separate_overlaps(
         sunk_m = measure_sunk(thing, own.rotation, own.position_m, obstacle)
         if sunk_m < SUNK_M:
             continue
-        again = fit(thing, points_m[name], eyes, (own.rotation, own.position_m), obstacle)
+        again = fit(thing, points_m[name], views, (own.rotation, own.position_m), obstacle)
         apart[name] = again or replace(own, sunk_m=sunk_m)
     return apart

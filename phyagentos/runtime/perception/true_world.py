@@ -3,7 +3,7 @@
 from typing_extensions import override
 
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.perception.look import Eyes
+from phyagentos.runtime.perception.look import FrameSource
 from phyagentos.runtime.perception.world_model import Need, WorldModel
 from phyagentos.runtime.targets.wire import Observation, Step
 
@@ -11,7 +11,7 @@ from phyagentos.runtime.targets.wire import Observation, Step
 class TrueWorld(WorldModel):
     """Reports the simulator's ground truth."""
 
-    def __init__(self, target: str, handle: Eyes) -> None:
+    def __init__(self, target: str, handle: FrameSource) -> None:
         super().__init__(target, handle)
         self._revision = 0
 

@@ -49,13 +49,13 @@ class Cloud:
     Attributes:
         points_m: (n, 3) in the world.
         colors: (n,) index in the palette.
-        eyes: (n,) index of the camera.
+        view_index: (n,) index of the camera.
         pixels: (n, 2) column and row in its picture.
     """
 
     points_m: Array
     colors: NDArray[np.uint8]
-    eyes: NDArray[np.intp]
+    view_index: NDArray[np.intp]
     pixels: NDArray[np.intp]
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Cloud":
@@ -63,7 +63,7 @@ class Cloud:
         return Cloud(
             points_m=self.points_m[which],
             colors=self.colors[which],
-            eyes=self.eyes[which],
+            view_index=self.view_index[which],
             pixels=self.pixels[which],
         )
 
@@ -75,27 +75,27 @@ def look(
 
     `robots` are its solids in the world at the time of each frame, grown by model and calibration errors.
     """
-    eyes = tuple(_open_eye(frame) for frame in frames)
+    views = tuple(_make_view(frame) for frame in frames)
     parts = [
-        _find_points(frame, eye, index, inventory, segmenter, robot)
-        for index, (frame, eye, robot) in enumerate(zip(frames, eyes, robots, strict=True))
+        _find_points(frame, view, index, inventory, segmenter, robot)
+        for index, (frame, view, robot) in enumerate(zip(frames, views, robots, strict=True))
     ]
     empty = Cloud(
         points_m=np.zeros((0, 3)),
         colors=np.zeros(0, np.uint8),
-        eyes=np.zeros(0, np.intp),
+        view_index=np.zeros(0, np.intp),
         pixels=np.zeros((0, 2), np.intp),
     )
     parts = parts or [empty]
-    return eyes, Cloud(
+    return views, Cloud(
         points_m=np.concatenate([part.points_m for part in parts]),
         colors=np.concatenate([part.colors for part in parts]),
-        eyes=np.concatenate([part.eyes for part in parts]),
+        view_index=np.concatenate([part.view_index for part in parts]),
         pixels=np.concatenate([part.pixels for part in parts]),
     )
 
 
-def _open_eye(frame: Frame) -> CameraView:
+def _make_view(frame: Frame) -> CameraView:
     depth = frame.depth_m
     valid = np.isfinite(depth)
     kernel = np.ones((3, 3), np.uint8)
@@ -113,15 +113,15 @@ def _open_eye(frame: Frame) -> CameraView:
 
 
 def _find_points(
-    frame: Frame, eye: CameraView, index: int, inventory: Inventory, segmenter: Segmenter, robot: Solids
+    frame: Frame, view: CameraView, index: int, inventory: Inventory, segmenter: Segmenter, robot: Solids
 ) -> Cloud:
     labels = segmenter.label(frame.rgb)
     rows, columns = np.nonzero(np.isfinite(frame.depth_m) & inventory.is_of_thing[labels])
     depth = frame.depth_m[rows, columns].astype(np.float64)
     colors = labels[rows, columns]
-    fx, fy, cx, cy = eye.focal
+    fx, fy, cx, cy = view.focal
     rays = np.column_stack(((columns + 0.5 - cx) / fx, (rows + 0.5 - cy) / fy, np.ones(len(rows))))
-    points = (rays * depth[:, None]) @ eye.rotation.T + eye.position_m
+    points = (rays * depth[:, None]) @ view.rotation.T + view.position_m
     keep = ~_find_map(points, colors, inventory)
     if len(robot.kinds) and keep.any():
         near = keep & (measure_lengths(points - robot.center_m) < robot.radius_m)
@@ -131,7 +131,7 @@ def _find_points(
     return Cloud(
         points_m=points,
         colors=colors,
-        eyes=np.full(len(points), index, np.intp),
+        view_index=np.full(len(points), index, np.intp),
         pixels=np.column_stack((columns, rows)),
     )
 

@@ -35,17 +35,17 @@ class Sight:
         return (self.confirmed + self.contradicted) / max(self.confirmed + self.contradicted + self.hidden, 1)
 
 
-def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, eyes: tuple[CameraView, ...]) -> Sight:
+def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: tuple[CameraView, ...]) -> Sight:
     """Visibility of a thing in a pose."""
     points = thing.samples_m @ rotation.T + position_m
     normals = thing.normals @ rotation.T
     confirmed = hidden = contradicted = 0
-    for eye in eyes:
-        towards = eye.position_m - points
+    for view in views:
+        towards = view.position_m - points
         facing = np.einsum("ij,ij->i", normals, towards) > FACING * measure_lengths(towards)
-        local = -towards[facing] @ eye.rotation
-        fx, fy, cx, cy = eye.focal
-        height, width = eye.nearest_m.shape
+        local = -towards[facing] @ view.rotation
+        fx, fy, cx, cy = view.focal
+        height, width = view.nearest_m.shape
         depth = local[:, 2]
         ahead = depth > 1e-3
         local, depth = local[ahead], depth[ahead]
@@ -53,7 +53,7 @@ def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, eyes: 
         v = np.floor(local[:, 1] / depth * fy + cy).astype(np.intp)
         inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
         u, v, depth = u[inside], v[inside], depth[inside]
-        near, far = eye.nearest_m[v, u], eye.farthest_m[v, u]
+        near, far = view.nearest_m[v, u], view.farthest_m[v, u]
         measured = np.isfinite(near)
         through = measured & (near > depth + DEPTH_M)
         before = measured & (far < depth - DEPTH_M)

@@ -11,7 +11,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.looks import get_picture
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.perception.look import Eyes, Look
+from phyagentos.runtime.perception.look import FrameSource, Look
 from phyagentos.runtime.targets.wire import Step
 
 
@@ -43,7 +43,7 @@ class WorldModel(ABC):
         latest_look: The latest look, whole or partial.
     """
 
-    def __init__(self, target: str, handle: Eyes) -> None:
+    def __init__(self, target: str, handle: FrameSource) -> None:
         self._target, self._handle = target, handle
         self._current_scene: Scene | None = None
         self._step: Step | None = None

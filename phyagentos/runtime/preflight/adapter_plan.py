@@ -9,7 +9,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.operations import Operation
 from phyagentos.runtime.targets.wire import Description
 
-_SAYS: dict[Operation, str] = {
+_PURPOSES: dict[Operation, str] = {
     "apply": "Carry out one control period of set-points.",
     "observe": "Look; time does not move.",
     "halt": "Come to rest by the target's own means, and hold.",
@@ -131,7 +131,7 @@ def make_tools(granted: Iterable[Operation], profile: TargetProfile, live: Descr
         ),
     }
     return tuple(
-        Tool(name=each, description=_SAYS[each], arguments=schemas.get(each, _make_object({}))) for each in granted
+        Tool(name=each, description=_PURPOSES[each], arguments=schemas.get(each, _make_object({}))) for each in granted
     )
 
 

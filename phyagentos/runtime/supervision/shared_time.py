@@ -37,7 +37,7 @@ class SharedTime:
     def __init__(self, worlds: Mapping[str, tuple[Collection[str], Path]], marks: TurnMarks, clock: Clock) -> None:
         self._targets = {name: frozenset(targets) for name, (targets, _) in worlds.items()}
         self._senders = {name: AgreementSender(path) for name, (_, path) in worlds.items()}
-        self._said: dict[str, dict[str, str] | None] = {}
+        self._sent: dict[str, dict[str, str] | None] = {}
         self._marks, self._clock = marks, clock
         self._ended: dict[SessionId, tuple[int, float]] = {}  # with the record's number, and since when [s]
 
@@ -56,8 +56,8 @@ class SharedTime:
             running = None if open_goals else find_running(targets, supervisors, has_waiting)
             if open_goals:
                 again_s = LOOK_S
-            if (name not in self._said or self._said[name] != running) and self._senders[name].send(running):
-                self._said[name] = running
+            if (name not in self._sent or self._sent[name] != running) and self._senders[name].send(running):
+                self._sent[name] = running
         return again_s
 
     def close(self) -> None:

@@ -40,7 +40,7 @@ class Beat(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Pulse:
+class _HeartbeatObserver:
     """Heartbeat of one session, as an observer of its loop."""
 
     session: Session
@@ -48,12 +48,12 @@ class _Pulse:
     beat: Beat
 
     def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
-        self.say("thinking" if result.thinking else "executing", ticks, time_s, result.active)
+        self.publish("thinking" if result.thinking else "executing", ticks, time_s, result.active)
 
     def on_step(self, points: SetPoints, step: Step) -> None:
         pass
 
-    def say(self, phase: str, ticks: int, time_s: float, leaf: str = "") -> None:
+    def publish(self, phase: str, ticks: int, time_s: float, leaf: str = "") -> None:
         self.beat(phase=phase, session=self.session.id, epoch=self.epoch, tick=ticks, sim_time_s=time_s, leaf=leaf)
 
 
@@ -64,7 +64,7 @@ class _Run:
     holds: HoldMonitor
     loop: SessionLoop
     recorder: Recorder
-    pulse: _Pulse
+    heartbeat: _HeartbeatObserver
 
 
 class SessionRunner:
@@ -116,7 +116,7 @@ class SessionRunner:
         outcome = lost or outcome
         faults: tuple[RecordedFault, ...] = ()
         if outcome.ended is not Ended.TARGET_LOST:
-            run.pulse.say("observing", run.loop.ticks, run.context.time_s)
+            run.heartbeat.publish("observing", run.loop.ticks, run.context.time_s)
             try:
                 faults = self._write_end(session, recorder, run.holds)
             except ExecutionError as error:
@@ -164,7 +164,7 @@ class SessionRunner:
         context = self._skills.open_context(session, self._target, initial)
         skill = self._skills.open(session, plan, context)
         holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
-        pulse = _Pulse(session=session, epoch=epoch, beat=beat)
+        heartbeat = _HeartbeatObserver(session=session, epoch=epoch, beat=beat)
         loop = SessionLoop(
             handle=handle,
             context=context,
@@ -172,13 +172,13 @@ class SessionRunner:
             holds=holds,
             cancel=cancel,
             clock=self._clock,
-            observers=(recorder, pulse),
+            observers=(recorder, heartbeat),
         )
-        return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, pulse=pulse)
+        return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, heartbeat=heartbeat)
 
     def _halt(self, run: _Run) -> Outcome | None:
         """Bring skill and target to rest; an outcome only when the target is lost."""
-        run.pulse.say("halting", run.loop.ticks, run.context.time_s)
+        run.heartbeat.publish("halting", run.loop.ticks, run.context.time_s)
         try:
             run.skill.halt()
         except LeafError as error:

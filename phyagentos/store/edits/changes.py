@@ -14,11 +14,11 @@ CANCELS = frozenset({"cancel", "cancelled", "canceled"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accepted:
-    """An edit that may be recorded; `line` counts from 1, `told` says it in words."""
+    """An edit that may be recorded; `line` counts from 1, `summary` is for the log."""
 
     entry: Entry
     line: int
-    told: str
+    summary: str
     text: str
 
 

@@ -13,7 +13,7 @@ from phyagentos.store.edits.inbox import Inbox, plan_request
 from phyagentos.store.edits.merge import Merge, merge
 from phyagentos.store.edits.reading import decode, read_sheet
 from phyagentos.store.edits.rejections import Rejections
-from phyagentos.store.edits.shared_file import TwoWayFile
+from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.journal import Journal
 from phyagentos.store.views.history import History
 
@@ -33,7 +33,7 @@ class EditIntake:
     """
 
     def __init__(self, workspace: Workspace, clock: Clock, *, adopts: bool = True, durable: bool = True) -> None:
-        self.file = TwoWayFile(workspace.sessions_document, workspace.edits, clock)
+        self.file = SharedFile(workspace.sessions_document, workspace.edits, clock)
         self._workspace, self._clock, self._durable = workspace, clock, durable
         self._operator: Journal | None = None  # opened with the first edit: most runs see none
         self._source = workspace.sessions_document.name
@@ -55,7 +55,7 @@ class EditIntake:
         return self.file.is_touched()
 
     def put(self, text: str) -> bool:
-        """Put a rendering there; see `TwoWayFile.put`."""
+        """Put a rendering there; see `SharedFile.put`."""
         return self.file.put(text)
 
     def close(self) -> None:
@@ -67,7 +67,7 @@ class EditIntake:
     def take(self, history: History, *, at_once: bool = False) -> bool:
         """Deal with everything that arrived and bring the history up to date; whether anything was recorded or refused.
 
-        `at_once` is that of `TwoWayFile.take`. After an ExecutionError of the journal, the rest stays where it is.
+        `at_once` is that of `SharedFile.take`. After an ExecutionError of the journal, the rest stays where it is.
         """
         is_new = any(each.accepted or each.refused for each in self.take_file(history, at_once=at_once))
         return self._take_inbox(history) or is_new
@@ -138,7 +138,7 @@ class EditIntake:
             except (Impossible, *_REFUSALS) as error:
                 file.refuse(str(error))
             except Exception as error:  # as in `take_text`
-                file.refuse(_tell_failure(error))
+                file.refuse(_format_failure(error))
             else:
                 file.accept()
         if dropped:
@@ -180,10 +180,10 @@ def _refuse_unknown(text: str, view: int | None, seq: int) -> Refused:
 
 def _refuse_unread(text: str, error: Exception) -> Refused:
     possible = "make the same change in the present SESSIONS.md, and report this"
-    return Refused(line=1, about="the whole file", reason=_tell_failure(error), possible=possible, text=text)
+    return Refused(line=1, about="the whole file", reason=_format_failure(error), possible=possible, text=text)
 
 
-def _tell_failure(error: Exception) -> str:
+def _format_failure(error: Exception) -> str:
     return f"this program failed on it ({type(error).__name__}: {error})"
 
 

@@ -204,7 +204,7 @@ class _SectionMerge:
         return reason, "open the file again, and change it there if you still want to"
 
     def _accept(self, entry: Entry, line: int, text: str, told: str) -> Accepted:
-        return Accepted(entry=entry, line=line, told=f"{self._id}: {told}", text=text)
+        return Accepted(entry=entry, line=line, summary=f"{self._id}: {told}", text=text)
 
     def _refuse_field(self, path: _Path, line: int, reason: str, possible: str) -> None:
         name = ".".join(path) or "the block"

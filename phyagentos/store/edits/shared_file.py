@@ -42,7 +42,7 @@ class _Kept:
     look_s: float = 0.0
 
 
-class TwoWayFile:
+class SharedFile:
     """One such file; belongs to one thread.
 
     Args:

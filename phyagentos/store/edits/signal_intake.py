@@ -8,7 +8,7 @@ from phyagentos.clock import Clock
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.reading import decode
-from phyagentos.store.edits.shared_file import TwoWayFile
+from phyagentos.store.edits.shared_file import SharedFile
 from phyagentos.store.views.sessions import END_MARK
 
 REQUEST = "Request"  # heading of a request
@@ -17,18 +17,18 @@ _NEXT = re.compile(r"^## ", re.MULTILINE)
 _AT = re.compile(r"^at: \S.*$", re.MULTILINE)
 
 
-class SignalDesk:
+class SignalIntake:
     """Takes requests out of one RUNTIME_SIGNAL.md."""
 
     def __init__(self, workspace: Workspace, clock: Clock) -> None:
-        self._file = TwoWayFile(workspace.runtime_signal, workspace.edits / "signals", clock)
+        self._file = SharedFile(workspace.runtime_signal, workspace.edits / "signals", clock)
         self._file.adopt()
         self._signals, self._clock = workspace.signals, clock
         self._known: set[tuple[str, str]] = set()
         self._number = 0
 
     def put(self, text: str) -> bool:
-        """Put a rendering there; see `TwoWayFile.put`."""
+        """Put a rendering there; see `SharedFile.put`."""
         return self._file.put(text)
 
     def is_touched(self) -> bool:
@@ -36,7 +36,7 @@ class SignalDesk:
         return self._file.is_touched()
 
     def take(self, *, at_once: bool = False) -> None:
-        """Turn the requests of every edited version into files; see `TwoWayFile.take`."""
+        """Turn the requests of every edited version into files; see `SharedFile.take`."""
         self._file.take(self._handle, at_once=at_once)
 
     def close(self) -> None:

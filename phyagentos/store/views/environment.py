@@ -21,7 +21,7 @@ What the runtime saw after a session had ended. Poses are in the frame `world`: 
   is *unknown*, which is never success.
 
 """
-CHANGES_TOLD = 12  # in the line for people; the block has all
+CHANGES_SHOWN = 12  # in the line for people; the block has all
 _NOTHING = "Nothing has been observed yet.\n"
 _COLUMNS = ("name", "kind", "where", "x y z [m]", "tilt [rad]", "speed [m/s]", "seen", "observed at [s]", "confidence")
 
@@ -36,7 +36,7 @@ def render_environment(environment: Environment | None) -> str:
         f"- **Scene:** {flatten(environment.scene)}, episode {flatten(environment.episode)}\n"
         f"- **Time:** {environment.time_s:.3f} s of the target's own clock, snapshot {environment.revision}\n"
         f"- **Sensing:** {flatten(environment.sensing)}\n"
-        f"- **Since the snapshot before:** {_tell_changes(environment.changes)}\n\n"
+        f"- **Since the snapshot before:** {_format_changes(environment.changes)}\n\n"
     )
     things = [(name, *_describe(entity, places[entity.name])) for name, entity in environment.entities.items()]
     text = f"{front}{_HEAD}{facts}## Things\n\n" + render_table(_COLUMNS, things)
@@ -61,10 +61,10 @@ def render_environment(environment: Environment | None) -> str:
     return f"{text}\n## Snapshot\n\n```yaml\n{_render_snapshot(environment, compute_relations(environment))}```\n"
 
 
-def _tell_changes(changes: tuple[Change, ...]) -> str:
+def _format_changes(changes: tuple[Change, ...]) -> str:
     shown = [
         f"{flatten(each.entity)} {flatten(each.what)}" + (f" by {each.by_m:.3f} m" if each.what == "moved" else "")
-        for each in changes[:CHANGES_TOLD]
+        for each in changes[:CHANGES_SHOWN]
     ]
     more = len(changes) - len(shown)
     return (", ".join(shown) or "nothing") + (f", and {more} more" if more > 0 else "")

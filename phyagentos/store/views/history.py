@@ -39,7 +39,7 @@ class History:
         self.ledger, self._follower = _begin(lane)
         self._on_record = on_record
         self._follow: Callable[[], None] | None = None  # of the owner of a shared fold
-        self._told_seq = 0
+        self._reported_seq = 0
         self._texts: Cache = {}
         self._pages: dict[int, Page] = {}  # the oldest first
         self._statuses_kept, self._statuses = statuses_kept, 0
@@ -54,11 +54,11 @@ class History:
         follow()
         self.read_new()  # at least as far as the fold of the other
         self._follower.close()
-        self._told_seq, self.ledger, self._follow = self.ledger.seq, ledger, follow
+        self._reported_seq, self.ledger, self._follow = self.ledger.seq, ledger, follow
 
     def take_in(self, record: Record) -> None:
         """A record was applied to the shared fold."""
-        if self._follow is not None and record.seq > self._told_seq and self._on_record is not None:
+        if self._follow is not None and record.seq > self._reported_seq and self._on_record is not None:
             self._on_record(record, self.ledger)
 
     def read_new(self) -> int:

@@ -71,7 +71,7 @@ class LogTail:
 
     def render(self, seq: int) -> str:
         """LOG.md as of a record."""
-        self._lines.extend((note.record.seq, _tell(note)) for note in self._notes)
+        self._lines.extend((note.record.seq, _format(note)) for note in self._notes)
         self._notes.clear()
         older = self._lines[0][0] - 1 if self._lines else seq
         return render_log([line for _, line in self._lines], seq, older=older)
@@ -96,10 +96,10 @@ def _take_note(record: Record, ledger: Ledger) -> _Note:
     )
 
 
-def _tell(note: _Note) -> LogLine:
+def _format(note: _Note) -> LogLine:
     record, status, hint = note
     about = record.id.removeprefix("goal:").removeprefix("node:")
-    text = _tell_session(record, status) if status is not None else _tell_goal(record, hint)
+    text = _format_session(record, status) if status is not None else _format_goal(record, hint)
     return LogLine(at=f"{record.at[:19]}Z", about=about, by=record.by, text=flatten(text))
 
 
@@ -107,7 +107,7 @@ def _render_line(line: LogLine) -> str:
     return f"- {format_time(line.at)} **{line.about}** ({line.by}) {line.text}\n"
 
 
-def _tell_session(record: Record, status: SessionStatus) -> str:
+def _format_session(record: Record, status: SessionStatus) -> str:
     body = record.body or {}
     match record.ev:
         case "submit":
@@ -125,7 +125,7 @@ def _tell_session(record: Record, status: SessionStatus) -> str:
     return _with_reason(_PLAIN.get(record.ev, record.ev), body)
 
 
-def _tell_journal(record: Record, body: dict[str, Any]) -> str:
+def _format_journal(record: Record, body: dict[str, Any]) -> str:
     if record.ev == "lost":
         return "a record is lost; its number stays empty"
     if "cut_bytes" in body:
@@ -134,10 +134,10 @@ def _tell_journal(record: Record, body: dict[str, Any]) -> str:
     return f"the journal was repaired: {body.get('lost', 0)} records are lost"
 
 
-def _tell_goal(record: Record, hint: str) -> str:
+def _format_goal(record: Record, hint: str) -> str:
     body = record.body or {}
     if record.id == JOURNAL_ID:
-        return _tell_journal(record, body)
+        return _format_journal(record, body)
     match record.ev:
         case GoalEvent.GOAL_SUBMITTED:
             return f"goal asked for: {body.get('objective') or body.get('graph', '')}, seed {body.get('seed')}"
@@ -162,8 +162,8 @@ def _find_judged(record: Record, ledger: Ledger) -> str:
     sessions = status.nodes[node].sessions if status is not None and node in status.nodes else ()
     latest = ledger.sessions.get(sessions[-1]) if sessions else None
     decision = latest.decision if latest is not None else None
-    is_told = decision is not None and decision.reason == (record.body or {}).get("reason")
-    return f"{sessions[-1]} {latest.state}" if is_told and latest is not None else ""
+    is_shown = decision is not None and decision.reason == (record.body or {}).get("reason")
+    return f"{sessions[-1]} {latest.state}" if is_shown and latest is not None else ""
 
 
 def _with_reason(text: str, body: dict[str, Any]) -> str:

@@ -20,8 +20,8 @@ SHARE = 0.01  # of the time at most
 CLOSING_TURNS = 3  # an edit comes out with the first rendering, is shown by the second
 
 
-class Desk(Protocol):
-    """Puts SESSIONS.md where people edit it, and takes in what they wrote; see `edits.desk`."""
+class SessionEdits(Protocol):
+    """Puts SESSIONS.md where people edit it, and takes in what they wrote; see `edits.edit_intake`."""
 
     @property
     def notes(self) -> Sequence[str]:
@@ -48,16 +48,22 @@ class Views:
         workspace: Where they are published.
         lane: Folder of the journal to follow (`Journal.folder`).
         clock: For the rate.
-        desk: Where edits of SESSIONS.md are taken in; without one they are overwritten.
+        edits: Where edits of SESSIONS.md are taken in; without one they are overwritten.
         period_s: Shortest time between two renderings [s].
     """
 
     def __init__(
-        self, workspace: Workspace, lane: Path, clock: Clock, *, desk: Desk | None = None, period_s: float = PERIOD_S
+        self,
+        workspace: Workspace,
+        lane: Path,
+        clock: Clock,
+        *,
+        edits: SessionEdits | None = None,
+        period_s: float = PERIOD_S,
     ) -> None:
         self._workspace = workspace
         self._clock = clock
-        self._desk = desk
+        self._edits = edits
         self._period_s = period_s
         self._log = LogTail()
         self._history = History(lane, on_record=self._log.take)
@@ -80,8 +86,8 @@ class Views:
     def refresh(self, *, at_once: bool = False) -> bool:
         """Take in what changed and publish it, within the period only if `at_once`; whether anything was written."""
         self._history.read_new()
-        is_edited = self._desk is not None and (
-            self._desk.take(self._history, at_once=at_once) or self._desk.is_touched()
+        is_edited = self._edits is not None and (
+            self._edits.take(self._history, at_once=at_once) or self._edits.is_touched()
         )
         begin_s = self._clock.now_s()
         is_early = begin_s < self._due_at_s and not at_once
@@ -102,9 +108,9 @@ class Views:
         self._history.close()
 
     def _put_sessions(self) -> bool:
-        notes = self._desk.notes if self._desk is not None else ()
+        notes = self._edits.notes if self._edits is not None else ()
         text = self._history.render(self._history.build_page(notes))
-        if self._desk is not None:
-            return self._desk.put(text)
+        if self._edits is not None:
+            return self._edits.put(text)
         publish(self._workspace.sessions_document, text)
         return True

@@ -61,13 +61,13 @@ def render_runtime_signal(signs: Signs | None) -> str:
         if signs.runtime is RuntimeState.RUNNING
         else f"**The runtime ended**, {format_moment(signs.at)}. No worker is alive; this is what each said last.\n\n"
     )
-    workers = render_table(_COLUMNS, map(_tell_worker, signs.workers.values())) + "\n" if signs.workers else ""
+    workers = render_table(_COLUMNS, map(_format_worker, signs.workers.values())) + "\n" if signs.workers else ""
     rows = ((each.state.value, each.kind, each.session, each.by, each.reason, each.at) for each in signs.requests)
     table = render_table(("request", "asks for", "session", "by", "why", "at"), rows) + "\n" if signs.requests else ""
     return f"{front}{_HEAD}{state}{workers}{table}## Signs\n\n{render_block(signs)}\n{END_MARK}"
 
 
-def _tell_worker(sign: WorkerSign) -> tuple[str, ...]:
+def _format_worker(sign: WorkerSign) -> tuple[str, ...]:
     return (
         sign.target,
         sign.health.value.replace("_", " "),
@@ -82,8 +82,8 @@ def _tell_worker(sign: WorkerSign) -> tuple[str, ...]:
     )
 
 
-class Desk(Protocol):
-    """Puts RUNTIME_SIGNAL.md where people edit it, and takes out what they ask for; see `edits.signal_desk`."""
+class SignalEdits(Protocol):
+    """Puts RUNTIME_SIGNAL.md where people edit it, and takes out what they ask for; see `edits.signal_intake`."""
 
     def put(self, text: str) -> bool:
         """Put a rendering there, unless an editor is just replacing it; whether it was done."""
@@ -101,11 +101,11 @@ class Desk(Protocol):
 class RuntimeSignal:
     """Keeps RUNTIME_SIGNAL.md and the health in TARGETS.md in step with heartbeats and requests.
 
-    Without a desk, edits of RUNTIME_SIGNAL.md are overwritten.
+    Without `edits`, edits of RUNTIME_SIGNAL.md are overwritten.
     """
 
-    def __init__(self, workspace: Workspace, clock: Clock, *, desk: Desk | None = None) -> None:
-        self._desk = desk
+    def __init__(self, workspace: Workspace, clock: Clock, *, edits: SignalEdits | None = None) -> None:
+        self._edits = edits
         self._workspace = workspace
         self._clock = clock
         self._published_at_s = -PERIOD_S
@@ -121,10 +121,10 @@ class RuntimeSignal:
         now_s = self._clock.now_s()
         age_s = now_s - self._published_at_s
         if age_s >= PERIOD_S:
-            if self._desk is not None:
-                self._desk.take()
+            if self._edits is not None:
+                self._edits.take()
             signs = self._read(now_s, RuntimeState.RUNNING)
-            is_touched = self._desk is not None and self._desk.is_touched()
+            is_touched = self._edits is not None and self._edits.is_touched()
             is_new = self._published is None or not _is_same(signs, self._published)
             if is_new or is_touched or age_s >= RENEWAL_S:
                 self._publish(signs, now_s)
@@ -133,8 +133,8 @@ class RuntimeSignal:
         """Say that the runtime has ended; call it when no worker is left."""
         now_s = self._clock.now_s()
         self._publish(self._read(now_s, RuntimeState.ENDED), now_s)
-        if self._desk is not None:
-            self._desk.take(at_once=True)
+        if self._edits is not None:
+            self._edits.take(at_once=True)
 
     def _read(self, now_s: float, runtime: RuntimeState) -> Signs:
         workers = {
@@ -159,9 +159,9 @@ class RuntimeSignal:
 
     def _publish(self, signs: Signs, now_s: float) -> None:
         text = render_runtime_signal(signs)
-        if self._desk is None:
+        if self._edits is None:
             publish(self._workspace.runtime_signal, text)
-        elif not self._desk.put(text):
+        elif not self._edits.put(text):
             return
         self._published, self._published_at_s = signs, now_s
         health = {name: sign.health for name, sign in signs.workers.items()}

@@ -98,7 +98,7 @@ def render_session(status: SessionStatus) -> str:
     """One `## <id>` section."""
     folder = status.execution.evidence if status.execution is not None else ""
     return (
-        f"## {status.contract.id}\n\n{_tell(status)}\n\n"
+        f"## {status.contract.id}\n\n{_format(status)}\n\n"
         f"{''.join(_render_attempt(number, each, folder) for number, each in enumerate(status.attempts, 1))}"
         f"```yaml\n{render_yaml(build_data(status))}```\n\n"
     )
@@ -136,7 +136,7 @@ def describe_attempt(attempt: Attempt) -> str:
     return f"{attempt.verdict}{cause}{reason}."
 
 
-def _tell(status: SessionStatus) -> str:
+def _format(status: SessionStatus) -> str:
     contract = status.contract
     arguments = ", ".join(f"{name} = {value}" for name, value in contract.parameters.items())
     lines = [

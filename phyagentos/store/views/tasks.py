@@ -88,7 +88,7 @@ def render_task(goal: GoalStatus, ledger: Ledger) -> str:
     for name, predicates in (("Accepted when", goal.accept), ("All through", goal.constraints)):
         if predicates:
             lines.append(f"**{name}:** {', '.join(f'`{each}`' for each in predicates)}")
-    lines += _tell_advice(goal, ledger)
+    lines += _format_advice(goal, ledger)
     parts = [f"## {goal.id}\n", "".join(f"- {flatten(line)}\n" for line in lines)]
     if goal.nodes:
         parts += [_draw(goal), _render_nodes(goal, ledger)]
@@ -165,7 +165,7 @@ def _describe_verdict(goal: GoalStatus) -> str:
     return f"**{goal.verdict}**, {format_moment(goal.updated_at)}{why}"
 
 
-def _tell_advice(goal: GoalStatus, ledger: Ledger) -> list[str]:
+def _format_advice(goal: GoalStatus, ledger: Ledger) -> list[str]:
     """One line for each session that memory changed: what it does differently, and the lesson that asked for it."""
     found = (ledger.sessions.get(id) for node in goal.nodes.values() for id in node.sessions)
     advised = [status.contract for status in found if status is not None and status.contract.advice]

@@ -1,9 +1,9 @@
-"""What an imagined course is said to have failed by."""
+"""What an imagined rollout is said to have failed by."""
 
 from types import SimpleNamespace
 
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose
-from phyagentos.runtime.lookahead.rollouts import Course, find_cause
+from phyagentos.runtime.lookahead.rollouts import Rollout, find_cause
 from tests.contracts import make_contract
 
 
@@ -19,8 +19,8 @@ def make_world(x_m):
 
 def judge(x_m, *accept):
     session = make_contract(parameters={"object": "cube"}, accept=accept)
-    course = Course(held=(), initial=make_world(0.3), terminal=make_world(x_m))
-    return find_cause(course, course, SimpleNamespace(session=session))
+    rollout = Rollout(held=(), initial=make_world(0.3), terminal=make_world(x_m))
+    return find_cause(rollout, rollout, SimpleNamespace(session=session))
 
 
 def test_what_only_a_real_course_can_measure_is_not_held_against_an_imagined_one():

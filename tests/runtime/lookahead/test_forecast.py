@@ -22,7 +22,7 @@ from phyagentos.runtime.lookahead.forecast import BATCH, Forecaster
 from phyagentos.runtime.lookahead.rehearsal import Rehearser
 from phyagentos.runtime.lookahead.resolve_penetration import stand_up_sunk
 from phyagentos.runtime.lookahead.rollouts import Playback, find_cause
-from phyagentos.runtime.lookahead.shared_prefix import HeadStart
+from phyagentos.runtime.lookahead.shared_prefix import SharedPrefix
 from phyagentos.runtime.lookahead.uncertainty import ImaginedStart, draw_starts
 from phyagentos.runtime.models.scene import draw_bodies
 from phyagentos.runtime.motion.planner import MotionPlanner
@@ -202,7 +202,7 @@ def test_what_is_tried_whatever_is_foreseen_costs_one_batch(rehearser, session, 
 
 def test_the_head_start_ends_before_anything_is_near_and_then_the_world_goes_on_alike(stage, rehearsal):
     start = copy_start(stage)
-    head = HeadStart(rehearsal, settle_steps=150)
+    head = SharedPrefix(rehearsal, settle_steps=150)
     assert 0 < head.steps < len(rehearsal.controls) / 2
 
     data = mujoco.MjData(start.model)
@@ -221,7 +221,7 @@ def test_a_drawn_thing_lies_where_it_was_drawn_after_the_head_start(rehearser, s
     coin = int(drawn.model.jnt_qposadr[drawn.model.body("coin").jntadr[0]])
     before, ahead = mujoco.MjData(drawn.model), mujoco.MjData(drawn.model)
     mujoco.mj_setState(drawn.model, before, drawn.state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    put = HeadStart(rehearsal, settle_steps=150).put(drawn.state)
+    put = SharedPrefix(rehearsal, settle_steps=150).put(drawn.state)
     mujoco.mj_setState(drawn.model, ahead, put, mujoco.mjtState.mjSTATE_FULLPHYSICS)
 
     assert np.array_equal(before.qpos[coin : coin + 7], ahead.qpos[coin : coin + 7])
@@ -231,7 +231,7 @@ def test_a_drawn_thing_lies_where_it_was_drawn_after_the_head_start(rehearser, s
 def test_a_condition_that_must_hold_all_through_is_watched_from_the_beginning(rehearsal):
     watched = msgspec.structs.replace(rehearsal.session, hold=("upright(coaster)",))
 
-    assert HeadStart(dataclasses.replace(rehearsal, session=watched), settle_steps=150).steps == 0
+    assert SharedPrefix(dataclasses.replace(rehearsal, session=watched), settle_steps=150).steps == 0
 
 
 def test_a_coin_that_is_seen_on_its_rim_and_within_the_coaster_is_believed_to_lie_on_it(rehearser, environment):

@@ -12,7 +12,7 @@ WORLD = Environment(time_s=0.4, scene="tabletop/waiter", episode="e", revision=1
 SLOWER = Alternative(strategy=Strategy(speed=0.5), samples=16, succeeded=15)
 
 
-class Oracle:
+class Forecasts:
     def __init__(self, answer):
         self.answer, self.asked = answer, []
 
@@ -49,7 +49,7 @@ def careful(build_session):
 def open_gate(tmp_path):
     def open_gate(answer):
         eye = Eye()
-        return LookaheadGate(oracle=Oracle(answer), world=eye, evidence=tmp_path)
+        return LookaheadGate(forecasts=Forecasts(answer), world=eye, evidence=tmp_path)
 
     return open_gate
 
@@ -62,7 +62,7 @@ def test_a_session_that_asks_for_nothing_is_not_rehearsed(open_gate, build_sessi
     gate = open_gate(make_result(0))
 
     assert gate.find_problems(build_session(), "pick_and_place", never) == ()
-    assert gate._oracle.asked == []
+    assert gate._forecasts.asked == []
 
 
 def test_a_low_forecast_refuses_with_cause_and_remedy_and_leaves_its_evidence(open_gate, careful, tmp_path):
@@ -84,11 +84,11 @@ def test_a_good_forecast_is_kept_for_the_bundle_of_the_session(open_gate, carefu
     assert read_lookahead(tmp_path / careful.id).succeeded == 13
 
 
-def test_the_oracle_is_asked_from_the_estimate(open_gate, careful):
+def test_the_forecast_is_asked_from_the_estimate(open_gate, careful):
     gate = open_gate(make_result(16))
     gate.find_problems(careful, "pick_and_place", never)
 
-    (asked,) = gate._oracle.asked
+    (asked,) = gate._forecasts.asked
     assert asked == Rehearse(session=careful, request=careful.lookahead, tree="pick_and_place", environment=WORLD)
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(asked), type=Rehearse) == asked
 
@@ -110,16 +110,16 @@ def test_what_cannot_be_foreseen_does_not_start(open_gate, careful, answer, tree
 
 def test_a_rehearsal_process_that_dies_is_an_error_and_the_next_question_starts_another(careful):
     question = Rehearse(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
-    oracle = RehearsalProcess(["sh", "-c", "exit 3"])
+    forecasts = RehearsalProcess(["sh", "-c", "exit 3"])
 
     for _ in range(2):
         with pytest.raises(ExecutionError, match="the rehearsal process ended with code"):
-            oracle.ask(question, never)
+            forecasts.ask(question, never)
 
 
 def test_a_question_that_nobody_wants_any_more_ends_the_process(careful):
     question = Rehearse(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
-    oracle = RehearsalProcess(["sh", "-c", "exec sleep 60"])
+    forecasts = RehearsalProcess(["sh", "-c", "exec sleep 60"])
 
-    assert oracle.ask(question, lambda: True) is None
-    assert oracle._child is None
+    assert forecasts.ask(question, lambda: True) is None
+    assert forecasts._child is None

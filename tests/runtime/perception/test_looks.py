@@ -10,7 +10,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.looks import LookRole, find_look_problems
 from phyagentos.protocol.world.environment import Pose, Status
 from phyagentos.runtime.models.robot import read_profile
-from phyagentos.runtime.perception.look import RecordedEyes
+from phyagentos.runtime.perception.look import RecordedFrames
 from phyagentos.runtime.perception.look_file import read_look, write_look
 from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.sim
 
 
 @pytest.fixture
-def eyes(twins, twins_library):
+def views(twins, twins_library):
     """A world that is perceived, one to perceive again with, and a way to let time pass."""
     profile, folder = read_profile(twins_library.get_target("panda"))
 
@@ -39,13 +39,13 @@ def eyes(twins, twins_library):
 
     def repeat(path, sha256):
         look = read_look(path, sha256)
-        return open_world(RecordedEyes(look)).repeat(look)
+        return open_world(RecordedFrames(look)).repeat(look)
 
     return world, observe, repeat
 
 
-def test_pictures_and_depths_come_back_bit_for_bit_and_the_file_depends_on_the_look_alone(eyes, tmp_path):
-    world, observe, _ = eyes
+def test_pictures_and_depths_come_back_bit_for_bit_and_the_file_depends_on_the_look_alone(views, tmp_path):
+    world, observe, _ = views
     observe()
     look = world.latest_look
     name, sha256 = write_look(look, tmp_path)
@@ -64,8 +64,8 @@ def test_pictures_and_depths_come_back_bit_for_bit_and_the_file_depends_on_the_l
 
 
 @pytest.mark.parametrize("things", [(), ("can",), ("screen",), ("can", "first")])
-def test_each_kind_of_look_is_perceived_again_to_the_same_world(eyes, twins, tmp_path, things):
-    world, observe, repeat = eyes
+def test_each_kind_of_look_is_perceived_again_to_the_same_world(views, twins, tmp_path, things):
+    world, observe, repeat = views
     for _ in range(3):
         observe()
     for moved in (False, True):
@@ -76,16 +76,16 @@ def test_each_kind_of_look_is_perceived_again_to_the_same_world(eyes, twins, tmp
 
 
 @pytest.mark.parametrize("lag_s", [0.02, 0.4])
-def test_so_is_one_for_which_the_robot_was_asked_again_because_time_went_on(eyes, tmp_path, lag_s):
-    world, observe, repeat = eyes
+def test_so_is_one_for_which_the_robot_was_asked_again_because_time_went_on(views, tmp_path, lag_s):
+    world, observe, repeat = views
     for things in ((), ("can",)):
         belief = observe(*things, lag_s=lag_s)
         assert world.latest_look.moments
         assert repeat(*_write(world, tmp_path)) == belief
 
 
-def test_a_picture_with_other_pixels_gives_another_world(eyes, twins, tmp_path):
-    world, observe, _ = eyes
+def test_a_picture_with_other_pixels_gives_another_world(views, twins, tmp_path):
+    world, observe, _ = views
     for _ in range(2):
         belief = observe()
     look = world.latest_look
@@ -96,8 +96,8 @@ def test_a_picture_with_other_pixels_gives_another_world(eyes, twins, tmp_path):
     assert world.repeat(look).entities["can"] != belief.entities["can"]
 
 
-def test_a_damaged_or_missing_file_is_named(eyes, tmp_path):
-    world, observe, _ = eyes
+def test_a_damaged_or_missing_file_is_named(views, tmp_path):
+    world, observe, _ = views
     observe()
     path, sha256 = _write(world, tmp_path)
     path.write_bytes(path.read_bytes()[:-1] + b"!")
@@ -108,8 +108,8 @@ def test_a_damaged_or_missing_file_is_named(eyes, tmp_path):
         read_look(path, sha256)
 
 
-def test_perception_that_reads_something_else_now_refuses(eyes):
-    world, observe, _ = eyes
+def test_perception_that_reads_something_else_now_refuses(views):
+    world, observe, _ = views
     for _ in range(3):
         observe()
     observe("can")
@@ -119,8 +119,8 @@ def test_perception_that_reads_something_else_now_refuses(eyes):
         world.repeat(look)
 
 
-def test_what_a_belief_points_at_is_kept_however_long_ago_it_was_seen(eyes, twins, tmp_path):
-    world, observe, _ = eyes
+def test_what_a_belief_points_at_is_kept_however_long_ago_it_was_seen(views, twins, tmp_path):
+    world, observe, _ = views
     for _ in range(3):
         observe()
     observe("can")
@@ -138,8 +138,8 @@ def test_what_a_belief_points_at_is_kept_however_long_ago_it_was_seen(eyes, twin
     assert (problem.code, problem.found) == ("POINTER_BROKEN", "top@0.001:1,1,3,3")
 
 
-def test_a_bundle_that_begins_where_another_ended_shares_its_look(eyes, tmp_path):
-    world, observe, _ = eyes
+def test_a_bundle_that_begins_where_another_ended_shares_its_look(views, tmp_path):
+    world, observe, _ = views
     observe()
     for name in ("g.a", "g.b"):
         Recorder(tmp_path / name).write_looks([(LookRole.START, world.latest_look)], {})
@@ -147,8 +147,8 @@ def test_a_bundle_that_begins_where_another_ended_shares_its_look(eyes, tmp_path
     assert one.samefile(other)
 
 
-def test_what_is_held_is_perceived_again_as_held(eyes, twins, tmp_path):
-    world, observe, repeat = eyes
+def test_what_is_held_is_perceived_again_as_held(views, twins, tmp_path):
+    world, observe, repeat = views
     for _ in range(2):
         belief = observe()
     can = Pose(belief.entities["can"].pose.position_m, (0.0, 1.0, 0.0, 0.0))

@@ -41,7 +41,7 @@ def show(thing, top_m):
     return Cloud(
         points_m=points,
         colors=np.full(len(points), thing.colors[0], np.uint8),
-        eyes=np.zeros(len(points), np.intp),
+        view_index=np.zeros(len(points), np.intp),
         pixels=np.zeros((len(points), 2), np.intp),
     )
 
@@ -49,8 +49,8 @@ def show(thing, top_m):
 @pytest.mark.parametrize(("top_m", "is_found"), [(0.04, True), (-0.08, False)])
 def test_what_would_have_been_seen_through_the_table_is_not_found_below_it(waiter, top_m, is_found):
     coaster = waiter.things["coaster"]
-    cloud, eyes = show(coaster, top_m), (look_from((0.45, 0.0, 1.4)),)
-    found = associate({"coaster": coaster}, {}, cloud, eyes, waiter.map)
+    cloud, views = show(coaster, top_m), (look_from((0.45, 0.0, 1.4)),)
+    found = associate({"coaster": coaster}, {}, cloud, views, waiter.map)
     assert ("coaster" in found) is is_found
 
 
@@ -65,7 +65,7 @@ def test_strays_of_a_near_cameras_edges_do_not_make_a_thing_too_large_to_be_foun
     cloud = Cloud(
         points_m=points,
         colors=np.full(len(points), cube.colors[0], np.uint8),
-        eyes=np.zeros(len(points), np.intp),
+        view_index=np.zeros(len(points), np.intp),
         pixels=np.zeros((len(points), 2), np.intp),
     )
     found = associate({"red_cube": cube}, {}, cloud, (look_from((0.45, 0.0, 0.3)),), cubes.map)

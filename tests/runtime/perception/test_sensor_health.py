@@ -9,9 +9,9 @@ import pytest
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
 from phyagentos.runtime.models.robot import read_profile
-from phyagentos.runtime.perception.perceived_world import PULSE_S, PerceivedWorld
+from phyagentos.runtime.perception.perceived_world import PROBE_PERIOD_S, PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.perception.sensor_health import assess, feel_pulses, find_pulses
+from phyagentos.runtime.perception.sensor_health import assess, check_probes, find_probe_regions
 from phyagentos.runtime.perception.world_model import HAND
 from phyagentos.runtime.targets.wire import Frame, Frames, Observation, Step
 from tests.runtime.perception.conftest import observe_now
@@ -39,7 +39,7 @@ def expose(seed, time_s, crop=None):
 def take(seed, time_s, before, crops=None, **given):
     frames = Frames((expose(seed, time_s, (crops or {}).get("top")),))
     if crops:
-        return feel_pulses(frames, before, time_s)
+        return check_probes(frames, before, time_s)
     return assess(frames, before, time_s, 0.3, **given)[1]
 
 
@@ -51,7 +51,7 @@ def test_a_still_scene_that_repeats_its_picture_is_no_frozen_camera_where_no_noi
 
 def test_a_camera_that_froze_between_two_whole_looks_is_known_by_its_pulse():
     health = take(1, 0.0, {})
-    crops = find_pulses(health)
+    crops = find_probe_regions(health)
     for seed, time_s in ((2, 0.5), (3, 1.0)):
         health = take(seed, time_s, health, crops)
         assert health["top"].status == "live"
@@ -67,14 +67,14 @@ def test_a_frame_without_a_time_is_stale():
 
 
 def test_a_window_that_nobody_asked_for_is_passed_over():
-    assert feel_pulses(Frames((expose(1, 1.0),)), {}, 1.0) == {}
+    assert check_probes(Frames((expose(1, 1.0),)), {}, 1.0) == {}
 
 
 def test_a_pulse_whose_frame_was_lost_tells_nothing():
     health = take(1, 0.0, {})
-    crops = find_pulses(health)
+    crops = find_probe_regions(health)
     health = take(2, 0.5, health, crops)
-    again = feel_pulses(Frames((expose(2, 0.5, crops["top"]),)), health, 0.52)
+    again = check_probes(Frames((expose(2, 0.5, crops["top"]),)), health, 0.52)
     assert again["top"].status == "live"
 
 
@@ -164,7 +164,7 @@ def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_mea
     handle.freeze()
     twins.put("can", 0.6, -0.25)
     frozen_s = twins.time_s
-    for _ in range(round(2.5 * PULSE_S / 0.02)):
+    for _ in range(round(2.5 * PROBE_PERIOD_S / 0.02)):
         twins.time_s += 0.02
         world.advance(Step(time_s=twins.time_s, target=twins.state, tracking_error_rad=0.0))
     belief = perceive()

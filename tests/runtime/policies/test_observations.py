@@ -135,7 +135,7 @@ def test_without_declared_noise_a_still_scene_and_a_frozen_camera_that_lies_are_
 
 
 def test_a_camera_that_froze_before_the_session_shows_nothing_at_all():
-    known = SensorHealth(status="frozen", time_s=0.9, pulse="abc@0.9")
+    known = SensorHealth(status="frozen", time_s=0.9, liveness_probe="abc@0.9")
     assert FROZEN in find_refusal(open_eye(expose(1.0), health={"top": known}))
 
 

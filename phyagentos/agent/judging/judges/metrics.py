@@ -20,41 +20,41 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Course = Mapping[str, NDArray[np.float64]]
+    Trajectory = Mapping[str, NDArray[np.float64]]
 
 MAX_BYTES = 64 * 1024 * 1024  # of a trajectory: an hour of a seven-jointed arm
 
 
-def _read_last(array: str) -> "Callable[[Course], float]":
+def _read_last(array: str) -> "Callable[[Trajectory], float]":
     """The largest magnitude in the last row."""
-    return lambda course: float(abs(course[array][-1]).max())
+    return lambda trajectory: float(abs(trajectory[array][-1]).max())
 
 
-def _read_peak(array: str) -> "Callable[[Course], float]":
+def _read_peak(array: str) -> "Callable[[Trajectory], float]":
     """The largest magnitude in any row."""
-    return lambda course: float(abs(course[array]).max())
+    return lambda trajectory: float(abs(trajectory[array]).max())
 
 
-def _read_error(course: "Course", rows: slice) -> float:
+def _read_error(trajectory: "Trajectory", rows: slice) -> float:
     """The largest difference of a joint between what was commanded and what was measured [rad]."""
-    return float(abs(course["q_commanded"] - course["q_measured"])[rows].max())
+    return float(abs(trajectory["q_commanded"] - trajectory["q_measured"])[rows].max())
 
 
-def _read_peak_acceleration(course: "Course") -> float:
+def _read_peak_acceleration(trajectory: "Trajectory") -> float:
     """The largest change of a joint's velocity between two periods, by their distance in time [rad/s2]."""
     import numpy as np
 
-    step_s = np.diff(course["time_s"])[:, None]
-    return float((abs(np.diff(course["qd_measured"], axis=0)) / step_s).max())
+    step_s = np.diff(trajectory["time_s"])[:, None]
+    return float((abs(np.diff(trajectory["qd_measured"], axis=0)) / step_s).max())
 
 
-TRAJECTORY_METRICS: "Mapping[str, Callable[[Course], float]]" = {
+TRAJECTORY_METRICS: "Mapping[str, Callable[[Trajectory], float]]" = {
     "final_joint_speed_rad_s": _read_last("qd_measured"),
-    "final_tracking_error_rad": lambda course: _read_error(course, slice(-1, None)),
+    "final_tracking_error_rad": lambda trajectory: _read_error(trajectory, slice(-1, None)),
     "final_gripper_width_m": _read_last("gripper_measured_m"),
     "peak_joint_speed_rad_s": _read_peak("qd_measured"),
     "peak_joint_acceleration_rad_s2": _read_peak_acceleration,
-    "peak_tracking_error_rad": lambda course: _read_error(course, slice(None)),
+    "peak_tracking_error_rad": lambda trajectory: _read_error(trajectory, slice(None)),
     "peak_force_n": _read_peak("force_n"),
 }
 """Name -> how it is computed from the arrays of the trajectory. `peak_force_n` needs a target that feels contacts and
@@ -81,13 +81,13 @@ def read_course(folder: Path, wanted: set[str]) -> dict[str, float]:
         if path.stat().st_size > MAX_BYTES:
             return {}
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            course = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
+            trajectory = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
     except (OSError, EOFError, ValueError, zipfile.BadZipFile):
         return {}
     found = {}
     for name in sorted(wanted & TRAJECTORY_METRICS.keys()):
         try:
-            value = TRAJECTORY_METRICS[name](course)
+            value = TRAJECTORY_METRICS[name](trajectory)
         except (KeyError, IndexError, ValueError):  # not recorded, or nothing was commanded
             continue
         if math.isfinite(value):
