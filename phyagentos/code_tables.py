@@ -80,7 +80,7 @@ NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       A field that a hand edit may not change.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
 NOT_LATCHED       There is no latched emergency stop to reset.
-NO_JOURNAL        The workspace has no such lane of the journal.
+NO_JOURNAL        The workspace has no such partition of the journal.
 REASON_MISSING    A reset of the emergency stop without a reason.
 SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 UNKNOWN_CODE      No error code of this name.
@@ -105,12 +105,12 @@ EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
 INDEX_UNAVAILABLE    The index in .cache cannot be used now; it is rebuilt.
 JOURNAL_CLOSED       The journal was closed.
 JOURNAL_DAMAGED      Bytes of the journal are not as they were written.
-JOURNAL_LOCKED       Another process has held the lane's lock for ten seconds.
+JOURNAL_LOCKED       Another process has held the partition's lock for ten seconds.
 JOURNAL_MOVED        A file or folder of the journal was moved or replaced while it was open.
 JOURNAL_NOT_DURABLE  The disk did not confirm a write; the process must end.
 JOURNAL_UNREADABLE   The system refused to read a file of the journal.
 JOURNAL_WRITE_FAILED The disk took no record, and none was acknowledged.
-LANE_UNCLEAR         Several hosts have written here; name a lane.
+LANE_UNCLEAR         Several hosts have written here; name a partition with --lane.
 LOOK_DIFFERS         Perception now reads something else than when a look was recorded.
 LOOK_MISSING         A bundle lacks what a snapshot or a sample was perceived from.
 MANIFEST_DAMAGED     A manifest of evidence does not hold what it should.
@@ -123,7 +123,7 @@ RECORD_DAMAGED       A record is not as it was written.
 RECORD_ILLEGAL       A record that the lifecycle does not allow there.
 RECORD_TOO_LARGE     A record is larger than a journal line may be.
 SEGMENT_MISLINKED    A segment does not fit the one before it.
-SEGMENT_TWICE        A segment stands in the lane and in the archive.
+SEGMENT_TWICE        A segment stands in the partition and in the archive.
 SETTINGS_CHANGED     A settings file is not the one that the session ran with.
 UNLISTED             A bundle holds a file that its manifest does not name.
 UNSEALED             A bundle has no manifest.

@@ -64,7 +64,7 @@ def run_claimer() -> None:
     """One claimer: takes a few of those that wait, at random, until none waits."""
     root, number = Path(sys.argv[2]), int(sys.argv[3])
     chance = random.Random(number)
-    journal = Journal(root, side=Side.RUNTIME, by=f"claimer{number}", clock=CLOCK, lane=LANE)
+    journal = Journal(root, side=Side.RUNTIME, by=f"claimer{number}", clock=CLOCK, partition=LANE)
     waiting: list[str] = []
     places: dict[str, int] = {}
     won: list[str] = []

@@ -58,7 +58,7 @@ def _measure(root: Path, sessions: int, how: str, idle_s: float) -> dict[str, fl
 def run_claimer() -> None:
     """Waits, claims what was submitted, tells when that was durable; then waits for nothing."""
     root, how, sessions, idle_s = Path(sys.argv[2]), sys.argv[3], int(sys.argv[4]), float(sys.argv[5])
-    journal = Journal(root, side=Side.RUNTIME, by="claimer", clock=CLOCK, lane=LANE)
+    journal = Journal(root, side=Side.RUNTIME, by="claimer", clock=CLOCK, partition=LANE)
     ended_s: list[float] = []
     with Watch([journal.folder]) as watch:
         journal.read_new()

@@ -63,7 +63,8 @@ def open_pair(root: Path, *, durable: bool, file_io: FileIO | None = None) -> tu
     """The agent's journal and the runtime's."""
     sides = ((Side.AGENT, "agent"), (Side.RUNTIME, "watchdog"))
     agent, runtime = (
-        Journal(root, side=side, by=by, clock=CLOCK, durable=durable, lane=LANE, file_io=file_io) for side, by in sides
+        Journal(root, side=side, by=by, clock=CLOCK, durable=durable, partition=LANE, file_io=file_io)
+        for side, by in sides
     )
     return agent, runtime
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.journal import Journal
-journal = Journal(Path(sys.argv[1]), side=Side.RUNTIME, by="start", clock=SystemClock(), lane=sys.argv[2])
+journal = Journal(Path(sys.argv[1]), side=Side.RUNTIME, by="start", clock=SystemClock(), partition=sys.argv[2])
 ledger = journal.open_ledger()
 """
 _TELL = """

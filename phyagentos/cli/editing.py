@@ -34,9 +34,9 @@ def edit(
     from phyagentos.store.views.history import History
 
     place = Workspace.open(workspace)
-    lane = place.sessions / choose_partition(place.sessions)
-    lane.mkdir(parents=True, exist_ok=True)
-    with closing(EditIntake(place, SystemClock(), adopts=False)) as edits, closing(History(lane)) as history:
+    partition = place.sessions / choose_partition(place.sessions)
+    partition.mkdir(parents=True, exist_ok=True)
+    with closing(EditIntake(place, SystemClock(), adopts=False)) as edits, closing(History(partition)) as history:
         merged = _edit_copy(edits, history, place.sessions_document.name, _choose_editor(editor))
         _publish(edits, history)
     return int(_report(merged, place.sessions_document.name, place.rejected_document))

@@ -19,16 +19,16 @@ _LOOK_AGAIN_S = 0.2  # longer than a writer needs to cut a torn end
 _TORN = "a torn end, which was never acknowledged"
 
 Space = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of the run.")]
-Lane = Annotated[str | None, typer.Option(help="Which lane, where a workspace has several.")]
+Partition = Annotated[str | None, typer.Option("--lane", help="Which partition, where a workspace has several.")]
 Json = Annotated[bool, typer.Option("--json", help="As one JSON object.")]
 
 
-def check(workspace: Space, lane: Lane = None, as_json: Json = False) -> int:
+def check(workspace: Space, partition: Partition = None, as_json: Json = False) -> int:
     """Read every byte, archive included, and tell every problem; changes nothing. Exit code 1 when there is damage."""
     from phyagentos.clock import SystemClock
     from phyagentos.store.inspection import inspect_partition
 
-    folder = _find_partition(workspace, lane)
+    folder = _find_partition(workspace, partition)
     found = inspect_partition(folder)
     if not found.is_whole:  # or a writer was cutting a torn end meanwhile; the lock would stop all of them for seconds
         SystemClock().sleep(_LOOK_AGAIN_S)
@@ -47,7 +47,7 @@ def check(workspace: Space, lane: Lane = None, as_json: Json = False) -> int:
 
 def repair(
     workspace: Space,
-    lane: Lane = None,
+    partition: Partition = None,
     accept_loss: Annotated[
         bool, typer.Option("--accept-loss", help="Go on although records that were acknowledged may be gone.")
     ] = False,
@@ -60,11 +60,11 @@ def repair(
     from phyagentos.store.repair import repair_partition
     from phyagentos.store.segments import SystemIO
 
-    folder = _find_partition(workspace, lane)
+    folder = _find_partition(workspace, partition)
     done = repair_partition(folder, accept_loss=accept_loss, by=_BY, clock=SystemClock(), file_io=SystemIO())
     is_cut = done.is_only_torn
     if is_cut:  # by opening the journal, as any writer does
-        Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), lane=folder.name).close()
+        Journal(folder.parent.parent, side=Side.OPERATOR, by=_BY, clock=SystemClock(), partition=folder.name).close()
     is_refused = done.is_needed and not done.is_done and not is_cut
     if as_json:
         facts = {"is_needed": done.is_needed, "is_done": done.is_done or is_cut, "lost": done.lost}
@@ -79,13 +79,13 @@ def repair(
     return int(ExitCode.GOAL_NOT_MET if is_refused else ExitCode.GOAL_MET)
 
 
-def compact(workspace: Space, lane: Lane = None, as_json: Json = False) -> None:
+def compact(workspace: Space, partition: Partition = None, as_json: Json = False) -> None:
     """Seal and archive every segment that nothing alive needs, and write a fresh checkpoint."""
     from phyagentos.clock import SystemClock
     from phyagentos.store.compaction import compact_partition
     from phyagentos.store.segments import SystemIO
 
-    folder = _find_partition(workspace, lane)
+    folder = _find_partition(workspace, partition)
     done = compact_partition(folder, by=_BY, clock=SystemClock(), file_io=SystemIO())
     if as_json:
         _print_json({"lane": folder.name, **asdict(done)})
@@ -97,7 +97,7 @@ def compact(workspace: Space, lane: Lane = None, as_json: Json = False) -> None:
 
 def stats(
     workspace: Space,
-    lane: Lane = None,
+    partition: Partition = None,
     disk: Annotated[bool, typer.Option("--disk", help="Measure fdatasync on this disk as well.")] = False,
     as_json: Json = False,
 ) -> int:
@@ -107,7 +107,7 @@ def stats(
     from phyagentos.clock import SystemClock
     from phyagentos.store.statistics import compute_statistics, measure_sync
 
-    folder = _find_partition(workspace, lane)
+    folder = _find_partition(workspace, partition)
     found = compute_statistics(folder)
     times = measure_sync(folder, SystemClock()) if disk else None
     if as_json:
@@ -122,19 +122,19 @@ def stats(
     return int(ExitCode.GOAL_NOT_MET if found.tail == "damaged" else ExitCode.GOAL_MET)
 
 
-def _find_partition(workspace: Path, lane: str | None) -> Path:
+def _find_partition(workspace: Path, partition: str | None) -> Path:
     from phyagentos.errors import DefinitionError, Problem
     from phyagentos.protocol.workspace.workspace import Workspace
     from phyagentos.store.journal import choose_partition
 
     sessions = Workspace.open(workspace).sessions
-    folder = sessions / (lane or choose_partition(sessions))
+    folder = sessions / (partition or choose_partition(sessions))
     if not folder.is_dir():
         problem = Problem(
             code="NO_JOURNAL",
             address=str(folder),
             found="no such folder",
-            expected="a lane of the journal, which the first run makes",
+            expected="a partition of the journal, which the first run makes",
         )
         raise DefinitionError(problem)
     return folder
@@ -159,7 +159,7 @@ def _describe_repair(done: "Repair") -> Iterator[str]:
 
 def _describe_statistics(found: "Statistics") -> Iterator[str]:
     aside = f", {found.set_aside} set aside" if found.set_aside else ""
-    yield f"lane         {found.lane}"
+    yield f"partition    {found.lane}"
     yield f"segments     {found.segments} live ({found.bytes} bytes){aside}"
     yield f"archived     {found.archived_segments} ({found.archived_bytes} bytes)"
     yield f"records      {found.records}, last {found.seq}, end {found.tail}"

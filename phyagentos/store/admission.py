@@ -1,6 +1,6 @@
 """Which records may be added: the lifecycle of sessions, fencing by epoch, and which side may write about goals.
 
-The writer calls it with the lane locked: check and write are one step (compare-and-set). It holds three facts per
+The writer calls it with the partition locked: check and write are one step (compare-and-set). It holds three facts per
 session, and forgets what is final once it can be looked up.
 """
 

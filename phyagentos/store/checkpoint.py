@@ -1,12 +1,13 @@
-"""The checkpoint of a lane: the fold at one record, so that a start need not read the whole journal.
+"""The checkpoint of a partition: the fold at one record, so that a start need not read the whole journal.
 
 It is never the truth: a missing, torn, damaged or foreign one is ignored. It holds durable records only, so an intact
 one that is ahead of the segments proves that their end is gone: a writer refuses.
 
-The file `sessions/<lane>/checkpoint.md` is Markdown: front matter, then one fenced list each of goals, of sessions that
-are live or belong to a goal that is not over, and of the latest that are over. Each item is one line, a JSON mapping
-(so YAML too): `span` (sequence numbers of its first and latest record), `is_over`, `status`. `tail_crc` is the CRC-32
-of the (up to 4096) bytes of the segment before `offset`; the last line is a comment with that of all bytes before it.
+The file `sessions/<partition>/checkpoint.md` is Markdown: front matter, then one fenced list each of goals, of sessions
+that are live or belong to a goal that is not over, and of the latest that are over. Each item is one line, a JSON
+mapping (so YAML too): `span` (sequence numbers of its first and latest record), `is_over`, `status`. `tail_crc` is the
+CRC-32 of the (up to 4096) bytes of the segment before `offset`; the last line is a comment with that of all bytes
+before it.
 """
 
 import contextlib
@@ -69,13 +70,13 @@ def write_checkpoint(folder: Path, ledger: Ledger, position: Position, file_io: 
         sync_folder(folder, file_io)
 
 
-def render_checkpoint(lane: str, image: Image, position: Position, tail_crc: int) -> bytes:
+def render_checkpoint(partition: str, image: Image, position: Position, tail_crc: int) -> bytes:
     """The file as it is written."""
     head = (
-        f"---\nphy: checkpoint/1\nlane: {lane}\nsegment: {position.segment}\nfirst_seq: {position.first_seq}\n"
+        f"---\nphy: checkpoint/1\nlane: {partition}\nsegment: {position.segment}\nfirst_seq: {position.first_seq}\n"
         f'offset: {position.offset}\nseq: {position.seq}\ntail_crc: "{tail_crc:08x}"\n'
         f"sessions: {image.session_count}\ngoals: {image.goal_count}\n---\n\n"
-        f"# Checkpoint of lane {lane} at record {position.seq}\n\n"
+        f"# Checkpoint of lane {partition} at record {position.seq}\n\n"
         "What is live and what ended last, so that a start is short. The segments are the truth: this file may be "
         "deleted.\n"
     )
@@ -92,7 +93,7 @@ def render_checkpoint(lane: str, image: Image, position: Position, tail_crc: int
 
 
 def find_checkpoint(folder: Path) -> Checkpoint | None:
-    """The lane's checkpoint, or None when there is none that can be trusted."""
+    """The partition's checkpoint, or None when there is none that can be trusted."""
     try:
         data = (folder / NAME).read_bytes()
         checkpoint = parse_checkpoint(data, folder.name)
@@ -114,14 +115,14 @@ def find_seen_seq(folder: Path) -> int:
 
 
 def refuse_missing_end(follower: Follower, seen_seq: int) -> None:
-    """Raise `JOURNAL_DAMAGED` when a lane ends before its checkpoint, unless the follower reports damage itself."""
+    """Raise `JOURNAL_DAMAGED` when a partition ends before its checkpoint, unless the follower reports damage."""
     if follower.seq < seen_seq and follower.tail is not Tail.DAMAGED:
         what = f"it ends with record {follower.seq}, but the checkpoint has seen record {seen_seq}"
         raise damage(follower.path, follower.offset, what)
 
 
 def find_checkpoint_seq(folder: Path) -> int:
-    """Sequence number in the front matter of the lane's checkpoint, unchecked; 0 when there is none."""
+    """Sequence number in the front matter of the partition's checkpoint, unchecked; 0 when there is none."""
     try:
         with (folder / NAME).open("rb") as file:
             front = _FRONT.match(file.read(1024))
@@ -130,10 +131,10 @@ def find_checkpoint_seq(folder: Path) -> int:
     return int(front["seq"]) if front is not None else 0
 
 
-def parse_checkpoint(data: bytes, lane: str) -> Checkpoint | None:
-    """What stands in the file; None when it is not whole, not intact, not of this format or of another lane."""
+def parse_checkpoint(data: bytes, partition: str) -> Checkpoint | None:
+    """What stands in the file; None when it is not whole, not intact, not of this format or of another partition."""
     front, trailer = _FRONT.match(data), _TRAILER.search(data[-_TRAILER_BYTES:])
-    if front is None or trailer is None or front["lane"] != lane.encode():
+    if front is None or trailer is None or front["lane"] != partition.encode():
         return None
     if zlib.crc32(memoryview(data)[: -len(trailer[0])]) != int(trailer[1], 16):
         return None

@@ -1,4 +1,4 @@
-"""Shortening a lane: seal the current segment, write a checkpoint, archive what nothing live needs."""
+"""Shortening a partition: seal the current segment, write a checkpoint, archive what nothing live needs."""
 
 import contextlib
 import fcntl
@@ -35,21 +35,22 @@ class Compaction:
 
 
 def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> Compaction:
-    """Seal, checkpoint and archive `sessions/<lane>` with the lane locked; other writers continue afterwards.
+    """Seal, checkpoint and archive `sessions/<partition>` with the partition locked; other writers continue afterwards.
 
     Raises:
         ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`, `JOURNAL_WRITE_FAILED`.
         OSError: The disk refused; the journal is as whole as before.
     """
     root = folder.parent.parent
-    Journal(root, side=Side.OPERATOR, by=by, clock=clock, lane=folder.name, file_io=file_io).close()  # mends the end
+    journal = Journal(root, side=Side.OPERATOR, by=by, clock=clock, partition=folder.name, file_io=file_io)
+    journal.close()  # opening it has cut what a dying writer left half
     with keep_still(folder) as lock:
         return _compact(folder, lock, clock.wall_iso()[:10], file_io)
 
 
 @contextlib.contextmanager
 def keep_still(folder: Path) -> Iterator[PartitionLock]:
-    """Hold both locks of a lane, so that no other process writes or archives; raises `JOURNAL_LOCKED`."""
+    """Hold both locks of a partition, so that no other process writes or archives; raises `JOURNAL_LOCKED`."""
     maintenance = os.open(folder / MAINTENANCE_LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     lock = PartitionLock(folder)
     try:

@@ -14,7 +14,7 @@ UNREAD_KEPT = 4096  # records; more are read again from the segments
 
 
 class ConsumerOffset:
-    """The owner's place in a lane; `delivered` is where it stands as of its last call, None before the first."""
+    """The owner's place in a partition; `delivered` is where it stands as of its last call, None before the first."""
 
     def __init__(self, folder: Path) -> None:
         self.delivered: Position | None = None

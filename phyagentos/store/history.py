@@ -33,7 +33,7 @@ KIN = ("parent", "child")  # in the body of `child_of`
 
 
 class Histories:
-    """Looks up histories in one lane `sessions/<lane>`; close it, or use it in a `with` block.
+    """Looks up histories in one partition `sessions/<partition>`; close it, or use it in a `with` block.
 
     Methods raise ExecutionError: `JOURNAL_DAMAGED`, `INDEX_UNAVAILABLE`.
     """
@@ -156,7 +156,7 @@ def fold(records: Sequence[Record]) -> Ledger:
 
 
 def fold_partition(folder: Path) -> Ledger:
-    """The state of every session and goal of a lane; empty where there is no such folder."""
+    """The state of every session and goal of a partition; empty where there is no such folder."""
     if not folder.is_dir():
         return fold(())
     with closing(Follower(folder)) as follower:

@@ -1,7 +1,7 @@
 """Positions of the records of each session, goal and node: an index over sealed segments, which never change.
 
-`.cache/<lane>.sqlite` is a cache and may be deleted any time: what is missing is read again from the segments, and what
-does not fit them is discarded.
+`.cache/<partition>.sqlite` is a cache and may be deleted any time: what is missing is read again from the segments, and
+what does not fit them is discarded.
 """
 
 import contextlib
@@ -57,7 +57,7 @@ class _Segment(NamedTuple):
 
 
 class HistoryIndex:
-    """The index of one lane `sessions/<lane>`; each process opens its own.
+    """The index of one partition `sessions/<partition>`; each process opens its own.
 
     Methods raise ExecutionError: `INDEX_UNAVAILABLE`, `JOURNAL_DAMAGED`.
 

@@ -1,4 +1,4 @@
-"""Checks a lane of the journal without changing a byte: every problem it has, not only the first."""
+"""Checks a partition of the journal without changing a byte: every problem it has, not only the first."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ class Inspection:
 
 
 def inspect_partition(folder: Path) -> Inspection:
-    """Check every segment of `sessions/<lane>`, archived ones too: frames, chain, bodies, lifecycle, checkpoint."""
+    """Check every segment of a partition, archived ones too: frames, chain, bodies, lifecycle, checkpoint."""
     findings = list(_iter_doubles(folder))
     expected = find_checkpoint(folder)
     known_seq = find_seen_seq(folder)

@@ -3,9 +3,9 @@
 One `commit` is one lock, one check, one write and one wait for the disk. A database was measured and rejected: the
 truth must be text.
 
-Which records may lag. A wait for the disk covers everything before it in the lane, of any writer, so what is on the
-disk is always a prefix of the journal. A record may be committed with `durable=False` when losing it in a power cut is
-harmless, or when a durable one follows before any process acts on it. A session needs three waits at most:
+Which records may lag. A wait for the disk covers everything before it in the partition, of any writer, so what is on
+the disk is always a prefix of the journal. A record may be committed with `durable=False` when losing it in a power cut
+is harmless, or when a durable one follows before any process acts on it. A session needs three waits at most:
 
 - `submit` (agent), before its acceptance is reported;
 - `start` (runtime), before the first command: it covers `claim` and `check`, which stand in its batch;
@@ -48,7 +48,7 @@ _CLEAN = Tail.CLEAN  # an enumeration takes its time to find a member, and this 
 
 
 class Journal:
-    """Reads and extends one lane of a workspace's journal; several threads may share it.
+    """Reads and extends one partition of a workspace's journal; several threads may share it.
 
     Args:
         root: The workspace.
@@ -56,7 +56,7 @@ class Journal:
         by: Name of the writer.
         clock: For the time of records and the day of segments.
         durable: Whether a commit waits for the disk; without, an acknowledged record may be lost in a power cut.
-        lane: Folder under `sessions/`; by default the only one there is, or the host's name.
+        partition: Folder under `sessions/`; by default the only one there is, or the host's name.
         segment_bytes: Size at which a new segment begins.
         file_io: The calls that change the disk.
 
@@ -72,11 +72,11 @@ class Journal:
         by: str,
         clock: Clock,
         durable: bool = True,
-        lane: str | None = None,
+        partition: str | None = None,
         segment_bytes: int = SEGMENT_BYTES,
         file_io: FileIO | None = None,
     ) -> None:
-        self.folder = root / "sessions" / (lane or choose_partition(root / "sessions"))
+        self.folder = root / "sessions" / (partition or choose_partition(root / "sessions"))
         self._side, self._by, self._clock = side, by, clock
         self._durable = durable
         self._segment_bytes = segment_bytes
@@ -185,8 +185,8 @@ class Journal:
         Takes no lock. A record may be read before it is durable: act on the world only after a commit of your own.
 
         Args:
-            looks: Whether to read the lane, and to keep it short. If not, only what the last commit found and added is
-                returned: enough for a caller that acts on what it has just recorded.
+            looks: Whether to read the partition, and to keep it short. If not, only what the last commit found and
+                added is returned: enough for a caller that acts on what it has just recorded.
 
         Raises:
             ExecutionError: `JOURNAL_DAMAGED`.
@@ -239,7 +239,7 @@ class Journal:
             self._writer.be_durable(self._maintenance.tidy, ledger, delivered)
 
     def _catch_up(self) -> None:
-        """Know everything that stands in the lane; cut what a dying writer left half."""
+        """Know everything that stands in the partition; cut what a dying writer left half."""
         is_first_look, self._has_looked = not self._has_looked, True
         records = self._follower.advance(trusts_lock=not is_first_look)
         self._note(records)

@@ -1,12 +1,12 @@
-"""Keeps a lane short to start from: checkpoint and archive now and then, one process at a time.
+"""Keeps a partition short to start from: checkpoint and archive now and then, one process at a time.
 
 The truth needs none of it, so what fails is left for the next time. Due every two thousand records, every minute with
 new records, and with every new segment; never more than a small share of the time, however much is live.
 
-The archive holds sealed segments that no live session or open goal needs. A segment moves from `sessions/<lane>/` to
-`sessions/archive/<yyyy-mm>/<lane>/`, month of its name, by one rename, oldest first: archived segments always precede
-those in the lane. Folders are made durable first, then the new name, then the absence of the old one. After a power cut
-a name may stand in both places (the archived file counts), never in none.
+The archive holds sealed segments that no live session or open goal needs. A segment moves from `sessions/<partition>/`
+to `sessions/archive/<yyyy-mm>/<partition>/`, month of its name, by one rename, oldest first: archived segments always
+precede those in the partition. Folders are made durable first, then the new name, then the absence of the old one.
+After a power cut a name may stand in both places (the archived file counts), never in none.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ _FRONT_BYTES = 4096
 
 
 class Maintenance:
-    """Decides when a lane's checkpoint is due, and writes it."""
+    """Decides when a partition's checkpoint is due, and writes it."""
 
     def __init__(self, folder: Path, clock: Clock, file_io: FileIO, *, durable: bool) -> None:
         self._folder, self._clock, self._io, self._durable = folder, clock, file_io, durable
@@ -140,7 +140,7 @@ def archive_segments(folder: Path, horizon_seq: int, known_seq: int, file_io: Fi
     """Move every segment whose records all come before `horizon_seq`; the names moved, oldest first.
 
     Args:
-        folder: Of the lane.
+        folder: Of the partition.
         horizon_seq: First record of anything that is live or not over (`Ledger.find_horizon`).
         known_seq: Last record that the horizon takes into account.
         file_io: The calls that change the disk.

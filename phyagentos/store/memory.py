@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class Cold(Exception):
-    """Something is asked for that has to be read first, which must not happen while the lane is locked."""
+    """Something is asked for that has to be read first, which must not happen while the partition is locked."""
 
 
 class Memory:
     """The memory of one journal.
 
     Args:
-        folder: Of the lane.
+        folder: Of the partition.
         checkpoint: Where its cursor began, None for the first record.
 
     Attributes:

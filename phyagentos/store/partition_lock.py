@@ -1,4 +1,4 @@
-"""The lock file of a lane: which writer may write now, and into which segment.
+"""The lock file of a partition: which writer may write now, and into which segment.
 
 A writer that opens a segment writes its name here first, with the lock held. While a follower's own segment stands
 here, no later one exists; with any other content, it lists the folder.
@@ -20,7 +20,7 @@ _NAME_BYTES = 64
 
 
 class PartitionLock:
-    """The exclusive lock of one lane, for one `Journal`; its threads take turns by a mutex of their own."""
+    """The exclusive lock of one partition, for one `Journal`; its threads take turns by a mutex of their own."""
 
     def __init__(self, folder: Path) -> None:
         self._path, self._file = folder / LOCK_NAME, str(folder / LOCK_NAME)
@@ -82,7 +82,7 @@ class PartitionLock:
 
 @contextlib.contextmanager
 def hold_lock(folder: Path, mode: int) -> Iterator[int]:
-    """Hold the lane's lock, shared or exclusive, through a descriptor of one's own."""
+    """Hold the partition's lock, shared or exclusive, through a descriptor of one's own."""
     fd = os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         fcntl.flock(fd, mode)

@@ -61,7 +61,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     """One fact of the journal.
 
     Attributes:
-        seq: Position in the lane, from 1, without gaps.
+        seq: Position in the partition, from 1, without gaps.
         id: A session id, `goal:<goal id>`, `node:<goal id>/<node>` or `journal`.
         ev: What happened: a trigger of the lifecycle, `submit`, or a goal or node event.
         source: State before; None for everything but sessions, and for `submit`.

@@ -1,4 +1,4 @@
-"""Repairs a damaged lane: what is proved intact stays as it is, and every number that is lost gets a record.
+"""Repairs a damaged partition: what is proved intact stays as it is, and every number that is lost gets a record.
 
 No reader needs a rule for it: a `lost` record takes the place of each lost one, later segments get the new hash of the
 one before, and a last segment reports all in `repair` records. Files are staged first and put in place from the newest
@@ -76,7 +76,7 @@ class Changed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repair:
-    """What is wrong with a lane and what was, or would be, done about it.
+    """What is wrong with a partition and what was, or would be, done about it.
 
     Attributes:
         cuts: Every place, in the order of the journal.
@@ -109,7 +109,7 @@ class Repair:
 
 
 def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: FileIO) -> Repair:
-    """Repair a lane `sessions/<lane>`; `accept_loss` permits more than cutting a torn end.
+    """Repair a partition `sessions/<partition>`; `accept_loss` permits more than cutting a torn end.
 
     With a torn end alone `is_done` is False: opening a `Journal` cuts it.
 
@@ -130,7 +130,7 @@ def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, 
 
 
 class _Plan:
-    """The new files of a lane, staged beside the old ones."""
+    """The new files of a partition, staged beside the old ones."""
 
     def __init__(self, folder: Path, *, by: str, clock: Clock, file_io: FileIO) -> None:
         self._folder, self._by, self._io = folder, by, file_io
@@ -262,7 +262,7 @@ class _Plan:
 
 
 def forget_shortcuts(folder: Path) -> None:
-    """Remove the checkpoint and the index of a lane: both hold positions that are about to move."""
+    """Remove the checkpoint and the index of a partition: both hold positions that are about to move."""
     index = folder.parent.parent / ".cache"
     for path in (folder / CHECKPOINT, *index.glob(f"{folder.name}.sqlite*")):
         path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What can be proved intact in a lane: a reader that goes on behind damage, for `inspection` and `repair` only.
+"""What can be proved intact in a partition: a reader that goes on behind damage, for `inspection` and `repair` only.
 
 It finds the next record whose frame proves it and reports the bytes between, one segment at a time. It writes nothing.
 """
@@ -78,12 +78,12 @@ class Survey:
 
 
 def list_segment_files(folder: Path) -> list[tuple[str, Path]]:
-    """Name and file of every segment of a lane, archived ones included, oldest first."""
+    """Name and file of every segment of a partition, archived ones included, oldest first."""
     return [(name, locate(folder, name)) for name in list_all_segments(folder)]
 
 
 def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
-    """Every segment of a lane, oldest first; `known_seq` is the last number in a checkpoint, 0 without one."""
+    """Every segment of a partition, oldest first; `known_seq` is the last number in a checkpoint, 0 without one."""
     files = list_segment_files(folder)
     seq, before, sealed = 0, NONE, NONE
     for index, (name, path) in enumerate(files):

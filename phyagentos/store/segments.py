@@ -1,6 +1,6 @@
-"""Segments: the files of one lane of the journal, `<date>.<number>.md`, each naming and hashing the one before.
+"""Segments: the files of one partition of the journal, `<date>.<number>.md`, each naming and hashing the one before.
 
-A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede those in the lane, see `maintenance`.
+A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede those in the partition, see `maintenance`.
 """
 
 import os
@@ -18,8 +18,8 @@ _FRONT = re.compile(
     rb"prev: (?P<prev>[^\n]+)\nprev_sha256: (?P<hash>[^\n]+)\n---\n\n# Session journal (?P=name)\n\n"
 )
 _FRONT_MAX_BYTES = 2048
-ARCHIVE = "archive"  # beside the lanes
-_NO_LANES = frozenset({ARCHIVE, "claims", "inbox"})  # other folders beside them
+ARCHIVE = "archive"  # beside the partitions
+_NO_PARTITIONS = frozenset({ARCHIVE, "claims", "inbox"})  # other folders beside them
 NONE = "none"  # in place of the segment before the first
 
 
@@ -102,26 +102,27 @@ class Front:
 
 
 def choose_partition(folder: Path) -> str:
-    """Name of the lane below `sessions/` to use: the only one, else this host's; raises `LANE_UNCLEAR`."""
+    """Name of the partition below `sessions/` to use: the only one, else this host's; raises `LANE_UNCLEAR`."""
     host = re.sub(r"[^A-Za-z0-9._-]", "-", os.uname().nodename) or "host"
     found = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
-    lanes = [name for name in found if name not in _NO_LANES]
-    if host in lanes or not lanes:
+    partitions = [name for name in found if name not in _NO_PARTITIONS]
+    if host in partitions or not partitions:
         return host
-    if len(lanes) == 1:
-        return lanes[0]
+    if len(partitions) == 1:
+        return partitions[0]
     raise ExecutionError(
-        "LANE_UNCLEAR", f"{folder}: found {', '.join(lanes)}, none of this host ({host}); name a lane."
+        "LANE_UNCLEAR",
+        f"{folder}: found {', '.join(partitions)}, none of this host ({host}); name a partition with --lane.",
     )
 
 
 def list_segments(folder: Path) -> list[str]:
-    """Names of the segments in the lane, without suffix, oldest first."""
+    """Names of the segments in the partition, without suffix, oldest first."""
     return _sort(_list_names(folder))
 
 
 def list_all_segments(folder: Path) -> list[str]:
-    """Names of the lane's segments, archived ones included, oldest first."""
+    """Names of the partition's segments, archived ones included, oldest first."""
     names = _list_names(folder)  # before the archive: one that is moved meanwhile is met at least once
     return _sort({*names, *_list_archived(folder)})
 
@@ -141,14 +142,14 @@ def locate_archived(folder: Path, name: str) -> Path:
 
 
 def locate(folder: Path, name: str) -> Path:
-    """The file of a segment: in the archive, where it is no longer in the lane."""
+    """The file of a segment: in the archive, where it is no longer in the partition."""
     path = folder / f"{name}.md"
     archived = locate_archived(folder, name)
     return archived if not path.exists() and archived.exists() else path
 
 
 def open_segment(folder: Path, name: str) -> int:
-    """A descriptor to read a segment with, in the lane or the archive; raises FileNotFoundError."""
+    """A descriptor to read a segment with, in the partition or the archive; raises FileNotFoundError."""
     try:
         return os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
@@ -156,7 +157,7 @@ def open_segment(folder: Path, name: str) -> int:
 
 
 def read_segment(folder: Path, name: str) -> bytes:
-    """A whole segment, in the lane or the archive: a running process may archive it meanwhile."""
+    """A whole segment, in the partition or the archive: a running process may archive it meanwhile."""
     with os.fdopen(open_segment(folder, name), "rb") as file:
         return file.read()
 

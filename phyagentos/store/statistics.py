@@ -1,4 +1,4 @@
-"""A lane of the journal in numbers, and the hash by which two readers know that they have read the same."""
+"""A partition of the journal in numbers, and the hash by which two readers know that they have read the same."""
 
 import hashlib
 import os
@@ -51,10 +51,10 @@ class LargestHistory(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Statistics(msgspec.Struct, frozen=True, kw_only=True):
-    """A lane in numbers.
+    """A partition in numbers.
 
     Attributes:
-        segments: In the lane; `bytes` of them, too.
+        segments: In the partition; `bytes` of them, too.
         archived_segments: In the archive; `archived_bytes` of them, too.
         set_aside: Files of damaged bytes that were kept.
         records: Read, as far as the journal is whole.
@@ -92,7 +92,7 @@ class SyncTimes(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def compute_statistics(folder: Path) -> Statistics:
-    """Read a lane, archived segments included, as far as it is whole; `tail` says whether damage ends it."""
+    """Read a partition, archived segments included, as far as it is whole; `tail` says whether damage ends it."""
     follower = HashingFollower(folder)
     try:
         records = follower.advance()

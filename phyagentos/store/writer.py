@@ -24,7 +24,7 @@ from phyagentos.store.segments import (
 
 
 class SegmentWriter:
-    """Appends to the last segment of a lane and begins new ones; the cursor it is given stands at the lane's end.
+    """Appends to the last segment of a partition and begins new ones; its cursor stands at the partition's end.
 
     Attributes:
         segment: Name of the segment that is open for writing.
@@ -75,7 +75,7 @@ class SegmentWriter:
         self.be_durable(self._io.fsync, self._fd)
 
     def create(self, name: str, cursor: Follower) -> None:
-        """Let the segment behind the cursor appear; the first of the lane when the cursor is in none."""
+        """Let the segment behind the cursor appear; the first of the partition when the cursor is in none."""
         front = Front(lane=self._folder.name, name=name, first_seq=cursor.seq + 1)
         if cursor.segment is not None:
             front = Front(front.lane, name, front.first_seq, prev=cursor.segment, prev_sha256=cursor.compute_sha256())

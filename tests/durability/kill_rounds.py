@@ -76,7 +76,7 @@ def write_forever(root: Path, name: str, seed: int, pipe: int, *, durable: bool 
         root,
         side=side,
         by=name,
-        lane=LANE,
+        partition=LANE,
         clock=SystemClock(),
         durable=rng.random() < 0.5 if durable is None else durable,
         segment_bytes=SEGMENT_BYTES,
@@ -213,7 +213,7 @@ class Rounds:
         self.follow_with_node()
 
     def _run_workspace(self, root: Path, kills: int) -> None:
-        first = Journal(root, side=Side.AGENT, by="first", lane=LANE, clock=SystemClock(), durable=False)
+        first = Journal(root, side=Side.AGENT, by="first", partition=LANE, clock=SystemClock(), durable=False)
         first.close()
         follower, seen, told = Follower(root / "sessions" / LANE), {}, {}
         writers = [self._start(root, number) for number in range(WRITERS)]
@@ -247,7 +247,7 @@ class Rounds:
     def _judge(self, root: Path, told: dict[int, list], seen: dict[int, list]) -> None:
         follower = Follower(root / "sessions" / LANE)
         try:
-            late = Journal(root, side=Side.RUNTIME, by="late", lane=LANE, clock=SystemClock(), durable=False)
+            late = Journal(root, side=Side.RUNTIME, by="late", partition=LANE, clock=SystemClock(), durable=False)
             ledger = late.open_ledger()
             late.close()
             records = follower.read_new()

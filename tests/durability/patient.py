@@ -87,7 +87,7 @@ class Patient:
 
     def open(self):
         """A writer."""
-        return Journal(self.root, side=Side.RUNTIME, by="late", lane=LANE, clock=self.clock, durable=False)
+        return Journal(self.root, side=Side.RUNTIME, by="late", partition=LANE, clock=self.clock, durable=False)
 
     def _index(self, name):
         return [path.stem for path in self.paths].index(name)

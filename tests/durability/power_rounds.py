@@ -73,7 +73,7 @@ class PowerRounds:
     def _judge(self, root: Path, told: dict[int, list]) -> bool:
         """Count what is lost; whether the lane can be written again without a person's help."""
         try:
-            late = Journal(root, side=Side.RUNTIME, by="late", lane=LANE, clock=SystemClock())
+            late = Journal(root, side=Side.RUNTIME, by="late", partition=LANE, clock=SystemClock())
         except ExecutionError as error:
             self.counts["refused"] += 1
             if error.code != "JOURNAL_DAMAGED":

@@ -39,7 +39,7 @@ class LeapSecondClock(ManualClock):
 
 
 def open_two(root, clock):
-    options = {"lane": LANE, "clock": clock, "durable": False}
+    options = {"partition": LANE, "clock": clock, "durable": False}
     agent = Journal(root, side=Side.AGENT, by="agent", **options)
     return agent, Journal(root, side=Side.RUNTIME, by="runtime", **options)
 
@@ -91,7 +91,7 @@ def test_a_leap_second_is_a_time_like_any_other(memory):
 
 
 def test_a_day_of_more_than_999_segments_keeps_its_order(memory):
-    options = {"lane": LANE, "clock": ManualClock(NOON_S), "durable": False, "segment_bytes": 1}
+    options = {"partition": LANE, "clock": ManualClock(NOON_S), "durable": False, "segment_bytes": 1}
     Journal(memory, side=Side.AGENT, by="first", **options).close()
     (first,) = second_reader.find_segments(memory, LANE)
     late = first.with_stem(first.stem.replace(".001", ".997"))  # 996 more would have come before

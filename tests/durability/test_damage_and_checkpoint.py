@@ -104,7 +104,7 @@ def test_an_id_that_was_ever_used_is_refused_whatever_the_cache_holds(patient, m
     for _ in range(scale(60, 3_000)):
         kind = rng.choice(list(damages.KINDS))
         cache.write_bytes(damages.KINDS[kind](whole, rng))
-        journal = Journal(patient.root, side=Side.AGENT, by="late", lane=LANE, clock=patient.clock, durable=False)
+        journal = Journal(patient.root, side=Side.AGENT, by="late", partition=LANE, clock=patient.clock, durable=False)
         for id in used:
             with pytest.raises(IllegalTransition, match="asked for 'submit' in state"):
                 journal.commit([make_submit(id)])

@@ -115,7 +115,7 @@ def attempt(bench, name):
 
 
 def read_all(root):
-    journal = Journal(root, side=Side.RUNTIME, by="late", lane=LANE, clock=ManualClock(NOON_S), durable=False)
+    journal = Journal(root, side=Side.RUNTIME, by="late", partition=LANE, clock=ManualClock(NOON_S), durable=False)
     journal.commit([])
     found = [identify(record) for record in journal.read_new()]
     journal.close()

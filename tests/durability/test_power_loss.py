@@ -90,7 +90,9 @@ class Judge:
     def _count(self, root, image, intended):
         folder = root / "sessions" / LANE
         try:
-            journal = Journal(root, side=Side.RUNTIME, by="after", lane=LANE, clock=ManualClock(LATER_S), durable=False)
+            journal = Journal(
+                root, side=Side.RUNTIME, by="after", partition=LANE, clock=ManualClock(LATER_S), durable=False
+            )
         except ExecutionError as error:
             if error.code != "JOURNAL_DAMAGED":
                 raise
@@ -99,7 +101,9 @@ class Judge:
         else:
             found = journal.read_new()
             journal.close()
-            again = Journal(root, side=Side.AGENT, by="after", lane=LANE, clock=ManualClock(LATER_S), durable=False)
+            again = Journal(
+                root, side=Side.AGENT, by="after", partition=LANE, clock=ManualClock(LATER_S), durable=False
+            )
             ledger = again.open_ledger()  # from the checkpoint, where one has survived
             again.commit([make_submit("afterwards")])
             for record in again.read_new():

@@ -27,7 +27,8 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import PhyAgentOSError
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store.journal import Entry, Journal
-journal = Journal(Path(sys.argv[1]), side=Side.RUNTIME, by="slow", lane=sys.argv[2], clock=SystemClock(), durable=False)
+options = {"partition": sys.argv[2], "clock": SystemClock(), "durable": False}
+journal = Journal(Path(sys.argv[1]), side=Side.RUNTIME, by="slow", **options)
 def tell(**facts):
     print(json.dumps(facts), flush=True)
 def say(session, event, epoch):
@@ -94,7 +95,7 @@ def stop_outside_the_lock(process, folder, pause_s):
 
 def test_every_command_of_a_claimant_that_was_replaced_is_fenced(memory, claimant, scale, figures):
     rng, told = random.Random(9), Counter()
-    options = {"lane": LANE, "clock": ManualClock(NOON_S), "durable": False}
+    options = {"partition": LANE, "clock": ManualClock(NOON_S), "durable": False}
     agent = Journal(memory, side=Side.AGENT, by="agent", **options)
     heir = Journal(memory, side=Side.RUNTIME, by="heir", **options)
     assert json.loads(claimant.stdout.readline()) == {"ready": True}

@@ -62,7 +62,7 @@ class Bench:
     def __init__(self, root: Path, tell: Callable[[Sequence], None] = lambda _: None, **options) -> None:
         self.root, self.clock = root, ManualClock(NOON_S)
         self.told: dict[int, tuple] = {}
-        self._tell, self._options = tell, {"durable": True, "lane": LANE, "clock": self.clock} | options
+        self._tell, self._options = tell, {"durable": True, "partition": LANE, "clock": self.clock} | options
         self._journals: dict[Side, Journal] = {}
         self._submitted: list[str] = []
         self._ledger: Ledger | None = None

@@ -42,7 +42,7 @@ class Story:
             "clock": ManualClock(1_000_000.0),
             "durable": False,
             "segment_bytes": 4000,
-            "lane": "here",
+            "partition": "here",
         } | options
         self.pens = {side: Journal(root, side=side, by=side.value, **settings) for side in Side}
         self.folder = root / "sessions" / "here"

@@ -282,7 +282,7 @@ CHANGES = st.sampled_from(["none", "cut", "flip", "insert", "delete", "append"])
 def test_both_readers_agree_on_any_history_and_any_change(tmp_path, agree, batches, change, data):
     shutil.rmtree(tmp_path / "sessions", ignore_errors=True)
     journal = Journal(
-        tmp_path, side=Side.AGENT, by="a", clock=ManualClock(1e6), durable=False, segment_bytes=2500, lane="lane"
+        tmp_path, side=Side.AGENT, by="a", clock=ManualClock(1e6), durable=False, segment_bytes=2500, partition="lane"
     )
     for number, batch in enumerate(batches):
         journal.commit([make_submit(f"{number}.{index}", objective=text) for index, text in enumerate(batch)])

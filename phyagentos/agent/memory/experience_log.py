@@ -1,6 +1,6 @@
 """The experience log: episodes and people's edits, append-only; everything else in memory follows from it.
 
-Its segments, frame, lock and chain of hashes are those of the journal (docs/journal.md), in `memory/<lane>/`. The
+Its segments, frame, lock and chain of hashes are those of the journal (docs/journal.md), in `memory/<partition>/`. The
 lifecycle does not judge its records, hence it is not the journal itself.
 """
 

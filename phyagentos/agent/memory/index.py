@@ -1,6 +1,6 @@
 """The cache of memory: what was computed from its records, and a full-text index of the lessons.
 
-`.cache/memory-<lane>.sqlite` may be deleted; a missing, damaged or outdated one is made again from the records.
+`.cache/memory-<partition>.sqlite` may be deleted; a missing, damaged or outdated one is made again from the records.
 """
 
 import contextlib

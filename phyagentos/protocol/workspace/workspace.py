@@ -41,10 +41,10 @@ class Workspace:
     root: Path
 
     library_root = _Place("library")  # copies of trees/, skills/, scenes/, robots/
-    sessions = _Place("sessions")  # the journal, one folder a lane
+    sessions = _Place("sessions")  # the journal, one folder a partition
     goals = _Place("goals")  # goal graphs as submitted, `<goal id>.yaml`
     evidence = _Place("evidence")  # bundles, one folder a session
-    memory = _Place("memory")  # records of memory, one folder a lane
+    memory = _Place("memory")  # records of memory, one folder a partition
     signals = _Place("signals/new")  # stop requests; those taken stand beside it (see `stop_signals`)
     inbox = _Place("inbox")  # requests of writers without this library, `new/` and `tmp/` (see `edits.inbox`)
     heartbeats = _Place("heartbeats")  # `<target>.json`

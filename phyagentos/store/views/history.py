@@ -23,20 +23,20 @@ class History:
     """Follows a journal and remembers what each session was.
 
     Args:
-        lane: Folder of the journal.
+        partition: Folder of the journal.
         on_record: Called with each record, once it is applied.
         statuses_kept: How many statuses the remembered renderings may show, all together.
     """
 
     def __init__(
         self,
-        lane: Path,
+        partition: Path,
         *,
         on_record: Callable[[Record, Ledger], None] | None = None,
         statuses_kept: int = STATUSES_KEPT,
     ) -> None:
-        self._lane = lane
-        self.ledger, self._follower = _begin(lane)
+        self._partition = partition
+        self.ledger, self._follower = _begin(partition)
         self._on_record = on_record
         self._follow: Callable[[], None] | None = None  # of the owner of a shared fold
         self._reported_seq = 0
@@ -102,7 +102,7 @@ class History:
         return self._pages.get(seq) or (self._read_again(seq) if seq > 0 else build_page(Ledger()))
 
     def _read_again(self, seq: int) -> Page | None:
-        ledger, follower = _begin(self._lane)
+        ledger, follower = _begin(self._partition)
         try:
             if ledger.seq > seq:
                 return None
@@ -117,8 +117,8 @@ class History:
         return build_page(ledger) if ledger.seq == seq else None
 
 
-def _begin(lane: Path) -> tuple[Ledger, Follower]:
+def _begin(partition: Path) -> tuple[Ledger, Follower]:
     """From the first record where that is soon done, else from the checkpoint."""
-    names = list_all_segments(lane)
-    sizes = (path.stat().st_size for name in names if (path := locate(lane, name)).exists())
-    return (Ledger(), Follower(lane)) if sum(sizes) <= SMALL_BYTES else start_reading(lane)
+    names = list_all_segments(partition)
+    sizes = (path.stat().st_size for name in names if (path := locate(partition, name)).exists())
+    return (Ledger(), Follower(partition)) if sum(sizes) <= SMALL_BYTES else start_reading(partition)

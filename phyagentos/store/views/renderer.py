@@ -46,7 +46,7 @@ class Views:
 
     Args:
         workspace: Where they are published.
-        lane: Folder of the journal to follow (`Journal.folder`).
+        partition: Folder of the journal to follow (`Journal.folder`).
         clock: For the rate.
         edits: Where edits of SESSIONS.md are taken in; without one they are overwritten.
         period_s: Shortest time between two renderings [s].
@@ -55,7 +55,7 @@ class Views:
     def __init__(
         self,
         workspace: Workspace,
-        lane: Path,
+        partition: Path,
         clock: Clock,
         *,
         edits: SessionEdits | None = None,
@@ -66,7 +66,7 @@ class Views:
         self._edits = edits
         self._period_s = period_s
         self._log = LogTail()
-        self._history = History(lane, on_record=self._log.take)
+        self._history = History(partition, on_record=self._log.take)
         self._published_seq = -1
         self._due_at_s = -float("inf")
 

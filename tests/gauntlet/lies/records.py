@@ -44,7 +44,7 @@ SABOTAGES = (
     ),
     Sabotage(
         name="lock_not_taken",
-        lie="Two writers hold the lane at the same time.",
+        lie="Two writers hold the partition at the same time.",
         edits=(
             Edit(
                 "phyagentos.store.partition_lock",

@@ -136,8 +136,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.agent.repair.looking",
-                "if case.cause not in _UNTOLD or looks >= LOOKS_MAX or not wanted:",
-                "if case.cause not in _UNTOLD or not wanted:",
+                "if case.cause not in _UNCERTAIN or looks >= LOOKS_MAX or not wanted:",
+                "if case.cause not in _UNCERTAIN or not wanted:",
             ),
         ),
         tests=("tests/agent/test_repair.py::test_what_cannot_be_told_is_looked_at_first_and_no_more_than_twice",),
