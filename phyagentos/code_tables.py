@@ -81,6 +81,7 @@ NOT_BY_HAND       A field that a hand edit may not change.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
 NOT_LATCHED       There is no latched emergency stop to reset.
 NO_JOURNAL        The workspace has no such partition of the journal.
+NO_SNAPSHOT       The session left no state of its start, so it cannot be run again.
 REASON_MISSING    A reset of the emergency stop without a reason.
 SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 UNKNOWN_CODE      No error code of this name.

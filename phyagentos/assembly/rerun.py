@@ -10,6 +10,7 @@ from phyagentos.assembly.runtime_plane import hire_worker, start_world
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -34,12 +35,14 @@ def rerun_session(root: Path, session: str) -> Rerun:
     """Repeat one recorded session from its own workspace, and compare the two bundles bit by bit.
 
     Raises:
-        DefinitionError: `NOT_EXECUTED`; `WORLD_SHARED` for a session in a world of several targets.
+        DefinitionError: `NOT_EXECUTED`; `NO_SNAPSHOT` without a recorded start; `WORLD_SHARED` for a session in a world
+            of several targets. Nothing was started.
         ExecutionError: When the repetition cannot be carried out.
     """
     recorded = Workspace.open(root)
     status = find_session(recorded, session)
     folder = recorded.evidence_of(SessionId(session))
+    _refuse_without_start(folder)
     _refuse_shared(recorded, status)
     repeated = Workspace.create(choose_folder(recorded.root / "reruns", session), recorded.library())
     for name in SETTINGS_FILES:
@@ -56,6 +59,20 @@ def rerun_session(root: Path, session: str) -> Rerun:
             worker.stop()
     differences = find_differences(folder, repeated.evidence_of(SessionId(session)))
     return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
+
+
+def _refuse_without_start(folder: Path) -> None:
+    """A driver without snapshots, or with a format of its own, leaves nothing that bits are compared with."""
+    start = folder / evidence.INITIAL
+    if not start.is_file():
+        manifest, own = read_manifest(folder), start.with_suffix(".snapshot")
+        is_pruned = manifest is not None and start.name in manifest.gone
+        found = own.name if own.exists() else "a file that was pruned" if is_pruned else "no such file"
+        expected = "the state of the target at the session's start"
+        hint = "Run the goal again; `paos verify` judges the evidence that there is."
+        raise DefinitionError(
+            Problem(code="NO_SNAPSHOT", address=str(start), found=found, expected=expected, hint=hint)
+        )
 
 
 def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:

@@ -177,3 +177,19 @@ def test_a_goal_that_has_its_verdict_cannot_be_cancelled(replanned, paos):
     result = paos("cancel", "tidy-7", "--workspace", replanned.workspace.root)
     assert result.code == ExitCode.INVALID_INPUT
     assert "tidy-7: its verdict 'success' is final" in result.err
+
+
+@pytest.mark.parametrize("left", ["", "initial.snapshot"])
+def test_a_session_that_left_no_state_to_start_from_is_not_repeated(replanned, paos, left):
+    workspace = replanned.workspace
+    folder = workspace.evidence_of("tidy-7.red")
+    folder.mkdir()
+    if left:
+        (folder / left).write_bytes(b"state")
+
+    refused = paos("rerun", "tidy-7.red", "-w", workspace.root)
+
+    assert refused.code == ExitCode.INVALID_INPUT
+    assert f"{folder}/initial.npz: NO_SNAPSHOT: found {left or 'no such file'}; expected " in refused.err
+    assert "Run the goal again" in refused.err
+    assert not (workspace.root / "reruns").exists()
