@@ -40,6 +40,7 @@ PERIODS_DIFFER       Targets of one world count on different control periods or 
 PREDICATE_SYNTAX     A predicate cannot be parsed.
 RECURSION            A tree contains itself.
 SCENE_OVERFULL       The bodies of a scene find no room without touching.
+TARGET_IN_TWO_WORLDS A goal puts one target into two worlds.
 UNCLOSED_FENCE       Nothing closes a fenced block of a document.
 VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configured.
 UNKNOWN_JUDGE        An unknown judge.
@@ -65,6 +66,7 @@ UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
 UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
 WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.
 WRONG_ARGUMENTS      A predicate has too many or too few arguments.
+WORLD_DIFFERS        A goal puts a target into another world than the target's profile.
 WORLD_NOT_SHARED     A driver cannot put several targets into one world.
 WORLD_SHARED         A session of a shared world cannot be repeated alone.
 WRONG_DOCUMENT       The front matter names another document.

@@ -2,7 +2,7 @@
 
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +10,9 @@ import msgspec
 
 from phyagentos.assembly.paths import FAULTS, RECORDED_FAULTS, TOKENS
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.protocol.capabilities.targets import TargetProfile, find_unshared
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec, find_driver_name
+from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
 from phyagentos.runtime.targets.handshake import TOKEN_BYTES
 
 if TYPE_CHECKING:
@@ -31,6 +32,14 @@ def build_driver_registry() -> DriverRegistry:
     return registry
 
 
+def choose_driver(targets: Mapping[str, TargetProfile], target: str) -> DriverSpec:
+    """The driver that moves a target of TARGETS.md; raises DefinitionError: `NO_DRIVER`, `WORLD_NOT_SHARED`."""
+    spec, world = build_driver_registry().get(targets[target]), targets[target].world
+    if problems := find_unshared([each for each in targets.values() if world and each.world == world]):
+        raise DefinitionError(problems)
+    return spec
+
+
 def choose_graphics() -> None:
     """Render without a display by EGL; MuJoCo reads this when it is imported."""
     if not os.environ.get("DISPLAY"):
@@ -48,16 +57,8 @@ def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreemen
 
     `read_agreement` reports the sessions that run; None in real time.
     """
-    for site in sites:
-        if (driver := find_driver_name(site.profile)) != "mujoco":
-            raise DefinitionError(
-                Problem(
-                    code="WORLD_NOT_SHARED",
-                    address=f"{site.profile.target}/target.yaml: world",
-                    found=f"driver {driver!r} in the shared world {site.profile.world!r}",
-                    expected="the driver 'mujoco', or a world of its own",
-                )
-            )
+    if problems := find_unshared([site.profile for site in sites]):
+        raise DefinitionError(problems)
     world = _open_world(sites[0].workspace, read_agreement)
     return [_open_robot(world, site) for site in sites]
 

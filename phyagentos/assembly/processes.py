@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from phyagentos.assembly.drivers import build_driver_registry, choose_graphics
+from phyagentos.assembly.drivers import build_driver_registry, choose_driver, choose_graphics
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -180,9 +180,9 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     orders = Link(Connection(control), spin_s=0.0)
     token = orders.recv_bytes()
     try:
-        profile = read_target_registry(workspace.target_registry)[target]
+        targets = read_target_registry(workspace.target_registry)
+        profile, spec = targets[target], choose_driver(targets, target)
         skills = read_skill_registry(workspace.skill_registry)
-        spec = build_driver_registry().get(profile)
         settings = read_settings(workspace, target)
         registry = build_registry(library)
         local = None

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
 
-from phyagentos.assembly.drivers import build_driver_registry
+from phyagentos.assembly.drivers import choose_driver
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project
 from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups, collect_rarely
 from phyagentos.assembly.processes import make_command, reads_truth
@@ -197,13 +197,13 @@ def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: b
 
     With `outlives`, the world waits for another watchdog when this process dies.
     """
-    profile = read_target_registry(workspace.target_registry)[target]
+    known = read_target_registry(workspace.target_registry)
     try:
-        if not build_driver_registry().get(profile).own_process:
+        if not choose_driver(known, target).own_process:
             return None
     except DefinitionError:  # the worker refuses
         return None
-    world = profile.world or target
+    world = known[target].world or target
     options = ["--socket", str(sockets / f"{world}.world"), *(["--outlives"] if outlives else [])]
     command = make_command("world", workspace.root, world, *options)
     return WorldProcess(command, get_lock(workspace.root, world), workspace.logs / f"world-{world}.log")

@@ -11,6 +11,8 @@ from typing import Any
 from phyagentos.cli.arguments import FOLDERS, open_library
 from phyagentos.errors import DefinitionError, Problem, find_nearest
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
+from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
 from phyagentos.store.document_registry import FORMATS, check_document
@@ -122,6 +124,8 @@ def _check(kind: FileKind, path: Path, library: Library) -> None:
     match kind:
         case FileKind.DOCUMENT:
             check_document(read_text(path), path.name, str(path))
+            if path.name == TARGETS.file:
+                problems = find_unshared(list(read_target_registry(path).values()))
         case FileKind.SETTINGS:
             check_settings(path)
         case FileKind.GOAL_GRAPH:
@@ -146,9 +150,12 @@ def _check(kind: FileKind, path: Path, library: Library) -> None:
 
             read_scene(path)
         case FileKind.TARGET:
-            from phyagentos.protocol.capabilities.registries import read_target
+            from phyagentos.agent.goals.catalogue import Catalogue
 
-            read_target(path)
+            known = {**Catalogue.read(library).targets, (own := read_target(path)).target: own}
+            problems = [
+                each for each in find_unshared(list(known.values())) if each.address.startswith(f"{own.target}/")
+            ]
         case FileKind.FAULTS:
             from phyagentos.protocol.world.faults import read_faults
 

@@ -220,3 +220,29 @@ def test_what_the_planes_could_not_take_is_a_problem_of_the_file(write_graph, ca
 def test_an_override_that_is_no_yaml_is_told_with_its_place(write_graph, catalogue):
     with pytest.raises(DefinitionError, match=r"--set objective:\d+:\d+: YAML_SYNTAX"):
         read_goal_graph(write_graph(GOOD), catalogue, {"objective": "["})
+
+
+@pytest.mark.parametrize(
+    ("worlds", "code", "sentence"),
+    [
+        ("{table: [arm, right]}", "", ""),
+        ("{table: [arm, righd]}", "UNKNOWN_TARGET", r"found 'righd'; expected .*right.* Did you mean 'right'\?"),
+        ("{table: [arm, right], shelf: [panda]}", "TARGET_IN_TWO_WORLDS", "found 'panda' in 'table' and in 'shelf'"),
+        ("{table: [arm, alone]}", "WORLD_DIFFERS", "found 'alone' in a world of its own; expected the world 'table'"),
+        ("{shelf: [arm]}", "WORLD_DIFFERS", "'panda' in the world 'table'; .* Write `world: shelf` into robots/panda/"),
+        ("{table: [arm, page]}", "WORLD_NOT_SHARED", "found driver 'debug' of 'page' in the shared world 'table'"),
+    ],
+)
+def test_a_goal_says_which_targets_stand_in_one_world(write_graph, catalogue, worlds, code, sentence):
+    panda = catalogue.targets["panda"]
+    changes = {"panda": {}, "right": {}, "alone": {"world": ""}, "page": {"kind": "debug"}}
+    targets = {
+        name: panda.model_copy(update={"target": name, "world": "table", **each}) for name, each in changes.items()
+    }
+    own = replace(catalogue, targets=targets)
+    text = GOOD.replace("    sessions:\n", f"    worlds: {worlds}\n    sessions:\n", 1)
+
+    problems = check_goal_graph(write_graph(text), own)
+
+    assert [problem.code for problem in problems] == [code] * bool(code)
+    assert not code or re.search(sentence, str(problems[0]))

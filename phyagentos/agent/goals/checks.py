@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 
 import networkx as nx
+from msgspec.structs import replace
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.expansion import DataEdge, Node, Path
@@ -10,6 +11,7 @@ from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
+from phyagentos.protocol.capabilities.targets import find_unshared
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.world.predicates.library import ArgumentKind
 from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
@@ -33,6 +35,7 @@ class Checks:
         for role, target in self.spec.targets.items():
             if target != ANY and target not in self.catalogue.targets:
                 yield self._unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
+        yield from self._check_worlds()
         targets = {*self.spec.targets, *self.catalogue.targets, "target"}
         for path, text in self._iter_predicates():
             yield from self._check_predicate(path, text, targets)
@@ -82,6 +85,26 @@ class Checks:
             promised = (substitute(text, values) for text in self.catalogue.skills[done.skill].guarantees)
             established += (*self.nodes[before].spec.accept, *promised)
         return select(skill, target, node.spec.arguments, self.catalogue, established=established, address=address)
+
+    def _check_worlds(self) -> Iterator[Problem]:
+        """Targets of the goal's worlds: known, in one world each, and there by their own profile."""
+        placed: dict[str, str] = {}
+        for world, names in self.spec.worlds.items():
+            for index, name in enumerate(names):
+                path, target = ("worlds", world, index), self.spec.targets.get(name, name)
+                profile = self.catalogue.targets.get(target)
+                if profile is None:
+                    yield self._unknown("UNKNOWN_TARGET", path, name, [*self.spec.targets, *self.catalogue.targets])
+                elif target in placed:
+                    found = f"{target!r} in {placed[target]!r} and in {world!r}"
+                    yield self.located.problem("TARGET_IN_TWO_WORLDS", path, found, "one world for each target")
+                elif profile.world != world:
+                    found = f"{target!r} in {f'the world {profile.world!r}' if profile.world else 'a world of its own'}"
+                    hint = f"Write `world: {world}` into robots/{target}/target.yaml."
+                    yield self.located.problem("WORLD_DIFFERS", path, found, f"the world {world!r}", hint)
+                placed.setdefault(target, world)
+        for problem in find_unshared([each for name, each in self.catalogue.targets.items() if name in placed]):
+            yield replace(problem, address=self.located.address_of(("worlds",)))
 
     def _iter_predicates(self) -> Iterator[tuple[Path, str]]:
         yield from ((("constraints", index), text) for index, text in enumerate(self.spec.constraints))

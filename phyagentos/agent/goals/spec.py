@@ -119,6 +119,8 @@ class GoalSpec(Authored):
 
     Attributes:
         targets: Role -> name in TARGETS.md, or `any`.
+        worlds: World -> roles or targets that stand in it together, as their profiles say (`world`); a target that is
+            not named stands where its profile says.
         constraints: Invariants, sampled all through every session.
         sessions: Nodes by name.
         accept: The goal's own acceptance, judged at the end against the goal's first snapshot.
@@ -130,6 +132,7 @@ class GoalSpec(Authored):
     objective: str
     scene: str
     targets: dict[str, str] = {}
+    worlds: dict[str, tuple[str, ...]] = {}
     constraints: tuple[str, ...] = ()
     defaults: Defaults = Defaults()
     sessions: dict[str, NodeSpec] = pydantic.Field(min_length=1)

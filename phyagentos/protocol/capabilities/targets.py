@@ -4,14 +4,20 @@ A profile states what a target is and can do, with the datasheet's limits for pl
 enforces.
 """
 
+from collections import Counter
+from collections.abc import Collection
 from enum import StrEnum
 from typing import Literal, Self
 
 import pydantic
 
+from phyagentos.errors import Problem
 from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
+
+DRIVER_OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has no default
+SHARING = "mujoco"  # the driver whose world holds several targets
 
 Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]
@@ -141,6 +147,26 @@ class TargetProfile(Authored):
             expected = "a gripper that opens" if self.end_effector == "opening" else "no gripper"
             raise ValueError(f"end_effector {self.end_effector!r} needs {expected}")
         return self
+
+
+def find_driver_name(profile: TargetProfile) -> str:
+    """The driver that a profile names, or that of its kind; empty without one."""
+    return profile.driver or DRIVER_OF_KIND.get(profile.kind, "")
+
+
+def find_unshared(profiles: Collection[TargetProfile]) -> list[Problem]:
+    """Targets that name the world of others although their driver has a world of its own: `WORLD_NOT_SHARED`."""
+    sizes = Counter(each.world for each in profiles if each.world)
+    return [
+        Problem(
+            code="WORLD_NOT_SHARED",
+            address=f"{each.target}/target.yaml: world",
+            found=f"driver {driver!r} of {each.target!r} in the shared world {each.world!r}",
+            expected=f"the driver {SHARING!r}, or a world of its own",
+        )
+        for each in profiles
+        if sizes[each.world] > 1 and (driver := find_driver_name(each)) != SHARING
+    ]
 
 
 class Health(StrEnum):

@@ -6,10 +6,9 @@ from typing import Any
 
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile, find_driver_name
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract
 from phyagentos.runtime.preflight.findings import make_problem
-from phyagentos.runtime.targets.driver_registry import find_driver_name
 from phyagentos.runtime.targets.wire import WIRE_VERSION, Description
 
 RELATIVE_TOLERANCE = 1e-6

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile, find_driver_name
 from phyagentos.protocol.workspace.workspace import Workspace
 
 if TYPE_CHECKING:
     from phyagentos.runtime.targets.driver import TargetDriver
 
 ENTRY_POINT_GROUP = "phyagentos.drivers"
-OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has no default
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,8 +89,3 @@ class DriverRegistry:
                 hint=format_hint(name, possible) or "Name one that moves this kind, or install its package.",
             )
         )
-
-
-def find_driver_name(profile: TargetProfile) -> str:
-    """The driver that a profile names, or that of its kind; empty without one."""
-    return profile.driver or OF_KIND.get(profile.kind, "")

@@ -6,8 +6,9 @@ from phyagentos.assembly.drivers import build_driver_registry
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.capabilities.targets import find_driver_name
 from phyagentos.runtime.targets import driver_registry
-from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSpec, find_driver_name
+from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSpec
 
 
 @pytest.fixture

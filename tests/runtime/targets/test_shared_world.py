@@ -123,6 +123,17 @@ def test_each_describes_itself_and_sees_one_world(library):
     assert seen[1].target.tcp.position_m[1] == pytest.approx(-0.4, abs=0.01)
 
 
+def test_the_scene_of_both_is_loaded_once_an_episode(library):
+    table = Table(library)
+    table.begin(table.left)
+    table.swing(table.left, periods=2)
+    time_s, physics = table.simulation.time_s, table.left.robot.physics
+
+    assert isinstance(table.right.handle(LOAD), wire.Loaded)
+    assert table.right.robot.physics.data is physics.data
+    assert table.simulation.time_s == time_s > 0.4
+
+
 def test_time_moves_with_both_commands_and_bits_repeat_however_the_threads_run(library):
     states = []
     for delay in ((), ("left",), ("right",)):
