@@ -12,7 +12,8 @@ from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.fitting import FREE, refine
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.solids import Array, measure_lengths
+from phyagentos.runtime.perception.solid_distance import project
+from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.perception.visibility import DEPTH_M, FACING
 from phyagentos.runtime.targets.wire import Frame
 
@@ -70,19 +71,11 @@ def _measure_shown(
     thing: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], view: tuple[Array, Array]
 ) -> float:
     """Share of the surface facing the camera that is seen as expected."""
-    rotation, position = pose
-    points, normals = thing.samples_m @ rotation.T + position, thing.normals @ rotation.T
-    towards = view[1] - points
-    facing = np.einsum("ij,ij->i", normals, towards) > FACING * measure_lengths(towards)
-    x, y, z = (-towards[facing] @ view[0]).T
-    z = np.maximum(z, 1e-3)
-    columns = np.floor(x / z * frame.fx + frame.cx).astype(np.intp)
-    rows = np.floor(y / z * frame.fy + frame.cy).astype(np.intp)
-    inside = (columns >= 0) & (columns < frame.width) & (rows >= 0) & (rows < frame.height)
-    rows, columns, z = rows[inside], columns[inside], z[inside]
+    focal, size = (frame.fx, frame.fy, frame.cx, frame.cy), frame.depth_m.shape
+    rows, columns, z, facing = project(thing.samples_m, thing.normals, pose, view, focal, size, FACING)
     as_expected = np.abs(frame.depth_m[rows, columns] - z) < DEPTH_M  # what was not measured is not
     as_expected &= np.isin(labels[rows, columns], thing.colors)
-    return float(as_expected.sum() / max(len(inside), 1))
+    return float(as_expected.sum() / max(facing, 1))
 
 
 def _point_at(

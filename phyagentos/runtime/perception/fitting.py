@@ -14,6 +14,7 @@ import numpy as np
 
 from phyagentos.geometry import turn
 from phyagentos.runtime.perception.inventory import Form, ObjectModel
+from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView
 from phyagentos.runtime.perception.visibility import Sight, compute_sight
@@ -29,6 +30,7 @@ TILT_GAIN = 0.75  # a tilted fit must leave this fraction of an upright fit's co
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
 FREE = np.ones(6)
+_SCALE = np.array([1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4])  # a radian moves a surface by about a centimetre
 SUNK_COST, SUNK_FREE_M = 0.5, 0.003  # per metre of depth within another solid, and what errors make of none
 
 
@@ -71,34 +73,21 @@ def refine(
     `free` (6,) is 1 for each free translation along, and rotation about, x, y, z of the world.
     """
     moves = np.flatnonzero(free)
+    damping = DAMPING * np.diag(_SCALE[moves])
     for _ in range(iterations):
         distance, gradient = solids.measure_with_gradient((points - position_m) @ rotation)
-        normal = gradient @ rotation.T
-        weight = HUBER_M / np.maximum(np.abs(distance), HUBER_M)
-        arm = points - position_m
-        jacobian = -np.column_stack((normal, cross(arm, normal)))[:, moves]
-        weighted = jacobian * weight[:, None]
-        scale = np.array([1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4])[moves]  # a radian moves a surface by about a centimetre
-        matrix = weighted.T @ jacobian + DAMPING * np.diag(scale)
+        jacobian, weighted = linearise(
+            distance, gradient, np.ascontiguousarray(points - position_m), rotation, moves, HUBER_M
+        )
+        matrix = weighted @ jacobian.T + damping
         step = np.zeros(6)
-        step[moves] = -np.linalg.solve(matrix, weighted.T @ distance)
+        step[moves] = -np.linalg.solve(matrix, weighted @ distance)
         step[:3] = np.clip(step[:3], -0.03, 0.03)
         step[3:] = np.clip(step[3:], -0.4, 0.4)
         rotation, position_m = turn(step[3:]) @ rotation, position_m + step[:3]
         if np.abs(step[:3]).max() < 1e-4 and np.abs(step[3:]).max() < 1e-3:
             break
     return rotation, position_m
-
-
-def cross(a: Array, b: Array) -> Array:
-    """(n, 3) vector products, row by row; numpy's own does three times the work."""
-    return np.column_stack(
-        (
-            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
-            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
-            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
-        )
-    )
 
 
 def compute_cost(solids: Solids, points: Array, rotation: Array, position_m: Array) -> tuple[float, float]:

@@ -1,20 +1,23 @@
-"""Signed distance to solids, with its gradient.
-
-Formulas: J. C. Hart, "Sphere tracing", The Visual Computer 12, 1996, appendix. The distance is exact outside of each
-solid; inside it is the distance to the nearest face.
-"""
+"""Primitive solids, posed and joined; their distances are computed by `solid_distance`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Shape, ShapeKind
+from phyagentos.runtime.perception import solid_distance
 
 Array = NDArray[np.float64]
-_TINY = 1e-12
+_NUMBERS = {
+    ShapeKind.BOX: solid_distance.BOX,
+    ShapeKind.SPHERE: solid_distance.SPHERE,
+    ShapeKind.CAPSULE: solid_distance.CAPSULE,
+    ShapeKind.CYLINDER: solid_distance.CYLINDER,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,23 +90,13 @@ class Solids:
 
     def measure(self, points_m: Array) -> Array:
         """(n,) signed distance of points (n, 3) to the union [m]."""
-        nearest = np.full(len(points_m), np.inf)
-        for index in range(len(self.kinds)):
-            np.minimum(nearest, self._measure_one(index, points_m)[0], out=nearest)
-        return nearest
+        distance: Array = solid_distance.measure(np.ascontiguousarray(points_m), *self._pack())
+        return distance
 
     def measure_with_gradient(self, points_m: Array) -> tuple[Array, Array]:
         """(n,) signed distances to the union [m] and (n, 3) their gradients."""
-        nearest = np.full(len(points_m), np.inf)
-        gradient = np.zeros_like(points_m)
-        for index in range(len(self.kinds)):
-            distance, folded, local = self._measure_one(index, points_m)
-            closer = distance < nearest
-            if closer.any():
-                nearest[closer] = distance[closer]
-                own = _compute_gradient(self.kinds[index], self.sizes_m[index], folded[closer], np.sign(local[closer]))
-                gradient[closer] = own @ self.rotations[index].T
-        return nearest, gradient
+        found: tuple[Array, Array] = solid_distance.measure_with_gradient(np.ascontiguousarray(points_m), *self._pack())
+        return found
 
     def measure_extent(self, direction: Array) -> tuple[float, float]:
         """Least and greatest coordinate of the union along a unit direction of their frame [m]."""
@@ -123,23 +116,17 @@ class Solids:
             case ShapeKind.CYLINDER:
                 return float(np.hypot(d[0], d[1])) * size[0] + abs(float(d[2])) * size[1]
 
-    def _measure_one(self, index: int, points_m: Array) -> tuple[Array, Array, Array]:
-        """Signed distance to one solid; the folded and the plain coordinates that its gradient needs."""
-        local = (points_m - self.positions_m[index]) @ self.rotations[index]
-        folded = np.abs(local)
-        size = self.sizes_m[index]
-        match self.kinds[index]:
-            case ShapeKind.BOX:
-                distance = _measure_corner(*(folded[:, axis] - size[axis] for axis in range(3)))
-            case ShapeKind.SPHERE:
-                distance = measure_lengths(folded) - size[0]
-            case ShapeKind.CAPSULE:
-                folded[:, 2] = np.maximum(folded[:, 2] - size[1], 0.0)
-                distance = measure_lengths(folded) - size[0]
-            case ShapeKind.CYLINDER:
-                distance = _measure_corner(np.hypot(folded[:, 0], folded[:, 1]) - size[0], folded[:, 2] - size[1])
-        distance -= self.inflate_m[index]
-        return distance, folded, local
+    def _pack(self) -> tuple[NDArray[np.int8], Array, Array, Array, Array]:
+        """As `solid_distance` takes them."""
+        rotations = np.ascontiguousarray(self.rotations)
+        return *_pack_forms(self.kinds, self.sizes_m), rotations, np.ascontiguousarray(self.positions_m), self.inflate_m
+
+
+@lru_cache(maxsize=256)
+def _pack_forms(kinds: tuple[ShapeKind, ...], sizes_m: tuple[tuple[float, ...], ...]) -> tuple[NDArray[np.int8], Array]:
+    """(k,) numbers of the kinds, and (k, 3) sizes, filled up with zeros."""
+    sizes = [(*size, 0.0, 0.0)[:3] for size in sizes_m]
+    return np.array([_NUMBERS[kind] for kind in kinds], np.int8), np.array(sizes).reshape(-1, 3)
 
 
 def measure_lengths(vectors: Array) -> Array:
@@ -148,40 +135,3 @@ def measure_lengths(vectors: Array) -> Array:
     for axis in range(1, vectors.shape[1]):
         squares += vectors[:, axis] * vectors[:, axis]
     return np.sqrt(squares, out=squares)
-
-
-def _measure_corner(*beyond: Array) -> Array:
-    """(n,) signed distance to a corner at the origin from (n,) coordinates beyond each of its faces."""
-    most = beyond[0]
-    squares: Array = np.maximum(most, 0.0) ** 2
-    for each in beyond[1:]:
-        most = np.maximum(most, each)
-        squares += np.maximum(each, 0.0) ** 2
-    distance: Array = np.sqrt(squares, out=squares)
-    distance += np.minimum(most, 0.0)
-    return distance
-
-
-def _compute_gradient(kind: ShapeKind, size: tuple[float, ...], folded: Array, signs: Array) -> Array:
-    if kind in (ShapeKind.SPHERE, ShapeKind.CAPSULE):
-        gradient = folded * signs
-    elif kind is ShapeKind.BOX:
-        gradient = _point_out(folded - np.array(size)) * signs
-    else:
-        around = np.hypot(folded[:, 0], folded[:, 1])
-        out = _point_out(np.column_stack((around - size[0], folded[:, 2] - size[1])))
-        unit = folded[:, :2] / np.maximum(around, _TINY)[:, None]
-        gradient = np.column_stack((unit * out[:, :1], out[:, 1:])) * signs
-    unit_gradient: Array = gradient / np.maximum(measure_lengths(gradient), _TINY)[:, None]
-    return unit_gradient
-
-
-def _point_out(beyond: Array) -> Array:
-    """Direction in which the distance to a corner grows."""
-    out = np.maximum(beyond, 0.0)
-    positive = out[:, 0] > 0.0
-    for axis in range(1, out.shape[1]):
-        positive |= out[:, axis] > 0.0
-    inside = np.flatnonzero(~positive)
-    out[inside, beyond[inside].argmax(axis=1)] = 1.0
-    return out

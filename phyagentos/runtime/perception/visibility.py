@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.solids import Array, measure_lengths
+from phyagentos.runtime.perception.solid_distance import project
+from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.perception.views import CameraView
 
 DEPTH_M = 0.010  # depths this close are the same surface
@@ -37,22 +38,12 @@ class Sight:
 
 def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: tuple[CameraView, ...]) -> Sight:
     """Visibility of a thing in a pose."""
-    points = thing.samples_m @ rotation.T + position_m
-    normals = thing.normals @ rotation.T
+    pose = np.ascontiguousarray(rotation), position_m
     confirmed = hidden = contradicted = 0
     for view in views:
-        towards = view.position_m - points
-        facing = np.einsum("ij,ij->i", normals, towards) > FACING * measure_lengths(towards)
-        local = -towards[facing] @ view.rotation
-        fx, fy, cx, cy = view.focal
-        height, width = view.nearest_m.shape
-        depth = local[:, 2]
-        ahead = depth > 1e-3
-        local, depth = local[ahead], depth[ahead]
-        u = np.floor(local[:, 0] / depth * fx + cx).astype(np.intp)
-        v = np.floor(local[:, 1] / depth * fy + cy).astype(np.intp)
-        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        u, v, depth = u[inside], v[inside], depth[inside]
+        v, u, depth, _ = project(
+            thing.samples_m, thing.normals, pose, (view.rotation, view.position_m), view.focal, view.nearest_m.shape, FACING
+        )
         near, far = view.nearest_m[v, u], view.farthest_m[v, u]
         measured = np.isfinite(near)
         through = measured & (near > depth + DEPTH_M)
