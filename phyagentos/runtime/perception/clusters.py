@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.cluster.vq import ClusterError, kmeans2
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from phyagentos.runtime.perception.solids import Array
@@ -33,7 +32,10 @@ def _connect(points: Array, link_m: float) -> NDArray[np.intp]:
     """
     side_m = (1.0 - 1e-9) * link_m / np.sqrt(3.0)  # the diagonal of a cell is a link
     cells = np.floor(points / side_m).astype(np.int64)
-    _, first, cell = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    cells -= cells.min(axis=0)
+    _, columns, layers = (cells.max(axis=0) + 1).tolist()
+    numbers = (cells[:, 0] * columns + cells[:, 1]) * layers + cells[:, 2]
+    _, first, cell = np.unique(numbers, return_index=True, return_inverse=True)
     tree = cKDTree(points[first])
     labels = _label(len(first), tree.query_pairs(link_m, output_type="ndarray"))
     if labels.any():  # more than one cluster so far
@@ -46,11 +48,25 @@ def _connect(points: Array, link_m: float) -> NDArray[np.intp]:
     return found
 
 
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _label(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
-    """(count,) connected component of each node, from (k, 2) linked pairs."""
-    ones = np.ones(len(pairs), dtype=np.int8)
-    graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.intp)
+    """(count,) connected component of each node, from (k, 2) linked pairs; counted by their first nodes."""
+    root = np.arange(count)
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        while root[a] != a:
+            a = root[a]
+        while root[b] != b:
+            b = root[b]
+        first = min(a, b)
+        root[a] = root[b] = root[pairs[k, 0]] = root[pairs[k, 1]] = first
+    labels, found = np.empty_like(root), 0
+    for node in range(count):  # a root is not after its nodes
+        if root[node] == node:
+            labels[node], found = found, found + 1
+        else:
+            labels[node] = labels[root[node]]
+    return labels
 
 
 def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -> list[NDArray[np.intp]]:
