@@ -36,14 +36,16 @@ def _measure(kind: int, size: Array, x: float, y: float, z: float) -> float:
     if kind in (SPHERE, CAPSULE):
         if kind == CAPSULE:
             z = max(z - size[1], 0.0)
-        return sqrt(x * x + y * y + z * z) - size[0]
-    if kind == BOX:
+        distance: float = sqrt(x * x + y * y + z * z) - size[0]
+    elif kind == BOX:
         a, b, c = x - size[0], y - size[1], z - size[2]
         p, q, r = max(a, 0.0), max(b, 0.0), max(c, 0.0)
-        return sqrt(p * p + q * q + r * r) + min(max(a, b, c), 0.0)
-    a, b = hypot(x, y) - size[0], z - size[1]
-    p, q = max(a, 0.0), max(b, 0.0)
-    return sqrt(p * p + q * q) + min(max(a, b), 0.0)
+        distance = sqrt(p * p + q * q + r * r) + min(max(a, b, c), 0.0)
+    else:
+        a, b = hypot(x, y) - size[0], z - size[1]
+        p, q = max(a, 0.0), max(b, 0.0)
+        distance = sqrt(p * p + q * q) + min(max(a, b), 0.0)
+    return distance
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

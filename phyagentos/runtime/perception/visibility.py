@@ -42,7 +42,13 @@ def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views:
     confirmed = hidden = contradicted = 0
     for view in views:
         v, u, depth, _ = project(
-            thing.samples_m, thing.normals, pose, (view.rotation, view.position_m), view.focal, view.nearest_m.shape, FACING
+            thing.samples_m,
+            thing.normals,
+            pose,
+            (view.rotation, view.position_m),
+            view.focal,
+            view.nearest_m.shape,
+            FACING,
         )
         near, far = view.nearest_m[v, u], view.farthest_m[v, u]
         measured = np.isfinite(near)
