@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from judge import is_in_tray
-from recovery_parts.baselines import BlindRetry, FullRestart, NoRetry
+from recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
 from recovery_parts.eye import is_in_box, is_on
 from rich.console import Console
 from rich.table import Table
@@ -129,14 +129,15 @@ def run_policy(
     """Every case with every seed under one policy, in one warm runtime plane."""
     workspace = open_project(root, ROOT)
     runs = []
-    with open_bench(
+    bench = open_bench(
         workspace,
         SystemClock(),
         faults=PARTS / "faults.yaml",
         sense=Sensing(sense) if sense else None,
         memory_use=MemoryUse.NONE,  # goals are independent trials: what one teaches would help the next
         policy=policy,
-    ) as agent:
+    )
+    with recovering_by(policy), bench as agent:
         for case in cases:
             for seed in seeds:
                 report = agent.mission.run(PARTS / f"{case.graph}.yaml", seed=seed, goal=GoalId(f"{case.name}-{seed}"))

@@ -3,9 +3,19 @@
 Upstream: `benchmarks/recovery.py`, which measures repair against them. Mission loop, verifier and budget are the same.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest.mock import patch
+
 from phyagentos.agent.goals.compiler import Revision
+from phyagentos.agent.mission import goal_controller
+from phyagentos.agent.mission.recovery import Recovery
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind, Decision
-from phyagentos.agent.repair.case import Case
+from phyagentos.agent.repair.case import Case, Miss
+from phyagentos.agent.repair.recovery_policies import RepairPolicy
+from phyagentos.protocol.sessions.lifecycle import find_cancel
+from phyagentos.protocol.sessions.tasks import NodeState
+from phyagentos.store.admission import Entry, GoalEvent
 
 
 class NoRetry:
@@ -47,7 +57,35 @@ class FullRestart:
         """All nodes again."""
         if case.replans_left <= 0 or case.left.find_end():
             return _decide(case, AlternativeKind.GIVE_UP, case.left.find_end() or "the budget of restarts is spent")
-        return _decide(case, AlternativeKind.RESTART, "every node is done again")
+        return _decide(case, AlternativeKind.RETRY, "every node is done again")
+
+
+class RestartingRecovery(Recovery):
+    """Recovery of a full restart: every begun node is open again, live sessions are cancelled."""
+
+    def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
+        decision = self.policy.choose(self._make_case(node, miss))
+        if decision.chosen.kind is AlternativeKind.GIVE_UP:
+            return super()._repair(node, miss, restores=restores)
+        why = f"{decision.chosen.effect}: {miss.cause} of {node}"
+        entries = [self.drafter.note(node, GoalEvent.BUDGET_SPENT, why)]
+        for name, each in self.facts.ledger.goals[self.facts.goal].nodes.items():
+            if each.state in {NodeState.ACTIVE, NodeState.DONE}:
+                entries.append(self.drafter.note_next(name, GoalEvent.INVALIDATED, why))
+                entries += [
+                    Entry(status.contract.id, trigger, {"reason": why})
+                    for status in self.facts.get_sessions(name)
+                    if name != node and (trigger := find_cancel(status.state)) is not None
+                ]
+        return entries
+
+
+@contextmanager
+def recovering_by(policy: RepairPolicy) -> Iterator[None]:
+    """Within this block goals recover as the policy needs it; only a full restart needs a recovery of its own."""
+    kind = RestartingRecovery if isinstance(policy, FullRestart) else Recovery
+    with patch.object(goal_controller, "Recovery", kind):
+        yield
 
 
 def _decide(case: Case, kind: AlternativeKind, why: str) -> Decision:

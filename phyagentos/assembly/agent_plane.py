@@ -80,7 +80,7 @@ def open_agent(
     """
     verifier = build_verifier(workspace, clock, mode=verify)
     catalogue = Catalogue.of_workspace(workspace)
-    surroundings = Surroundings(scenes=catalogue.scenes, targets=catalogue.targets)
+    surroundings = Surroundings(skills=catalogue.skills, scenes=catalogue.scenes, targets=catalogue.targets)
     folder = workspace.memory if memory is None else memory.resolve() / workspace.memory.name
     experience = Memory(folder, clock=clock, by="agent")
     recorder = EpisodeRecorder(

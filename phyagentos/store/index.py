@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from phyagentos.errors import ExecutionError
+from phyagentos.store.cache_file import CacheFile
 from phyagentos.store.records import iter_places
 from phyagentos.store.segments import (
     damage,
@@ -69,18 +70,18 @@ class HistoryIndex:
     def __init__(self, folder: Path) -> None:
         self.last_seq, self.last_segment = 0, ""
         self._folder = folder
-        self._path = folder.parent.parent / ".cache" / f"{folder.name}.sqlite"
-        self._connection: sqlite3.Connection | None = None
+        path = folder.parent.parent / ".cache" / f"{folder.name}.sqlite"
+        self._file = CacheFile(path, _SCHEMA, wait_s=_WAIT_S, check=_check)
 
     def extend(self) -> None:
         """Read every sealed segment that is not in it yet."""
         for is_last_try in (False, True):
             try:
-                self._extend(self._connect())
+                self._extend(self._file.connect())
             except _ROTTEN as error:
                 self._discard()
                 if is_last_try:
-                    raise ExecutionError("INDEX_UNAVAILABLE", f"{self._path}: {error}. Delete it.") from error
+                    raise ExecutionError("INDEX_UNAVAILABLE", f"{self._file.path}: {error}. Delete it.") from error
             else:
                 return
 
@@ -98,7 +99,7 @@ class HistoryIndex:
         self.extend()
 
     def _find(self, id: str) -> list[RecordPosition]:
-        connection = self._connect()
+        connection = self._file.connect()
         rows = connection.execute(_FIND, (id,)).fetchall()
         if (rows[0][0] or 0) < self.last_seq:  # another process began it anew
             self._extend(connection)
@@ -112,32 +113,11 @@ class HistoryIndex:
 
     def close(self) -> None:
         """Let go of the file."""
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
-
-    def _connect(self) -> sqlite3.Connection:
-        if self._connection is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            # the owner takes care that one thread uses it at a time
-            connection = sqlite3.connect(self._path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
-            try:
-                connection.executescript(f"PRAGMA journal_mode = WAL; {_SCHEMA}")
-                _check(connection)
-            except BaseException:
-                connection.close()
-                raise
-            self._connection = connection
-        return self._connection
+        self._file.close()
 
     def _discard(self) -> None:
-        with contextlib.suppress(sqlite3.Error):
-            self.close()
-        self._connection = None
+        self._file.discard()
         self.last_seq, self.last_segment = 0, ""
-        for suffix in ("", "-wal", "-shm"):
-            with contextlib.suppress(OSError):
-                self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
 
     def _extend(self, connection: sqlite3.Connection) -> None:
         last = self._find_last(connection)

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry
+from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
 from phyagentos.agent.memory.advice import Advice
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.session import Ended
@@ -271,7 +271,8 @@ def test_no_session_begins_once_the_simulated_time_is_spent(make_stage, write_gr
 )
 def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, verdict, ran):
     stage = make_stage({"red": drop})
-    report = stage.make_mission(policy=policy).run(two, seed=7)
+    with recovering_by(policy):
+        report = stage.make_mission(policy=policy).run(two, seed=7)
     assert report.verdict == verdict
     assert [session.id.removeprefix("two-7.") for session in stage.runtime.ran] == ran
     assert all(session.strategy == OWN_WAY for session in stage.runtime.ran)

@@ -10,13 +10,15 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.syntax import Variable, iter_calls
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 SMALL_M, LARGE_M = 0.03, 0.07  # longest half side of what a hand calls small and large
-DESTINATIONS = ("destination", "onto", "support", "to")  # names of parameters that say where something goes
 
 
 class Features(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -37,8 +39,9 @@ class Features(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Inventories of scenes and bodies of targets, by name, each read once."""
+    """Declarations of skills, inventories of scenes and bodies of targets, by name."""
 
+    skills: Mapping[str, SkillRuntime]
     scenes: Mapping[str, Path]
     targets: Mapping[str, TargetProfile]
     _read: dict[str, SceneSpec | None] = field(default_factory=dict)
@@ -46,16 +49,15 @@ class Surroundings:
     def describe(self, session: Session) -> Features:
         """The features of a contract; what the inventory does not know stays empty."""
         scene = self._find_scene(session.scene.name)
-        parameters = session.parameters
-        thing = parameters.get("object")
-        place = next((parameters[name] for name in DESTINATIONS if isinstance(parameters.get(name), str)), None)
-        body = scene.bodies.get(thing) if scene and isinstance(thing, str) else None
+        skill = self.skills.get(session.skill)
+        thing, place = (str(session.parameters.get(key, "")) for key in (find_roles(skill) if skill else ("", "")))
+        body = scene.bodies.get(thing) if scene else None
         return Features(
-            object=thing if isinstance(thing, str) else "",
+            object=thing,
             object_kind=body.kind if body else "",
             object_color=body.color if body else "",
             object_size=_compute_size(body) if body else "",
-            destination=place or "",
+            destination=place,
             destination_kind=_find_kind(scene, place),
         )
 
@@ -81,13 +83,26 @@ class Surroundings:
         return self._read[name]
 
 
+def find_roles(skill: SkillRuntime) -> tuple[str, str]:
+    """Parameters of the thing that a skill acts on, and of the place where it goes; empty where it promises none.
+
+    `inside(${object}, ${destination})` relates the two; `holding(target, ${object})` names a thing alone.
+    """
+    named = {key for key, each in skill.parameters.items() if each.type in {"entity", "place"}}
+    calls = (call for text in skill.guarantees for call in iter_calls(parse_predicate(text, template=True).formula))
+    variables = ([each.path for each in call.terms if isinstance(each, Variable)] for call in calls)
+    related = ([key for key in keys if key in named] for keys in variables)
+    thing, place, *_ = [*max(related, key=len, default=[]), "", ""]
+    return thing, place
+
+
 def _compute_size(body: Body) -> str:
     longest_m = max(max(solid.size_m) for solid in body.shapes)
     return "small" if longest_m < SMALL_M else "large" if longest_m > LARGE_M else "medium"
 
 
-def _find_kind(scene: SceneSpec | None, place: str | None) -> str:
-    if scene is None or place is None:
+def _find_kind(scene: SceneSpec | None, place: str) -> str:
+    if scene is None:
         return ""
     if place in scene.bodies:
         return scene.bodies[place].kind

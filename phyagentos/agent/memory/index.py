@@ -14,11 +14,13 @@ import msgspec
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import LogPosition
 from phyagentos.agent.memory.methodological import Correction
+from phyagentos.store.cache_file import CacheFile
 
 VERSION = 2  # of what stands in it: another one is thrown away
 _ANY = "any"  # of a lesson that no skill, or no thing, narrows
 _WAIT_S = 10.0
 _SCHEMA = """
+PRAGMA synchronous = OFF;
 CREATE TABLE IF NOT EXISTS state (version INTEGER, place BLOB, experience BLOB, crc INTEGER);
 CREATE VIRTUAL TABLE IF NOT EXISTS lesson
     USING fts5 (id UNINDEXED, skill, things, words, tokenize = "unicode61 tokenchars '_'");
@@ -30,13 +32,12 @@ class LessonIndex:
     """The cache of one experience log."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._connection: sqlite3.Connection | None = None
+        self._file = CacheFile(path, _SCHEMA, wait_s=_WAIT_S)
 
     def load(self) -> tuple[Experience, LogPosition] | None:
         """What was saved last, None when there is nothing valid."""
         try:
-            row = self._connect().execute("SELECT version, place, experience, crc FROM state").fetchone()
+            row = self._file.connect().execute("SELECT version, place, experience, crc FROM state").fetchone()
             if row is None:
                 return None
             if row[0] != VERSION or _compute_crc(row[1], row[2]) != row[3]:
@@ -49,7 +50,7 @@ class LessonIndex:
     def save(self, experience: Experience, place: LogPosition, changed: Iterable[str] | None) -> None:
         """Save what was computed up to a place; `changed` None means all entries. A failure only costs the cache."""
         try:
-            connection = self._connect()
+            connection = self._file.connect()
             with contextlib.closing(connection.cursor()) as cursor:
                 cursor.execute("BEGIN IMMEDIATE")
                 cursor.execute("DELETE FROM state")
@@ -74,36 +75,17 @@ class LessonIndex:
             return None
         query = "SELECT id FROM lesson WHERE lesson MATCH ? ORDER BY bm25(lesson, 1.0, 4.0, 4.0, 1.0), id LIMIT ?"
         try:
-            return [row[0] for row in self._connect().execute(query, (" AND ".join(parts), limit))]
+            return [row[0] for row in self._file.connect().execute(query, (" AND ".join(parts), limit))]
         except _ROTTEN:
             return None
 
     def discard(self) -> None:
         """Delete the cache."""
-        with contextlib.suppress(sqlite3.Error):
-            self.close()
-        self._connection = None
-        for suffix in ("", "-wal", "-shm"):
-            with contextlib.suppress(OSError):
-                self._path.with_name(self._path.name + suffix).unlink(missing_ok=True)
+        self._file.discard()
 
     def close(self) -> None:
         """Close the file."""
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
-
-    def _connect(self) -> sqlite3.Connection:
-        if self._connection is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            connection = sqlite3.connect(self._path, timeout=_WAIT_S, isolation_level=None, check_same_thread=False)
-            try:
-                connection.executescript(f"PRAGMA journal_mode = WAL; PRAGMA synchronous = OFF; {_SCHEMA}")
-            except BaseException:
-                connection.close()
-                raise
-            self._connection = connection
-        return self._connection
+        self._file.close()
 
 
 def _write_lessons(

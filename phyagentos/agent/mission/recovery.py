@@ -15,14 +15,14 @@ from phyagentos.agent.judging.verifier import find_missing_evidence
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts, is_forecast_refusal
 from phyagentos.agent.repair import clearing, looking
-from phyagentos.agent.repair.alternative import AlternativeKind, Decision
+from phyagentos.agent.repair.alternative import AlternativeKind
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.foresight import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
 from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
+from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
@@ -172,8 +172,6 @@ class Recovery:
         """Records of the policy's choice; the last one blocks the node when it gives up."""
         decision = self.policy.choose(self._make_case(node, miss))
         revision = decision.chosen.revision
-        if decision.chosen.kind is AlternativeKind.RESTART:
-            return self._restart(node, miss.cause, decision)
         if revision is None:
             return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
         child = self.drafter.draft(node, revision)
@@ -268,21 +266,6 @@ class Recovery:
         elif "holding" in unmet:
             cause = Cause.GRASP_LOST
         return Miss.of_refusal(subject, cause, world) if cause is not None else None
-
-    def _restart(self, node: str, cause: Cause, decision: Decision) -> list[Entry]:
-        """Every begun node is open again; live sessions are cancelled."""
-        why = f"{decision.chosen.effect}: {cause} of {node}"
-        nodes = self.facts.ledger.goals[self.facts.goal].nodes
-        entries = [self.drafter.note(node, GoalEvent.BUDGET_SPENT, why)]
-        for name, each in nodes.items():
-            if each.state in {NodeState.ACTIVE, NodeState.DONE}:
-                entries.append(self.drafter.note_next(name, GoalEvent.INVALIDATED, why))
-                entries += [
-                    Entry(status.contract.id, trigger, {"reason": why})
-                    for status in self.facts.get_sessions(name)
-                    if name != node and (trigger := find_cancel(status.state)) is not None
-                ]
-        return entries
 
     def _make_case(self, node: str, miss: Miss) -> Case:
         facts = self.facts

@@ -23,7 +23,6 @@ class AlternativeKind(StrEnum):
     CLEAR = "clear the obstruction"
     OTHER_TARGET = "another target"
     LOOK = "look again"
-    RESTART = "restart"
     GIVE_UP = "give up"
 
 

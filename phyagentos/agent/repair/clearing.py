@@ -12,6 +12,7 @@ from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import find_free_spot, find_support
 from phyagentos.geometry import Vector, to_child
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Call, Number, Variable
@@ -29,18 +30,19 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
     """One alternative for each skill that can move the first obstruction; work of finished nodes is kept."""
     world = case.world
     cleared = case.find_prepared(PURPOSE)
-    if case.cause is not Cause.NO_PLAN or world is None or len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
+    target = case.catalogue.targets.get(case.session.target)
+    if case.cause is not Cause.NO_PLAN or world is None or target is None:
+        return
+    if len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
         return
     blockers = [name for name in find_blockers(case.miss) if name not in case.protected]
-    target = case.catalogue.targets.get(case.session.target)
-    base_m = target.mount_position_m if target is not None else (0.0, 0.0, 0.0)
     for name in blockers:
         tried = {session.skill for session in cleared if name in session.parameters.values()}
         here = world.entities[name].pose.position_m
-        spot = find_free_spot(world, name, (here, *_find_needed(case, world)), base_m)
+        spot = find_free_spot(world, name, (here, *_find_needed(case, world)), target)
         if spot is None:
             continue
-        found = list(_iter_ways(case, world, name, spot, tried))
+        found = list(_iter_ways(case, world, target, name, spot, tried))
         if found:
             yield from found
             return
@@ -62,10 +64,11 @@ def find_blockers(miss: Miss) -> list[str]:
     return [name for name, _ in sorted(counted.items(), key=lambda each: (-each[1], each[0])) if name in movable]
 
 
-def _iter_ways(case: Case, world: Environment, name: str, spot: Vector, tried: set[str]) -> Iterator[Alternative]:
-    target = case.catalogue.targets.get(case.session.target)
+def _iter_ways(
+    case: Case, world: Environment, target: TargetProfile, name: str, spot: Vector, tried: set[str]
+) -> Iterator[Alternative]:
     for skill, keys, tolerance_m in iter_movers(case):
-        if target is None or next(find_lacks(skill, target), None):
+        if next(find_lacks(skill, target), None):
             continue
         parameters = {keys[0]: name, keys[1]: [round(value, 4) for value in spot]}
         support = find_support(world, name)

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 
 from phyagentos.geometry import Vector, to_child, to_parent
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_lowest
 
@@ -12,7 +13,6 @@ STEP_M = 0.04  # between spots that are looked at
 ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand and half a cube
 AWAY_M = 0.16  # from the thing that it is in the way of: a hand's breadth and a half
 EDGE_M = 0.06  # from the edge of the support
-REACH_M = (0.34, 0.66)  # from the base of the arm, where both postures for grasping exist
 TOUCH_M = 0.02  # a top this far from the bottom of a thing carries it
 
 
@@ -31,7 +31,7 @@ def find_support(world: Environment, name: str) -> Entity | None:
 
 
 def find_free_spot(
-    world: Environment, name: str, away_from: tuple[Vector, ...], base_m: tuple[float, ...]
+    world: Environment, name: str, away_from: tuple[Vector, ...], target: TargetProfile
 ) -> Vector | None:
     """The free spot nearest to an entity, None when there is none.
 
@@ -39,16 +39,17 @@ def find_free_spot(
         world: The latest snapshot.
         name: The entity.
         away_from: Places that must become free, world frame [m].
-        base_m: (3,) base of the arm, world frame [m].
+        target: Whose band of grasps holds the spot.
     """
     thing, support = world.entities[name], find_support(world, name)
     if support is None:
         return None
     x0, y0, z = thing.pose.position_m
+    nearest_m, farthest_m = target.grasp_band_m
     others = [e for e in world.entities.values() if e.name not in {name, support.name} and e.shapes]
     spots = sorted(((x, y, z) for x, y in _iter_grid(support)), key=lambda spot: (math.dist(spot[:2], (x0, y0)), spot))
     for spot in spots:
-        if not REACH_M[0] <= math.dist(spot[:2], base_m[:2]) <= REACH_M[1]:
+        if not nearest_m <= math.dist(spot[:2], target.mount_position_m[:2]) <= farthest_m:
             continue
         if any(math.dist(spot[:2], place[:2]) < AWAY_M for place in away_from):
             continue

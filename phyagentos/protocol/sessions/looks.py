@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Collection, Iterable
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -19,7 +20,7 @@ LOOKS = "looks.json"  # list of LookEntry
 LOOK = "look.json"  # within a look's file
 FORMAT = "look/1"
 PREFIX = "look-"
-TIME_TOLERANCE_S = 0.00051  # pointers tell times to the millisecond
+TIME_TOLERANCE_S = 0.00051  # times in pointers are rounded to the millisecond
 
 Window = tuple[int, int, int, int]
 """Left, top, width, height [pixels] of a camera's whole picture."""
@@ -96,20 +97,6 @@ class StoredLook(msgspec.Struct, frozen=True, kw_only=True):
     phy: str
     captures: tuple[tuple[StoredRequest, StoredFrames], ...] = ()
 
-    def shows(self, pointer: str) -> bool:
-        """Whether a picture of this look holds the pixels of an entity's pointer."""
-        return any(
-            covers(
-                pointer,
-                frame.camera,
-                frame.time_s,
-                asked.crops.get(frame.camera, (0, 0, frame.width, frame.height)),
-                asked.every,
-            )
-            for asked, given in self.captures
-            for frame in given.frames
-        )
-
 
 def format_picture(camera: str, time_s: float) -> str:
     """`camera@time`: the first part of a pointer."""
@@ -126,23 +113,29 @@ def format_pointer(camera: str, time_s: float, box: Window) -> str:
     return f"{format_picture(camera, time_s)}:{','.join(map(str, box))}"
 
 
-def covers(pointer: str, camera: str, time_s: float, window: Window, every: int = 1) -> bool:
-    """Whether a picture holds all pixels of a pointer; a thinned one, as far as its rows and columns reach."""
+def shows(captures: Iterable[tuple[Any, Any]], pointer: str) -> bool:
+    """Whether a picture holds all pixels of a pointer; a thinned one, as far as its rows and columns reach.
+
+    Args:
+        captures: Requests (`crops`, `every`) and answers (`frames`) of the cameras, as recorded or as they are read.
+        pointer: See `format_pointer`.
+    """
     picture, _, box = pointer.partition(":")
     name, _, at = picture.partition("@")
     try:
         left, top, width, height = (int(part) for part in box.split(","))
-        is_same = name == camera and abs(float(at) - time_s) < TIME_TOLERANCE_S
+        time_s = float(at)
     except ValueError:
         return False
-    slack = every - 1
-    return (
-        is_same
-        and window[0] - slack <= left
-        and window[1] - slack <= top
-        and left + width <= window[0] + window[2] + slack
-        and top + height <= window[1] + window[3] + slack
-    )
+    for request, answer in captures:
+        slack = request.every - 1
+        for frame in answer.frames:
+            x, y, columns, rows = request.crops.get(frame.camera, (0, 0, frame.width, frame.height))
+            is_same = frame.camera == name and abs(time_s - frame.time_s) < TIME_TOLERANCE_S
+            is_within = x - slack <= left and left + width <= x + columns + slack
+            if is_same and is_within and y - slack <= top and top + height <= y + rows + slack:
+                return True
+    return False
 
 
 def read_looks(folder: Path) -> tuple[LookEntry, ...]:
@@ -211,5 +204,5 @@ def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collec
         for world in worlds
         for entity in world.entities.values()
         for pointer in entity.evidence
-        if not any(look.shows(pointer) for look in looks)
+        if not any(shows(look.captures, pointer) for look in looks)
     ]

@@ -4,7 +4,7 @@ It carries the session's authority (session, epoch, sequence number, expiry); th
 """
 
 from collections.abc import Callable, Collection
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from phyagentos.runtime.actions.violations import Intervention, Violation
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.server import Loopback
+from phyagentos.runtime.targets.wire import ReplyT
 
 EXPIRY_PERIODS = 3  # an older command was made for a state that has passed
 REPLY_TIMEOUT_S = 10.0  # a control period takes milliseconds
@@ -33,8 +34,6 @@ OPERATIONS: dict[type[wire.Request], str] = {  # of a session; other requests be
     wire.Settle: "settle",
     wire.Capture: "observe",
 }
-
-ReplyT = TypeVar("ReplyT", bound=wire.Reply)
 
 
 class CommandRefused(ExecutionError):
@@ -266,9 +265,7 @@ class TargetSessionHandle:
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
-        if not isinstance(reply, expected):
-            raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
-        return reply
+        return wire.require(request, reply, expected)
 
     def _check_permitted(self, operation: str) -> None:
         if operation not in self._permitted:

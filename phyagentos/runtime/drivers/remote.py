@@ -5,12 +5,11 @@ It is served there under its own authority, receive log, stops and deadman: it h
 
 import math
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 from typing_extensions import override
 
-from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
@@ -18,8 +17,6 @@ from phyagentos.runtime.targets.driver import TargetDriver
 
 REPLY_S = 10.0  # as a worker waits for a world
 SLOW_REPLY_S = 120.0  # a scene that compiles, pictures of many cameras
-
-ReplyT = TypeVar("ReplyT", bound=wire.Reply)
 
 
 class RemoteDriver(TargetDriver):
@@ -133,10 +130,5 @@ class RemoteDriver(TargetDriver):
         self._time_s = step.time_s
         return step
 
-    def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_S) -> ReplyT:
-        reply = wire.exchange(self._channel, request, timeout_s)
-        if isinstance(reply, wire.Refused):
-            raise ExecutionError(reply.code, reply.message)
-        if not isinstance(reply, expected):
-            raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
-        return reply
+    def _ask(self, request: wire.Request, expected: type[wire.ReplyT], timeout_s: float = REPLY_S) -> wire.ReplyT:
+        return wire.require(request, wire.exchange(self._channel, request, timeout_s), expected)

@@ -68,6 +68,19 @@ def build_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     gravity-compensated, as by the arm's own controller.
 
     Raises:
+        DefinitionError: As of `read_robot`.
+    """
+    spec = read_robot(profile, folder)
+    for body in spec.bodies[1:]:
+        body.gravcomp = 1.0
+    _add_servos(spec, profile)
+    return spec
+
+
+def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
+    """The profile's MJCF in `folder`, mounted.
+
+    Raises:
         DefinitionError: When the model lacks a joint, pad or site that the profile names, or is no MJCF.
     """
     path = folder / profile.model
@@ -78,9 +91,6 @@ def build_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     _check_names(spec, profile, path)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
-    for body in spec.bodies[1:]:
-        body.gravcomp = 1.0
-    _add_servos(spec, profile)
     return spec
 
 

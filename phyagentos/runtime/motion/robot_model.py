@@ -9,10 +9,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
+from phyagentos.runtime.models.robot import read_robot
 from phyagentos.runtime.motion.requests import Array
 
 ROBOT_BIT, WORLD_BIT = 1, 2
@@ -56,13 +57,8 @@ def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
         DefinitionError: When the model cannot be read, lacks a name, or its joints are no serial chain of hinges.
     """
     path = folder / profile.model
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise DefinitionError(Problem(code="MODEL_UNREADABLE", address=str(path), found=str(error))) from error
-    _check(spec, profile, path)
-    for body in spec.worldbody.bodies:
-        body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
+    spec = read_robot(profile, folder)
+    _check_types(spec, profile, path)
     _strip(spec)
     fingers = frozenset(spec.joint(name).parent.name for name in profile.gripper.joints)
     _freeze_fingers(spec, profile)
@@ -101,28 +97,15 @@ def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
     )
 
 
-def _check(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
-    hinges = [joint.name for joint in spec.joints if int(joint.type) == int(mujoco.mjtJoint.mjJNT_HINGE)]
-    slides = [joint.name for joint in spec.joints if int(joint.type) == int(mujoco.mjtJoint.mjJNT_SLIDE)]
-    sites = [site.name for site in spec.sites]
-    wanted = [
-        *(("hinge joint", name, hinges) for name in profile.arm.joints),
-        *(("slide joint", name, slides) for name in profile.gripper.joints),
-        ("site", profile.tcp, sites),
-    ]
-    problems = [
-        Problem(
-            code=f"UNKNOWN_{kind.split()[-1].upper()}",
-            address=str(path),
-            found=f"no {kind} {name!r}",
-            expected=format_names(known),
-            hint=format_hint(name, known),
+def _check_types(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
+    hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+    types = dict.fromkeys(profile.arm.joints, hinge) | dict.fromkeys(profile.gripper.joints, slide)
+    wrong = [name for name, type in types.items() if int(spec.joint(name).type) != type]
+    if wrong:
+        expected = "hinges as joints of the arm, slides as joints of the gripper"
+        raise DefinitionError(
+            Problem(code="NO_SERIAL_CHAIN", address=str(path), found=format_names(wrong), expected=expected)
         )
-        for kind, name, known in wanted
-        if name not in known
-    ]
-    if problems:
-        raise DefinitionError(problems)
 
 
 def _strip(spec: mujoco.MjSpec) -> None:

@@ -6,7 +6,7 @@ from typing import Protocol
 import msgspec
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.looks import covers, format_picture
+from phyagentos.protocol.sessions.looks import format_picture
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment, TargetState
 from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Observation, Step
@@ -64,20 +64,6 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
         """Each picture of this look as `camera@time`, as in pointers."""
         for _, frames in self.captures:
             yield from (format_picture(frame.camera, frame.time_s) for frame in frames.frames)
-
-    def shows(self, pointer: str) -> bool:
-        """Whether a picture of this look holds the pixels of an entity's pointer."""
-        return any(
-            covers(
-                pointer,
-                frame.camera,
-                frame.time_s,
-                asked.crops.get(frame.camera, (0, 0, frame.width, frame.height)),
-                asked.every,
-            )
-            for asked, frames in self.captures
-            for frame in frames.frames
-        )
 
 
 class RecordedFrames:

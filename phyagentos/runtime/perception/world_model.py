@@ -8,7 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.looks import get_picture
+from phyagentos.protocol.sessions.looks import get_picture, shows
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.perception.look import FrameSource, Look
@@ -87,7 +87,7 @@ class WorldModel(ABC):
         found: dict[int, Look] = {}
         for pointer in sorted(pointers):
             looks = reversed(self._pictures.get(get_picture(pointer), []))
-            if look := next((look for look in looks if look.shows(pointer)), None):
+            if look := next((look for look in looks if shows(look.captures, pointer)), None):
                 found[id(look)] = look
         return list(found.values())
 

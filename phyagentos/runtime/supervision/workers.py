@@ -9,7 +9,6 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from multiprocessing import Pipe
@@ -17,7 +16,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines
+from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines, start_child
 from phyagentos.runtime.targets.handshake import make_token
 from phyagentos.runtime.worker.orders import FromWorker, ToWorker, encode, receive_answer
 
@@ -73,15 +72,7 @@ class ChildProcess:
     """
 
     def __init__(self, command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> None:
-        with log.open("ab") as output:  # the child has its own
-            self._process = subprocess.Popen(
-                [sys.executable, *command],
-                stdin=subprocess.PIPE,
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
-                pass_fds=tuple(pass_fds),
-            )
+        self._process = start_child(command, log, pass_fds)
 
     @property
     def pid(self) -> int:

@@ -48,6 +48,19 @@ def read_lines(on_line: Callable[[bytes], None]) -> None:
             on_line(line)
 
 
+def start_child(command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+    """Start `python COMMAND` in a process group of its own, with a pipe as input and its output in a log."""
+    with log.open("ab") as output:  # the child has its own
+        return subprocess.Popen(
+            [sys.executable, *command],
+            stdin=subprocess.PIPE,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            pass_fds=tuple(pass_fds),
+        )
+
+
 def end_when_unwatched(root: Path, clock: Clock, on_line: Callable[[bytes], None] = lambda _line: None) -> None:
     """In a world process: end it once its workspace has had no watchdog for a while."""
 
@@ -85,14 +98,7 @@ class WorldProcess:
         self.close()
         found = find_sole(self._lock)
         if found is None:
-            with self._log.open("ab") as output:
-                self._process = subprocess.Popen(
-                    [sys.executable, *self._command],
-                    stdin=subprocess.PIPE,
-                    stdout=output,
-                    stderr=output,
-                    start_new_session=True,
-                )
+            self._process = start_child(self._command, self._log)
             found = os.pidfd_open(self._process.pid)
         self._pidfd = found
 

@@ -6,7 +6,7 @@ Arrays travel in C order with their shape: float64, pictures as uint8, depth as 
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -325,7 +325,7 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
 MOTIONS = (Begin, Command, Halt, Settle, End)  # simulated time may move in these requests
 Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
 Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames
-
+ReplyT = TypeVar("ReplyT", bound=Reply)
 
 REQUESTS = Codec[Request](Request, "request")
 REPLIES = Codec[Reply](Reply, "reply")
@@ -356,6 +356,15 @@ def exchange(
         if isinstance(error, ExecutionError):
             raise
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
+
+
+def require(request: Request, reply: Reply, expected: type[ReplyT]) -> ReplyT:
+    """The reply of the expected type; raises ExecutionError: the code of a refusal, `PROTOCOL_BROKEN` otherwise."""
+    if isinstance(reply, Refused):
+        raise ExecutionError(reply.code, reply.message)
+    if not isinstance(reply, expected):
+        raise ExecutionError("PROTOCOL_BROKEN", f"{type(request).__name__} was answered by {type(reply).__name__}")
+    return reply
 
 
 def receive_reply(connection: Channel, timeout_s: float) -> Reply:

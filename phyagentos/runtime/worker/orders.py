@@ -8,6 +8,7 @@ import msgspec
 from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.runtime.channel import Channel
+from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 
 
@@ -130,19 +131,19 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
 ToWorker = Check | Run | Renew | Stop | Pause | Resume | Reconcile
 FromWorker = Ready | Checked | Finished
 
-encode = msgspec.msgpack.Encoder().encode
-_TO_WORKER: msgspec.msgpack.Decoder[ToWorker] = msgspec.msgpack.Decoder(ToWorker)
-_FROM_WORKER: msgspec.msgpack.Decoder[FromWorker] = msgspec.msgpack.Decoder(FromWorker)
+_ORDERS = Codec[ToWorker](ToWorker, "order")
+_ANSWERS = Codec[FromWorker](FromWorker, "answer")
+encode = _ORDERS.encode
 
 
 def receive_order(connection: Channel) -> ToWorker:
     """Wait for the watchdog; raises EOFError when it is gone."""
-    return _TO_WORKER.decode(connection.recv_bytes())
+    return _ORDERS.decode(connection.recv_bytes())
 
 
 def receive_answer(connection: Channel) -> FromWorker:
     """Wait for the worker; raises EOFError when it is gone."""
-    return _FROM_WORKER.decode(connection.recv_bytes())
+    return _ANSWERS.decode(connection.recv_bytes())
 
 
 def serve_refusals(control: Channel, problems: Sequence[Problem]) -> None:

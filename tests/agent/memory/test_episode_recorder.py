@@ -59,8 +59,8 @@ class Lab:
         self.stage, self.graph = stage, graph
         self.workspace = stage.workspace
         stage.runtime.script = {"red": slip_when_fast, "red.r1": slip_when_fast}
-        targets = Catalogue.of_workspace(self.workspace).targets
-        self.surroundings = Surroundings(scenes={"table": scene}, targets=targets)
+        catalogue = Catalogue.of_workspace(self.workspace)
+        self.surroundings = Surroundings(skills=catalogue.skills, scenes={"table": scene}, targets=catalogue.targets)
         self.reported = []
         self.start = stage.runtime.world
 

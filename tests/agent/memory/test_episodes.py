@@ -19,7 +19,7 @@ def make_status(state, *attempts):
 
 @pytest.fixture
 def surroundings():
-    return Surroundings(scenes={}, targets={})
+    return Surroundings(skills={}, scenes={}, targets={})
 
 
 def test_what_an_audit_let_pass_is_remembered_as_the_failure_that_was_found(surroundings):

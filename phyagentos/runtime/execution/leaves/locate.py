@@ -1,6 +1,6 @@
 """Find an object in the believed world."""
 
-from phyagentos.protocol.world.environment import Pose
+from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import WORLD
 
@@ -14,11 +14,17 @@ class Locate(Leaf):
 
     def on_start(self) -> Status:
         """Look once."""
-        name = self.read("object")
-        entity = self.context.world.observe(WORLD).entities.get(name)
-        if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
-        if not entity.visible:
-            return self.fail(FailureCode.NOT_VISIBLE, f"{name} was not seen", object=name)
+        entity = find_visible(self)
+        if not isinstance(entity, Entity):
+            return entity
         self.write("pose", entity.pose)
-        return self.succeed("", object=name, position_m=list(entity.pose.position_m))
+        return self.succeed("", object=entity.name, position_m=list(entity.pose.position_m))
+
+
+def find_visible(leaf: Leaf) -> Entity | Status:
+    """The entity that the port `object` names, as it is believed now; a failure where it was not seen."""
+    name = leaf.read("object")
+    entity = leaf.context.world.observe(WORLD).entities.get(name)
+    if entity is None:
+        return leaf.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
+    return entity if entity.visible else leaf.fail(FailureCode.NOT_VISIBLE, f"{name} was not seen", object=name)

@@ -1,9 +1,9 @@
 """Look at an object from where the arm is, and report what is believed of it."""
 
-from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Role, Status
+from phyagentos.protocol.world.environment import Entity, Pose
+from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaves.locate import find_visible
 from phyagentos.runtime.execution.leaves.wait import Wait
-from phyagentos.runtime.perception.world_model import WORLD
 
 
 class Look(Wait):
@@ -21,12 +21,9 @@ class Look(Wait):
 
     def on_waited(self) -> Status:
         """Observe."""
-        name = self.read("object")
-        entity = self.context.world.observe(WORLD).entities.get(name)
-        if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
-        if not entity.visible:
-            return self.fail(FailureCode.NOT_VISIBLE, f"{name} was not seen", object=name)
+        entity = find_visible(self)
+        if not isinstance(entity, Entity):
+            return entity
         self.write("pose", entity.pose)
         self.write("position", entity.pose.position_m)
-        return self.succeed("", object=name, position_m=list(entity.pose.position_m), speed_m_s=entity.speed_m_s)
+        return self.succeed("", object=entity.name, position_m=list(entity.pose.position_m), speed_m_s=entity.speed_m_s)
