@@ -5,6 +5,7 @@ again with the next record.
 """
 
 import contextlib
+import os
 from pathlib import Path
 
 from phyagentos.protocol.sessions.session import GoalId
@@ -25,7 +26,12 @@ class TurnMarks:
         with contextlib.suppress(OSError):  # a full disk: the runtime goes on after a while
             if len(self._noted) == 1:
                 self._folder.mkdir(parents=True, exist_ok=True)
-            (self._folder / goal).write_bytes(b"%d\n" % seq)
+            # in place and of one width: after a truncation some file systems wait for the disk
+            fd = os.open(self._folder / goal, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            try:
+                os.write(fd, b"%020d\n" % seq)
+            finally:
+                os.close(fd)
 
     def read(self, goal: GoalId) -> int:
         """Number of the last record that the agent has acted on; 0 without a mark."""

@@ -3,6 +3,7 @@
 Each change is one line of `events-<target>.jsonl` in the workspace's logs.
 """
 
+import os
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -102,8 +103,11 @@ class PhaseLog:
         line: dict[str, Any] = {"at": self._clock.wall_iso(), "ev": trigger, "from": before, "to": after}
         data = msgspec.json.encode(line | ({"session": session} if session else {})) + b"\n"
         try:
-            with self._path.open("ab") as file:
-                file.write(data)
+            fd = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            try:
+                os.write(fd, data)
+            finally:
+                os.close(fd)
         except OSError:
             return
 

@@ -32,6 +32,7 @@ from phyagentos.runtime.execution.holds import HoldSample, SampleKey
 from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.look_file import write_look
 from phyagentos.runtime.targets.wire import NPZ, Observation, RecordedFault, Step
+from phyagentos.runtime.worker.bundle_files import BundleFiles
 
 RECORDED_PACKAGES = (
     "phyagentos", "numpy", "scipy", "mujoco", "mink", "daqp", "ompl", "toppra", "casadi", "numba", "py-trees",
@@ -45,14 +46,15 @@ class Recorder:
 
     Args:
         folder: `evidence/<session id>/`; made if it is missing.
+        before: Files of the bundle before, which equal ones of this bundle share.
 
     Attributes:
         look_ms: Wall time spent on the files of looks [ms].
         look_bytes: Their size; those that other bundles hold as well are counted too.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, before: BundleFiles | None = None) -> None:
+        self.folder, self.files = folder, BundleFiles(folder, before)
         self._rows: list[tuple[float, ...]] = []
         self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
         self._looks: list[LookEntry] = []
@@ -68,8 +70,8 @@ class Recorder:
     ) -> None:
         """The contract and the plan agreed before the first command, and the environment's fingerprint."""
         document = {"session": session, "epoch": epoch, "adapter_plan": plan, "settings_sha256": settings_sha256}
-        self._write(evidence.CONTRACT, render_yaml(document).encode())
-        self._write(evidence.FINGERPRINT, _encode_fingerprint())
+        self.files.write(evidence.CONTRACT, render_yaml(document).encode())
+        self.files.write(evidence.FINGERPRINT, _encode_fingerprint())
 
     def link_model(self, source: Path) -> bool:
         """Share the scene model of an earlier session of the same episode; False when it cannot be shared."""
@@ -84,12 +86,12 @@ class Recorder:
     def write_initial(self, observation: Observation, environment: Environment) -> None:
         """The world before the first command."""
         self._write_snapshot(evidence.INITIAL, observation)
-        self._write(evidence.BEFORE, encode_json(environment))
+        self.files.write(evidence.BEFORE, encode_json(environment))
 
     def write_terminal(self, observation: Observation, environment: Environment) -> None:
         """The world at rest after the last command."""
         self._write_snapshot(evidence.TERMINAL, observation)
-        self._write(evidence.AFTER, encode_json(environment))
+        self.files.write(evidence.AFTER, encode_json(environment))
 
     def write_looks(self, looks: Iterable[tuple[LookRole, Look]], samples: Mapping[SampleKey, HoldSample]) -> None:
         """The file of each look with its role, and `looks.json`, which names them all."""
@@ -100,7 +102,7 @@ class Recorder:
         for (text, role), sample in samples.items():
             self._note_look(role, sample.look, text, sample.metrics)
         if self._looks:
-            self._write(LOOKS, encode_json(self._looks))
+            self.files.write(LOOKS, encode_json(self._looks))
         names = {entry.file for entry in self._looks} - known
         self.look_bytes += sum((self.folder / name).stat().st_size for name in names)
         self.look_ms += 1e3 * (time.perf_counter() - began_s)
@@ -114,7 +116,7 @@ class Recorder:
     def write_file(self, name: str, data: bytes) -> None:
         """A picture, or a part of the scene model; none where the target could not make it."""
         if data:
-            self._write(name, data)
+            self.files.write(name, data)
 
     def on_turn(self, result: object, ticks: int, time_s: float) -> None:
         """Turns leave no sample; the tree keeps its own trace."""
@@ -161,25 +163,22 @@ class Recorder:
         }
         if self._forces_n and not np.isnan(self._forces_n).any():
             arrays["force_n"] = np.array(self._forces_n)
-        self._write(evidence.TRAJECTORY, encode_arrays(arrays))
-        self._write(evidence.TRACE, encode_lines(list(trace)))
-        self._write(evidence.EVENTS, encode_lines(list(events)))
+        self.files.write(evidence.TRAJECTORY, encode_arrays(arrays))
+        self.files.write(evidence.TRACE, encode_lines(list(trace)))
+        self.files.write(evidence.EVENTS, encode_lines(list(events)))
         for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):
-            self._write(name, encode_json(list(values)))
+            self.files.write(name, encode_json(list(values)))
 
     def write_execution(self, execution: Execution) -> Execution:
         """Write the last file of a bundle; returns the execution."""
-        self._write(evidence.EXECUTION, encode_json(execution))
+        self.files.write(evidence.EXECUTION, encode_json(execution))
         return execution
-
-    def _write(self, name: str, data: bytes) -> None:
-        (self.folder / name).write_bytes(data)
 
     def _write_snapshot(self, name: str, observation: Observation) -> None:
         """The driver's snapshot as it is; under `name` if it is an NPZ, else with the suffix `.snapshot`."""
         if (snapshot := observation.snapshot) is not None:
             suffix = ".npz" if snapshot.media_type == NPZ else ".snapshot"
-            self._write(str(Path(name).with_suffix(suffix)), snapshot.data)
+            self.files.write(str(Path(name).with_suffix(suffix)), snapshot.data)
 
 
 class Bundles:
@@ -195,10 +194,13 @@ class Bundles:
         self.pictures = pictures
         self.settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
         self._root = root
+        self._latest: BundleFiles | None = None
 
     def open(self, evidence: str) -> Recorder:
         """The bundle of one session, begun or begun again."""
-        return Recorder(self._root / evidence)
+        recorder = Recorder(self._root / evidence, self._latest)
+        self._latest = recorder.files
+        return recorder
 
 
 @cache
