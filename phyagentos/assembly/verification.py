@@ -15,7 +15,8 @@ from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
-from phyagentos.protocol.settings.verification import JudgeName, Verification, VerificationMode
+from phyagentos.protocol.settings.verification import JudgeName, Verification
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 
 

@@ -34,7 +34,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
 from phyagentos.protocol.settings.perception import Sensing, declare_sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_world_mode
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal

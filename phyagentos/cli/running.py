@@ -14,7 +14,7 @@ from phyagentos.cli.arguments import Overrides, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 
 Graph = Annotated[Path, typer.Argument(help="A goal graph: a file, or a name of `paos list graphs`.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from phyagentos.cli.outcome import ExitCode, print_result
-from phyagentos.protocol.settings.verification import JudgeName, VerificationMode
+from phyagentos.protocol.settings.verification import JudgeName
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 
 if TYPE_CHECKING:
     from phyagentos.agent.judging.verifier import SessionVerifier

@@ -8,7 +8,7 @@ from benchmarks.recovery_parts.baselines import NoRetry
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.repair.regressions import find_regressions
 from phyagentos.protocol.sessions.session import Ended, Session
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from tests.contracts import make_contract
 
 from .conftest import Play, add_skills, hold, make_unmet, make_world, put, succeed

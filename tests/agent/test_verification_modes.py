@@ -7,7 +7,7 @@ from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.truth import Truth
 
 from .conftest import Play, make_world, put, succeed

@@ -21,7 +21,8 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.memory_entries import Embodiment
 from phyagentos.protocol.sessions.strategy import OWN_WAY
 from phyagentos.protocol.sessions.verdicts import Verdict
-from phyagentos.protocol.settings.verification import Verification, VerificationMode
+from phyagentos.protocol.settings.verification import Verification
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from tests.agent.memory.conftest import SLOW, make_episode
 from tests.agent.test_judge_registry import HASTE
 

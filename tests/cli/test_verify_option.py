@@ -9,7 +9,7 @@ from phyagentos.cli import mission_run
 from phyagentos.cli.mission_run import Order, start_planes
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 
 

@@ -14,7 +14,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Limits
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision import target_supervisor, watchdog
 from phyagentos.runtime.supervision.workers import Worker

@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -216,3 +218,10 @@ def test_an_empty_commit_does_nothing(open_journal):
 
     assert agent.commit([]) == []
     assert agent.read_new() == []
+
+
+def test_a_journal_opens_without_the_parsers_of_settings():
+    code = "import sys, phyagentos.store.journal; print(sorted({'pydantic', 'yaml', 'transitions'} & set(sys.modules)))"
+    ended = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+
+    assert ended.stdout == "[]\n"

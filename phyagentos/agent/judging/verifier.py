@@ -20,7 +20,7 @@ from phyagentos.agent.judging.judges.predicates import PredicateJudge
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, EvidenceReference, Verdict
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import find_things
 from phyagentos.protocol.world.truth import Truth

@@ -26,7 +26,7 @@ from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
 from phyagentos.protocol.sessions.session import Ended, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger

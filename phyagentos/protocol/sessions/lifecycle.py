@@ -148,28 +148,22 @@ class SessionEvent:
         return self.side != Side.RUNTIME or self.token is None or self.token == self.epoch
 
 
-def _keeps_final_state(event: Any) -> bool:
-    return event.state.name not in FINAL_STATES or event.transition.dest == event.state.name
+def _find_condition(row: Row) -> Condition:
+    sides, is_earlier = frozenset(side.value for side in row.by), row.when == _RECORDED_EARLIER
 
+    def may_fire(event: Any) -> bool:
+        asked, before = event.model, event.state.name
+        keeps_final_state = before not in FINAL_STATES or before == row.dest
+        is_current = asked.is_past or not is_earlier
+        return asked.side in sides and keeps_final_state and is_current and asked.has_epoch()
 
-def _find_conditions(row: Row) -> list[Condition]:
-    sides = frozenset(side.value for side in row.by)
-    conditions: list[Condition] = [
-        lambda event: bool(event.model.has_epoch()),
-        lambda event: event.model.side in sides,
-        _keeps_final_state,
-    ]
-    return [*conditions, lambda event: bool(event.model.is_past)] if row.when == _RECORDED_EARLIER else conditions
-
-
-def _count_claim(event: Any) -> None:
-    event.model.epoch += event.event.name == CLAIM
+    return may_fire
 
 
 @cache
 def build_statechart() -> Statechart:
     """The one machine of all sessions."""
-    return Statechart(SessionState, (*SESSION_TRANSITIONS, *EARLIER_TRANSITIONS), _find_conditions, _count_claim)
+    return Statechart(SessionState, (*SESSION_TRANSITIONS, *EARLIER_TRANSITIONS), _find_condition)
 
 
 def fire(event: SessionEvent) -> SessionEvent:
@@ -180,6 +174,7 @@ def fire(event: SessionEvent) -> SessionEvent:
         IllegalTransition: The table has no such row, or not for this side.
     """
     if build_statechart().fire(event, event.trigger):
+        event.epoch += event.trigger == CLAIM
         return event
     if not event.has_epoch():
         raise Fenced(event.session_id, event.trigger, event.token or 0, event.epoch)

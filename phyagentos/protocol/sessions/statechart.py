@@ -36,21 +36,32 @@ class Statechart:
     Args:
         states: In the order of the documentation.
         rows: The table.
-        find_conditions: Conditions of a row; all must hold.
-        entered: Called with each `EventData` after its transition.
+        find_condition: Condition of a row, None where there is none.
     """
 
     def __init__(
         self,
         states: type[StrEnum],
         rows: Sequence[Row],
-        find_conditions: Callable[[Row], Sequence[Condition]],
-        entered: Callable[[Any], None] | None = None,
+        find_condition: Callable[[Row], Condition | None],
     ) -> None:
-        from transitions import Machine, MachineError  # late: a process that only reads records needs no machine
+        # late: a process that only reads records needs no machine
+        from transitions import EventData, Machine, MachineError, Transition
+
+        class Move(Transition):
+            """The condition, then the new state: no chart here has callbacks, which are most of an event's cost."""
+
+            def execute(self, event_data: EventData) -> bool:
+                if not self._eval_conditions(event_data):
+                    return False
+                event_data.machine.set_state(str(self.dest), event_data.model)
+                return True
+
+        class Chart(Machine):
+            transition_cls = Move
 
         self._refusal = MachineError
-        self.machine = Machine(
+        self.machine = Chart(
             model=None,
             states=[state.value for state in states],
             transitions=[
@@ -58,12 +69,11 @@ class Statechart:
                     "trigger": row.trigger,
                     "source": [source.value for source in row.sources],
                     "dest": row.dest.value,
-                    "conditions": list(find_conditions(row)),
+                    "conditions": find_condition(row),
                 }
                 for row in rows
             ],
             initial=next(iter(states)).value,
-            after_state_change=entered,
             auto_transitions=False,
             send_event=True,
             queued=False,

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 import msgspec
 
-from phyagentos.protocol.settings.verification import VerificationMode
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.truth import Truth
 
 

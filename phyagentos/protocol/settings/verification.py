@@ -11,23 +11,11 @@ import pydantic
 
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
 
 JUDGE_ENTRY_POINTS = "phyagentos.judges"
 """Entry point group in which installed packages announce judges."""
-
-
-class VerificationMode(StrEnum):
-    """What a judgement is for."""
-
-    OFF = "off"
-    """Nothing is judged; what was executed stays unverified and is never called a success."""
-    AUDIT = "audit"
-    """Everything is judged and recorded; whether the execution completed decides."""
-    ENFORCE = "enforce"
-    """The verdict decides; what was not met has failed."""
-    RECOVERY = "recovery"
-    """The verdict decides; what was not met is replanned as long as the budget lasts."""
 
 
 class JudgeName(StrEnum):

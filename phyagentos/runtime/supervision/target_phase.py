@@ -83,7 +83,7 @@ class IllegalPhase(PhyAgentOSError):
 @cache
 def build_phase_chart() -> Statechart:
     """The one machine of all targets."""
-    return Statechart(Phase, PHASE_TRANSITIONS, lambda row: [_CONDITIONS[row.when]] if row.when else [])
+    return Statechart(Phase, PHASE_TRANSITIONS, lambda row: _CONDITIONS.get(row.when))
 
 
 def fire_phase(target: str, supervised: Supervised, trigger: str) -> None:
