@@ -23,7 +23,7 @@ from phyagentos.store.journal import Journal, Record
 from phyagentos.store.watch import Watch
 
 POLL_S = 0.5  # period of limits, heartbeats and the signal folder when nothing happens
-PUBLISH_PERIOD_S = 0.05  # period of views and edits when much happens
+PUBLISH_PERIOD_S = 0.2  # period of views and edits when much happens; a person reads no faster
 _S = SessionState
 _HELD = frozenset({_S.CLAIMED, _S.PREFLIGHT, _S.RUNNING, _S.HALTING, _S.CANCELLING})
 
@@ -64,7 +64,7 @@ class Watchdog:
         journal: Opened for the runtime side.
         hire: Starts the worker of a target; None when the target is unknown.
         clock: For limits and leases.
-        publish: Renders the views of the workspace; called some twenty times a second.
+        publish: Renders the views of the workspace; called at most five times a second.
         on_record: Called with every record of the journal, once it is applied to the ledger.
         shared_time: Informs worlds of several targets; None where there are none.
         ageing_per_s: Priority that a waiting session gains [1/s].

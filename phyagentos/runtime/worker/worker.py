@@ -267,8 +267,10 @@ class WorkerLoop:
 
 def _read_belief(restore: str) -> Environment | None:
     """The belief at the start of the session, from the bundle of a recorded state."""
+    if not restore:
+        return None
     path = Path(restore).parent / BEFORE
-    return msgspec.json.decode(path.read_bytes(), type=Environment) if restore and path.is_file() else None
+    return msgspec.json.decode(path.read_bytes(), type=Environment) if path.is_file() else None
 
 
 def _read_looks(folder: Path) -> list[Look]:
