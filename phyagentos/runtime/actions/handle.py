@@ -3,9 +3,11 @@
 It carries the session's authority (session, epoch, sequence number, expiry); the guard judges every command.
 """
 
+from collections import deque
 from collections.abc import Callable, Collection
 from typing import Any, NoReturn
 
+import msgspec
 import numpy as np
 
 from phyagentos.errors import ExecutionError
@@ -90,6 +92,8 @@ class TargetSessionHandle:
         self._epoch = 0
         self._sequence = 0
         self._step: wire.Step | None = None
+        self._sent: deque[wire.Command] = deque()  # whose reports were not collected
+        self._reports: deque[wire.Reply] = deque()  # of the oldest of them, where another request followed
         self._rests = True
         self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
 
@@ -131,6 +135,8 @@ class TargetSessionHandle:
         description = self.describe()
         self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
+        self._sent.clear()
+        self._reports.clear()
         observation = self.observe(snapshot=True)
         if self._made is None or self._made[0] is not description:
             touch = self._collision.find_contact if self._collision is not None else None
@@ -163,11 +169,28 @@ class TargetSessionHandle:
         """Whether the latest command left the arm at rest."""
         return self._rests
 
+    @property
+    def can_run_ahead(self) -> bool:
+        """Whether a command may be sent before the report of the one before: in lockstep, to another process."""
+        is_lockstep = self.describe().mode == WorldMode.LOCKSTEP
+        return is_lockstep and self._local is None and not self._shares_time
+
     def apply(self, points: SetPoints) -> wire.Step:
         """Guard one control period and carry it out.
 
         Raises:
             CommandRefused: By the guard or the target. Nothing moved, or the target stopped by its own means.
+        """
+        self.send(points)
+        return self.collect()
+
+    def send(self, points: SetPoints) -> None:
+        """Guard one control period and send it; `collect` returns its report.
+
+        The target carries out commands in the order of their numbers, and none behind a refused one.
+
+        Raises:
+            CommandRefused: By the guard.
         """
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
@@ -175,26 +198,52 @@ class TargetSessionHandle:
         if self._rests and description.mode == WorldMode.REALTIME:  # time went on while nothing was commanded
             self.settle(0.0)
         period_s = description.physics_step_s * description.steps_per_command
+        now = self.step
+        if self._sent:
+            now = msgspec.structs.replace(now, time_s=now.time_s + len(self._sent) * period_s)
         command = wire.Command(
             session=self._session,
             epoch=self._epoch,
             sequence=self._sequence + 1,
-            expires_at_s=self.step.time_s + EXPIRY_PERIODS * period_s,
+            expires_at_s=now.time_s + EXPIRY_PERIODS * period_s,
             q_rad=points.q_rad,
             qd_rad_s=points.qd_rad_s,
             gripper_width_m=points.gripper_width_m,
         )
-        ruling = self._guard.judge(command, self.step)
+        ruling = self._guard.judge(command, now)
         self._interventions += ruling.interventions
         if ruling.command is None:
             self._refuse(ruling)
         self._sequence += 1
-        self._step = self._ask(ruling.command, wire.Step)
         self._rests = not ruling.command.qd_rad_s[-1].any()
-        if self._step.stopped:
-            message = f"the target stopped by itself in the middle of a command: {self._step.stopped}"
-            raise CommandRefused(self._step.stopped, message, "target", reaction="stop_category_2")
+        self._submit(ruling.command)
+        self._sent.append(ruling.command)
+
+    def collect(self) -> wire.Step:
+        """The report of the oldest command that was sent.
+
+        Raises:
+            CommandRefused: By the target, which refuses those behind it as well, or stopped by its own means.
+        """
+        try:
+            self._step = self._expect(self._sent[0], self._take_report(), wire.Step)
+            if self._step.stopped:
+                message = f"the target stopped by itself in the middle of a command: {self._step.stopped}"
+                raise CommandRefused(self._step.stopped, message, "target", reaction="stop_category_2")
+        except CommandRefused:
+            while self._sent:
+                self._take_report()
+            raise
         return self._step
+
+    def _take_report(self) -> wire.Reply:
+        command = self._sent.popleft()
+        return self._reports.popleft() if self._reports else self._receive(command)
+
+    @property
+    def is_reporting(self) -> bool:
+        """Whether a command was sent whose report was not collected."""
+        return bool(self._sent)
 
     def take_interventions(self) -> list[Intervention]:
         """Changes of the guard since the last call; for the evidence."""
@@ -254,14 +303,26 @@ class TargetSessionHandle:
         return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every), wire.Frames, LOAD_TIMEOUT_S)
 
     def _ask(self, request: wire.Request, expected: type[ReplyT], timeout_s: float = REPLY_TIMEOUT_S) -> ReplyT:
+        while len(self._reports) < len(self._sent):  # of earlier commands, which are answered first
+            self._reports.append(self._receive(self._sent[len(self._reports)]))
+        self._submit(request)
+        return self._expect(request, self._receive(request, timeout_s), expected)
+
+    def _submit(self, request: wire.Request) -> None:
         if (operation := OPERATIONS.get(type(request))) is not None:
             self._check_permitted(operation)
+        if self._local is None:
+            wire.send_request(self._connection, request)
+
+    def _receive(self, request: wire.Request, timeout_s: float = REPLY_TIMEOUT_S) -> wire.Reply:
+        """The next reply, which is that of `request`."""
         if self._local is not None:
-            reply = self._local.ask(request)
-        elif self._shares_time and isinstance(request, wire.MOTIONS):
-            reply = wire.exchange(self._connection, request, SHARED_TIMEOUT_S, self._on_wait)
-        else:
-            reply = wire.exchange(self._connection, request, timeout_s)
+            return self._local.ask(request)
+        if self._shares_time and isinstance(request, wire.MOTIONS):
+            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self._on_wait)
+        return wire.await_reply(self._connection, timeout_s)
+
+    def _expect(self, request: wire.Request, reply: wire.Reply, expected: type[ReplyT]) -> ReplyT:
         if isinstance(reply, wire.Refused):
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")

@@ -20,6 +20,9 @@ class CommandBuffer:
         acceleration_rad_s2: (n_joints,) limits, for braking.
         n_steps: Rows of one control period.
         step_s: Time between rows [s].
+
+    Attributes:
+        goes_on: Whether the period taken last is followed by one that its report cannot change.
     """
 
     def __init__(
@@ -33,6 +36,8 @@ class CommandBuffer:
         self._acceleration = acceleration_rad_s2
         self._arm: tuple[Array, Array] | None = None
         self._gripper: Array | None = None
+        self._goes_on = False
+        self.goes_on = False
 
     @property
     def q_rad(self) -> Array:
@@ -49,9 +54,9 @@ class CommandBuffer:
         """Whether the arm's set-points stand still."""
         return not self._qd.any()
 
-    def set_arm(self, q_rad: Array, qd_rad_s: Array) -> None:
-        """Set this tick's arm rows, each (n_steps, n_joints)."""
-        self._arm = (q_rad, qd_rad_s)
+    def set_arm(self, q_rad: Array, qd_rad_s: Array, *, goes_on: bool = False) -> None:
+        """Set this tick's arm rows, each (n_steps, n_joints); `goes_on` where the next rows are fixed already."""
+        self._arm, self._goes_on = (q_rad, qd_rad_s), goes_on
 
     def set_gripper(self, width_m: Array) -> None:
         """Set this tick's gripper rows, (n_steps,)."""
@@ -64,6 +69,8 @@ class CommandBuffer:
 
     def take(self) -> SetPoints | None:
         """The merged period, or None when no channel was set; empties the channels."""
+        self.goes_on = self._goes_on and self._gripper is None
+        self._goes_on = False
         if self._arm is None and self._gripper is None and self.at_rest:
             return None
         self.hold()

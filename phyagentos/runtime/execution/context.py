@@ -12,6 +12,7 @@ from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.execution.commands import CommandBuffer
+from phyagentos.runtime.execution.lag import Lag
 from phyagentos.runtime.perception.world_model import HAND, WorldModel
 from phyagentos.runtime.targets.wire import Description, Step
 
@@ -27,7 +28,7 @@ class SkillContext:
         planner: Answers motion requests in its own process; simulated time stands while it plans.
         commands: Takes a tick's set-points.
         initial: The world before the first command.
-        tracking_error_max_rad: Beyond this a motor does not follow [rad].
+        lag: Of the arm behind its set-points.
         events: Events beside the tree so far.
     """
 
@@ -37,7 +38,7 @@ class SkillContext:
     commands: CommandBuffer
     world: WorldModel
     initial: Environment
-    tracking_error_max_rad: float
+    lag: Lag
     events: list[Event] = field(default_factory=list)
     _uses: dict[str, int] = field(default_factory=dict)
 
@@ -96,5 +97,5 @@ def open_context(
         ),
         world=world,
         initial=initial,
-        tracking_error_max_rad=float(np.asarray(limits.tracking_error_max.value)),
+        lag=Lag(float(np.asarray(limits.tracking_error_max.value))),
     )

@@ -43,11 +43,12 @@ class HoldMonitor:
 
     Attributes:
         need: What a sample has to show.
+        every: Control periods between samples.
         samples: The worst and the first unknown sample of each condition.
     """
 
     def __init__(self, texts: Sequence[str], initial: Environment, target: str, every: int = SAMPLE_PERIODS) -> None:
-        self._every = every
+        self.every = every
         self._predicates: tuple[tuple[str, Predicate], ...] = tuple((text, parse_predicate(text)) for text in texts)
         self._felt = tuple(each for each in self._predicates if is_metric_only(each[1]))
         self._seen = tuple(each for each in self._predicates if each not in self._felt)
@@ -61,7 +62,7 @@ class HoldMonitor:
 
     def is_due(self, tick: int) -> bool:
         """Whether the sample of this command tick is to be taken."""
-        return bool(self._seen) and tick % self._every == 0
+        return bool(self._seen) and tick % self.every == 0
 
     def feel(self, step: Step, observe: Callable[[Need], Environment]) -> Criterion | None:
         """Read the contact force of a report; returns the first condition on it that is false.

@@ -1,6 +1,8 @@
 """The loop of one session: decide, guard, apply, until it ends; and the meaning of its exceptions."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -16,6 +18,7 @@ from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, Sk
 from phyagentos.runtime.targets.wire import Step
 
 TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
+PERIODS_AHEAD = 1  # sent before the report of the one before, where the skill's next set-points are fixed
 WAIT_S = 0.02  # longest sleep between looks at a planner, a cancellation, a deadline
 LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not said for too long that it is there
 
@@ -66,6 +69,7 @@ class SessionLoop:
     clock: Clock
     observers: Sequence[SessionObserver] = ()
     ticks: int = field(default=0, init=False)
+    _unreported: deque[tuple[SetPoints, str]] = field(default_factory=deque, init=False)  # with the leaf of each
     ms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tree", "think", "apply", "record"), 0.0))
 
     def run(self) -> Outcome:
@@ -80,6 +84,8 @@ class SessionLoop:
             return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error))
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
+        finally:
+            self._account_for_rest()
 
     def _run(self) -> Outcome:
         now_s, limits = self.clock.now_s, self.context.session.limits
@@ -96,7 +102,7 @@ class SessionLoop:
             if result.status is not SkillStatus.RUNNING:
                 return _judge_end(self.skill.find_failure())
             if result.set_points is not None:
-                if violation := self._apply(result.set_points, result.active):
+                if violation := self._apply(result.set_points, result, deadline_s):
                     return violation
             elif result.thinking:
                 began_s = now_s()
@@ -109,22 +115,43 @@ class SessionLoop:
                 message = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
                 return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
 
-    def _apply(self, points: SetPoints, active: str) -> Outcome | None:
-        """Carry out one control period; an outcome when a hold condition is violated by it."""
+    def _apply(self, points: SetPoints, result: TickResult, deadline_s: float) -> Outcome | None:
+        """Send one control period; an outcome when a reported one violates a hold condition."""
         context, now_s = self.context, self.clock.now_s
         began_s = now_s()
-        step = self.handle.apply(points)
-        applied_s = now_s()
+        self.handle.send(points)
         for each in self.handle.take_interventions():
             context.note(
                 "intervention", each.code, where=each.where, row=each.row, before=each.before, after=each.after
             )
-        context.world.advance(step)
         self.ticks += 1
+        self._unreported.append((points, result.active))
+        self.ms["apply"] += 1e3 * (now_s() - began_s)
+        ahead = PERIODS_AHEAD if self._may_run_ahead(result, deadline_s) else 0
+        while len(self._unreported) > ahead:
+            if violation := self._account():
+                return violation
+        return None
+
+    def _may_run_ahead(self, result: TickResult, deadline_s: float) -> bool:
+        """Whether the next period may be sent before this one is reported; the world stands still for each sample."""
+        is_last = self.context.time_s + (PERIODS_AHEAD + 1) * self.context.profile.control_period_s >= deadline_s
+        return result.goes_on and self.handle.can_run_ahead and self.ticks % self.holds.every != 0 and not is_last
+
+    def _account(self) -> Outcome | None:
+        """Read the report of the oldest period; an outcome when a hold condition is violated by it."""
+        context, now_s = self.context, self.clock.now_s
+        began_s = now_s()
+        step = self.handle.collect()
+        applied_s = now_s()
+        points, active = self._unreported.popleft()
+        stands = not self._unreported
+        context.lag.note(step)
+        context.world.advance(step, stands=stands)
         for observer in self.observers:
             observer.on_step(points, step)
         violated = self.holds.feel(step, context.world.observe)
-        if violated is None and self.holds.is_due(self.ticks):
+        if violated is None and stands and self.holds.is_due(self.ticks):
             violated = self.holds.sample(context.world.observe(self.holds.need), context.world.latest_look)
         self.ms["apply"] += 1e3 * (applied_s - began_s)
         self.ms["record"] += 1e3 * (now_s() - applied_s)
@@ -133,6 +160,12 @@ class SessionLoop:
         context.note("intervention", "HOLD_VIOLATED", predicate=violated.text, because=violated.because)
         message = f"{violated.text} does not hold any more: {violated.because}"
         return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=active, message=message)
+
+    def _account_for_rest(self) -> None:
+        """Record the periods that were sent before the end."""
+        with suppress(ExecutionError):  # the halt that follows meets a lost target, too
+            while self.handle.is_reporting:  # the target refused what was sent behind a refused command
+                self._account()
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation

@@ -10,6 +10,7 @@ from phyagentos.runtime.execution.leaf import FailureCode, Leaf, Status
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
 from phyagentos.runtime.motion.requests import Approaches, FindLine, Motion, MotionAnswer, MotionRequest, NoPlan, World
 from phyagentos.runtime.perception.world_model import BELIEF
+from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
@@ -169,6 +170,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
     _player: TrajectoryPlayer | None = None
     _held: str | None = None
     _lost_periods = 0
+    _judged: Step | None = None  # the latest step for which it was asked whether the entity is held
 
     def on_arrived(self, motion: Motion) -> Status:
         """The motion is complete."""
@@ -178,8 +180,8 @@ class MovingLeaf(PlanningLeaf[Motion]):
     def on_answer(self, answer: Motion) -> Status:
         """Store the motion; it is played from this tick on."""
         context = self.context
-        self._motion, self._lost_periods = answer, 0
-        self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.tracking_error_max_rad)
+        self._motion, self._lost_periods, self._judged = answer, 0, context.step
+        self._player = TrajectoryPlayer(answer.trajectory, context.commands, context.lag)
         return Status.RUNNING
 
     @final
@@ -190,7 +192,8 @@ class MovingLeaf(PlanningLeaf[Motion]):
             if self._player is None:
                 return waited
         player, step = self._player, self.context.step
-        if self._held is not None:
+        if self._held is not None and step is not self._judged:
+            self._judged = step
             self._lost_periods = 0 if self.context.is_holding(self._held) else self._lost_periods + 1
             if self._lost_periods >= LOST_PERIODS:
                 self._player = None
@@ -227,7 +230,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
         return {
             **found,
             "duration_s": round(motion.trajectory.duration_s, 6),
-            "worst_tracking_error_rad": self._player.lag.worst_error_rad,
+            "worst_tracking_error_rad": self.context.lag.worst_error_rad,
         }
 
 

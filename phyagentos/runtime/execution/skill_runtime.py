@@ -30,12 +30,14 @@ class TickResult:
         set_points: One control period to command; None: time stands.
         active: Path of the active leaf.
         thinking: Whether an answer of the planner is awaited.
+        goes_on: Whether the skill may be ticked again before the report of these set-points is there.
     """
 
     status: SkillStatus
     set_points: SetPoints | None = None
     active: str = ""
     thinking: bool = False
+    goes_on: bool = False
 
 
 @dataclass(frozen=True, slots=True)

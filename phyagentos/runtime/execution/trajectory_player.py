@@ -1,4 +1,4 @@
-"""Plays a timed motion, one control period a tick, and detects a motor that does not follow."""
+"""Plays a timed motion, one control period a tick."""
 
 from enum import StrEnum
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.execution.commands import CommandBuffer
+from phyagentos.runtime.execution.lag import Lag
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.motion.requests import Trajectory
 from phyagentos.runtime.targets.wire import Step
 
-STALL_PERIODS = 5  # 0.1 s beyond the tracking limit: longer than any contact transient seen in free motion
 ARRIVED_RAD = 0.006  # above the tracking error at rest (4 mrad)
 ARRIVE_PERIODS = 25  # 0.5 s to come to rest at the end
 NOT_ARRIVED_RAD = 0.015  # a tool that is this far off is more than a centimetre off; contact at rest pushes less
@@ -28,21 +28,6 @@ class Progress(StrEnum):
     """The arm does not follow."""
 
 
-class Lag:
-    """How far the arm is behind its set-points; stalled when beyond the limit [rad] for `STALL_PERIODS`."""
-
-    def __init__(self, tracking_error_max_rad: float) -> None:
-        self._limit = tracking_error_max_rad
-        self._beyond = 0
-        self.worst_error_rad = 0.0
-
-    def is_stalled(self, step: Step) -> bool:
-        """Whether the arm does not follow; called once after every control period."""
-        self.worst_error_rad = max(self.worst_error_rad, step.tracking_error_rad)
-        self._beyond = self._beyond + 1 if step.tracking_error_rad > self._limit else 0
-        return self._beyond >= STALL_PERIODS
-
-
 class TrajectoryPlayer:
     """Plays one trajectory into a command buffer.
 
@@ -52,7 +37,7 @@ class TrajectoryPlayer:
         ExecutionError: `NOT_AT_START` when the motion begins elsewhere or is sampled otherwise.
     """
 
-    def __init__(self, trajectory: Trajectory, commands: CommandBuffer, tracking_error_max_rad: float) -> None:
+    def __init__(self, trajectory: Trajectory, commands: CommandBuffer, lag: Lag) -> None:
         if trajectory.step_s != commands.step_s:
             raise ExecutionError(
                 FailureCode.NOT_AT_START,
@@ -64,13 +49,14 @@ class TrajectoryPlayer:
                 raise ExecutionError(FailureCode.NOT_AT_START, f"the motion begins {jump:.3f} rad from the set-points")
         self._trajectory = trajectory
         self._commands = commands
-        self.lag = Lag(tracking_error_max_rad)
+        self._lag = lag
+        self._lag.begin()
         self._row = 0
         self._waited = 0
 
     def tick(self, step: Step) -> Progress:
         """Judge the latest step and command the next rows."""
-        if self._row and self.lag.is_stalled(step):
+        if self._lag.is_stalled:
             return Progress.STALLED
         if self._row >= len(self._trajectory.q_rad):
             return self._come_to_rest(step)
@@ -81,8 +67,9 @@ class TrajectoryPlayer:
             missing = n - len(q)
             q = np.vstack((q, np.tile(q[-1], (missing, 1))))
             qd = np.vstack((qd, np.zeros((missing, q.shape[1]))))
-        self._commands.set_arm(np.ascontiguousarray(q), np.ascontiguousarray(qd))
         self._row += n
+        goes_on = self._row < len(self._trajectory.q_rad)
+        self._commands.set_arm(np.ascontiguousarray(q), np.ascontiguousarray(qd), goes_on=goes_on)
         return Progress.MOVING
 
     def _come_to_rest(self, step: Step) -> Progress:

@@ -7,7 +7,7 @@ from typing import Any
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
-from py_trees.composites import Composite
+from py_trees.composites import Composite, Parallel
 from py_trees.decorators import Decorator
 
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -35,6 +35,7 @@ class TreeSkillRuntime:
         self._context = context
         self._events: list[TraceEvent] = []
         self._seen: list[tuple[Status, int]] = [(Status.INVALID, 0)] * len(tree.nodes)
+        self._parallels = [each.behaviour for each in tree.nodes if isinstance(each.behaviour, Parallel)]
         self._commands = 0
         self._idle = 0
         self._stuck = False
@@ -56,7 +57,8 @@ class TreeSkillRuntime:
         if self._idle > IDLE_TICKS_MAX:
             self._stuck = True
             return TickResult(SkillStatus.FAILED, None, self._find_active())
-        return TickResult(status, points, self._find_active(), thinking)
+        goes_on = context.commands.goes_on and not any(each.status is Status.RUNNING for each in self._parallels)
+        return TickResult(status, points, self._find_active(), thinking, goes_on)
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until the planner answers."""

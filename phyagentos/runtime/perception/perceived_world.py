@@ -65,9 +65,9 @@ class PerceivedWorld(WorldModel):
         self._look: Look | None = None  # that goes on
 
     @override
-    def advance(self, step: Step) -> None:
-        super().advance(step)
-        self._note((step.time_s, step.target))
+    def advance(self, step: Step, *, stands: bool = True) -> None:
+        super().advance(step, stands=stands)
+        self._note((step.time_s, step.target), stands=stands)
 
     @override
     def restore(self, belief: Environment, looks: Collection[Look] = ()) -> None:
@@ -212,11 +212,12 @@ class PerceivedWorld(WorldModel):
         newest_s = max((f.time_s for f in frames.frames if f.time_s <= later[0] + AHEAD_S), default=later[0])
         return newest_s, self._find_state(newest_s)
 
-    def _note(self, now: Moment) -> None:
+    def _note(self, now: Moment, *, stands: bool = True) -> None:
         """Remember the target's state, for frames with latency."""
         if not self._states or now[0] > self._states[-1][0] + SAME_S:
             self._states.append(now)
-            self._probe_cameras(now[0], PROBE_PERIOD_S)
+            if stands:
+                self._probe_cameras(now[0], PROBE_PERIOD_S)
 
     def _probe_cameras(self, time_s: float, period_s: float) -> Environment | None:
         """The belief, with frozen cameras marked; probes at most once in a period."""

@@ -71,8 +71,11 @@ class WorldModel(ABC):
         """The latest step of the session that has authority, or had it last."""
         return self._step or self._handle.step
 
-    def advance(self, step: Step) -> None:
-        """A command was carried out: the present answer expires."""
+    def advance(self, step: Step, *, stands: bool = True) -> None:
+        """A command was carried out: the present answer expires.
+
+        The world `stands` at this step, and can be looked at, unless another command is on its way.
+        """
         self._step, self._present = step, None
 
     def restore(self, belief: Environment, looks: Collection[Look] = ()) -> None:

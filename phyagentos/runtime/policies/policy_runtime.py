@@ -31,7 +31,6 @@ from phyagentos.runtime.actions.violations import Violation
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
-from phyagentos.runtime.execution.trajectory_player import Lag
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.observations import Observer
@@ -68,7 +67,7 @@ class PolicySkillRuntime:
         self._failure: Failure | None = None
         self._before = np.append(context.commands.q_rad, context.commands.gripper_width_m)
         self._velocity = np.zeros(len(self._before) - 1)
-        self._lag = Lag(context.tracking_error_max_rad)
+        context.lag.begin()
         self._asked_at_s, self._asked_after, self._asked_before = 0.0, 0, self._before
         self._chunks = self._commands = self._empty = 0
         self._is_last = False
@@ -82,7 +81,7 @@ class PolicySkillRuntime:
         if self._failure is not None:
             return TickResult(SkillStatus.FAILED, None, LEAF)
         if self._periods:
-            if self._lag.is_stalled(self._context.step):
+            if self._context.lag.is_stalled:
                 error_rad = self._context.step.tracking_error_rad
                 return self._fail(FailureCode.STALLED, f"the arm is {error_rad:.3f} rad behind its set-points")
             points = self._periods.popleft()

@@ -334,17 +334,31 @@ REPLIES = Codec[Reply](Reply, "reply")
 def exchange(
     connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], None] | None = None
 ) -> Reply:
-    """One request and its reply, within `timeout_s` [s]; without one the connection is closed, so none is mistaken.
+    """One request and its reply; see `await_reply`."""
+    send_request(connection, request)
+    return await_reply(connection, timeout_s, on_wait)
+
+
+def send_request(connection: Channel, request: Request) -> None:
+    """Send one request; replies come in the order of requests.
+
+    Raises:
+        ExecutionError: `TARGET_LOST` when the target is gone.
+    """
+    try:
+        connection.send_bytes(REQUESTS.encode(request))
+    except OSError as error:
+        raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
+
+
+def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], None] | None = None) -> Reply:
+    """The next reply, within `timeout_s` [s]; without one the connection is closed, so none is mistaken.
 
     `on_wait` is called every `WAIT_SLICE_S` meanwhile.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
     """
-    try:
-        connection.send_bytes(REQUESTS.encode(request))
-    except OSError as error:
-        raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
     waited_s = 0.0
     try:
         while on_wait is not None and waited_s < timeout_s and not connection.poll(WAIT_SLICE_S):

@@ -9,6 +9,7 @@ from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.actions.bridges.compilation import compile_chain
+from phyagentos.runtime.execution.lag import Lag
 from phyagentos.runtime.execution.skill_runtime import SkillStatus
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.policy_runtime import PolicyParts, PolicySkillRuntime
@@ -73,7 +74,7 @@ class Stand:
             session=session,
             profile=profile,
             commands=commands,
-            tracking_error_max_rad=0.1,
+            lag=Lag(0.1),
             step=SimpleNamespace(tracking_error_rad=0.0),
             time_s=0.0,
             note=lambda *_, **__: None,
