@@ -1,0 +1,141 @@
+"""A command goes out before the report of the one before, where the skill's next set-points are fixed."""
+
+from collections import deque
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions.session import Ended, Limits
+from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.execution.leaf import Leaf, Role, Status
+from phyagentos.runtime.targets import wire
+
+
+class Tap:
+    """Counts commands without a report, and notes what else was asked meanwhile."""
+
+    def __init__(self, connection):
+        self._connection, self._kinds = connection, deque()
+        self.most, self.asked_meanwhile = 0, []
+
+    def send_bytes(self, message):
+        kind = type(wire.REQUESTS.decode(message))
+        if kind is not wire.Command and wire.Command in self._kinds:
+            self.asked_meanwhile.append(kind)
+        self._kinds.append(kind)
+        self.most = max(self.most, self._kinds.count(wire.Command))
+        self._connection.send_bytes(message)
+
+    def recv_bytes(self):
+        self._kinds.popleft()
+        return self._connection.recv_bytes()
+
+    def poll(self, timeout_s=0.0):
+        return self._connection.poll(timeout_s)
+
+
+class GoesOn(Leaf):
+    """Claims that its next set-points are fixed; the seventh period jumps."""
+
+    ROLE = Role.ACT
+    INPUT_PORTS = {}
+    OUTPUT_PORTS = {}
+
+    def on_start(self):
+        self._periods = 0
+        return self.on_running()
+
+    def on_running(self):
+        self._periods += 1
+        commands = self.context.commands
+        rows = np.tile(commands.q_rad + (0.5 if self._periods == 7 else 0.0), (commands.n_steps, 1))
+        commands.set_arm(rows, np.zeros_like(rows), goes_on=True)
+        return Status.RUNNING
+
+
+@pytest.fixture
+def move(build_bench, build_session, doubles, profile):
+    """Run `home` from afar; returns the tap, the bench and the execution."""
+
+    def move(target=None, distance_rad=0.3, **changes):
+        bench = build_bench(target or doubles.PerfectTarget(profile, [doubles.build_cube()]))
+        bench.target.q = bench.target.q + distance_rad
+        tap = bench.handle._connection = Tap(bench.handle._connection)
+        execution = bench.run(build_session(skill="home", parameters={}, **changes))
+        return tap, bench, execution
+
+    return move
+
+
+def read_trajectory(bench, execution):
+    with np.load(bench.workspace / execution.evidence / evidence.TRAJECTORY) as arrays:
+        return dict(arrays)
+
+
+def test_the_world_computes_while_the_worker_records_and_the_record_is_the_same(move, monkeypatch):
+    ahead, bench, execution = move(hold=("exists(red_cube)",))
+    recorded = read_trajectory(bench, execution)
+    monkeypatch.setattr(TargetSessionHandle, "can_run_ahead", property(lambda _handle: False))
+    serial, bench, execution = move(hold=("exists(red_cube)",), id="tidy-1.green")
+
+    assert (ahead.most, serial.most) == (2, 1)
+    assert len(recorded["time_s"]) == execution.ticks > 20
+    for name, values in read_trajectory(bench, execution).items():
+        assert np.array_equal(values, recorded[name]), name
+
+
+def test_the_world_is_looked_at_only_while_it_stands(move):
+    tap, bench, _ = move(hold=("exists(red_cube)",))
+
+    assert tap.asked_meanwhile == []
+    assert sum(isinstance(request, wire.Observe) for request in bench.target.requests) > 5
+
+
+def test_a_command_behind_a_refused_one_is_not_recorded(move, doubles, profile):
+    class Refusing(doubles.PerfectTarget):
+        def handle(self, request):
+            if isinstance(request, wire.Command) and request.sequence > 11:
+                self.requests.append(request)
+                return wire.Refused("TARGET_LIMIT" if request.sequence == 12 else "OUT_OF_SEQUENCE", "no")
+            return super().handle(request)
+
+    tap, bench, execution = move(Refusing(profile, [doubles.build_cube()]))
+
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "TARGET_LIMIT")
+    assert len(read_trajectory(bench, execution)["time_s"]) == 11
+    assert bench.target.commands()[-1].sequence <= 13
+    assert tap.asked_meanwhile == []
+
+
+def test_a_stop_of_the_target_is_met_before_another_command_is_sent(move, doubles, profile):
+    class Stopping(doubles.PerfectTarget):
+        def handle(self, request):
+            if isinstance(request, wire.Command) and request.sequence == 13:
+                self.requests.append(request)
+                return wire.Refused("COLLISION_STOP", "stopped")
+            reply = super().handle(request)
+            is_struck = isinstance(request, wire.Command) and request.sequence == 12
+            return msgspec.structs.replace(reply, stopped="COLLISION_STOP") if is_struck else reply
+
+    _, bench, execution = move(Stopping(profile, [doubles.build_cube()]))
+
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "COLLISION_STOP")
+    assert bench.target.commands()[-1].sequence == 13
+
+
+def test_what_was_carried_out_before_the_guard_refused_is_recorded(build_bench, session, plant, registry):
+    registry.register("goes_on", GoesOn)
+    bench = build_bench(library=plant(["goes_on"]))
+    execution = bench.run(session)
+
+    assert execution.code == "JOINT_VELOCITY"
+    assert len(read_trajectory(bench, execution)["time_s"]) == len(bench.target.commands()) == 6
+
+
+def test_the_time_limit_is_kept_to_the_period(move):
+    _, bench, execution = move(limits=Limits(timeout_s=0.26))
+
+    assert execution.ended is Ended.TIMED_OUT
+    assert len(bench.target.commands()) == 13
