@@ -11,15 +11,12 @@ class Clock(Protocol):
 
     def now_s(self) -> float:
         """Monotonic seconds; only differences mean anything."""
-        ...
 
     def wall_iso(self) -> str:
         """UTC wall time, `2026-11-21T14:31:07.123456Z`, for people and records."""
-        ...
 
     def sleep(self, seconds: float) -> None:
         """Wait `seconds` [s] of this clock."""
-        ...
 
 
 class SystemClock:

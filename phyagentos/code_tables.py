@@ -19,7 +19,7 @@ INVALID_NAME         A name holds signs that names may not have, or too many.
 INVALID_OVERRIDE     `--set` names a place that is not in the file.
 INVALID_PARAMETER    An argument is of the wrong type or out of range.
 INVALID_VALUE        A value is of the wrong type or out of range.
-LIMITS_MISSING       safety.yaml says nothing about the target, or lacks a limit.
+LIMITS_MISSING       safety.yaml lacks the target, or one of its limits.
 MISSING_KEY          A key that the format needs.
 MISSING_PARAMETER    An argument that the skill needs.
 MISSING_PORT         A port that the leaf or subtree needs.
@@ -61,7 +61,7 @@ UNKNOWN_SKILL        No skill of this name.
 UNKNOWN_TARGET       No target of this name.
 UNKNOWN_TREE         No tree of this name.
 UNREADABLE_FILE      A file cannot be read, or is no text.
-UNSOURCED_LIMIT      A limit of safety.yaml does not say where its number comes from.
+UNSOURCED_LIMIT      A limit of safety.yaml names no source of its number.
 UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
 UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
 WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.
@@ -73,7 +73,7 @@ WRONG_DOCUMENT       The front matter names another document.
 WRONG_LENGTH         A list has not one value per joint.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
 WRONG_UNIT           A limit is given in another unit than its check uses.
-YAML_SYNTAX          The text is not YAML, or holds a value that is not what its form or tag says.
+YAML_SYNTAX          The text is not YAML, or holds a value that does not fit its form or tag.
 """
 
 OPERATION = """
@@ -117,8 +117,8 @@ LANE_UNCLEAR         Several hosts have written here; name a partition with --la
 LOOK_DIFFERS         Perception now reads something else than when a look was recorded.
 LOOK_MISSING         A bundle lacks what a snapshot or a sample was perceived from.
 MANIFEST_DAMAGED     A manifest of evidence does not hold what it should.
-MISMATCH             A file of evidence has another hash than its manifest says.
-MISSING              A bundle of evidence is gone, or a file of one whose manifest does not say so.
+MISMATCH             A file of evidence has another hash than in its manifest.
+MISSING              A bundle of evidence is gone, or a file that its manifest still lists.
 NOTHING_OBSERVED     ENVIRONMENT.md holds no snapshot yet.
 POINTER_BROKEN       A snapshot points at pixels that no look of its bundle holds.
 RECORDS_MISSING      Records that were given a number are gone.
@@ -147,7 +147,7 @@ JOINT_MISSING            The target has a joint for which the source gives no va
 JOINT_UNKNOWN            The source names a joint that the target does not have.
 LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
-LIMIT_UNENFORCEABLE      The live target does not tell what a limit of safety.yaml is held against, or not truly.
+LIMIT_UNENFORCEABLE      The live target does not declare what a limit of safety.yaml is compared with, or falsely.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
 NO_TOKEN                 The token of a target that is served elsewhere is missing, or others can read it.
 NO_DRIVER                No driver moves a target of this kind, or none of the name that the profile gives.
@@ -155,7 +155,7 @@ NOT_CHECKED              A session was to run without a preflight.
 OBSERVATION_DTYPE        A policy takes another element type than the sensor gives.
 OBSERVATION_FRAME        A policy takes an observation in another frame than the sensor gives.
 OBSERVATION_MODALITY     A policy takes another modality than the sensor measures.
-OBSERVATION_RATE         A policy wants an observation more often than the sensor measures.
+OBSERVATION_RATE         A policy needs an observation more often than the sensor measures.
 OBSERVATION_SHAPE        A policy takes an array of another shape than the sensor gives, or its form is not declared.
 OBSERVATION_UNAVAILABLE  The target does not give an observation that the skill needs.
 OBSERVATION_UNIT         A policy takes another unit than the sensor gives.
@@ -167,19 +167,19 @@ PARAMETER_MISSING        The contract lacks an argument.
 PARAMETER_UNKNOWN        The contract holds an argument that the skill does not know.
 POLICY_MISMATCH          The policy server is not the one that SKILL.md describes.
 POLICY_TOO_SLOW          The policy takes longer to answer than one of its chunks lasts.
-POLICY_UNDECLARED        A policy skill does not say what its policy takes, or how it speaks.
+POLICY_UNDECLARED        A policy skill does not declare the observations of its policy, or its action space.
 POLICY_UNREACHABLE       No policy server answers.
 PRECONDITION_UNMET       A precondition is false or unknown in the world as observed.
 RATE_UNBRIDGED           No resampling leads from the source's rate to the target's.
 REPRESENTATION_UNBRIDGED No bridge leads from the source's representation to the target's.
 RESOURCE_UNDECLARED      The contract names a resource that runtime_contract.yaml does not.
 SENSOR_MISSING           No sensor of sensors.yaml provides an observation that is needed.
-SENSOR_MODALITY          A sensor cannot measure what it is said to provide.
+SENSOR_MODALITY          A sensor cannot measure what it is declared to provide.
 SENSOR_RATE              A sensor measures too seldom for fresh facts, or oftener than the world changes.
 SENSOR_UNREAD            No pipeline of perception.yaml reads a sensor that is needed.
 SKILL_KIND_UNSUPPORTED   This runtime cannot run skills of this kind.
 START_OUTSIDE            The tool stands outside the workspace, or in a keep-out volume, before anything has moved.
-TARGET_MISMATCH          The live target is not what TARGETS.md says.
+TARGET_MISMATCH          The live target differs from TARGETS.md.
 TARGET_UNAVAILABLE       The target's worker cannot be started.
 TARGET_UNKNOWN           No worker serves a target of this name.
 TOO_HEAVY                What the session takes hold of may weigh more than the arm carries.
@@ -222,8 +222,8 @@ NOT_AT_START            A motion does not begin where the arm stands.
 NOT_VISIBLE             The object is believed, but was not seen.
 NO_PROGRESS             The tree runs, yet neither commands nor thinks; or longer than the contract allows.
 OUT_OF_TIME             A timeout of the tree ran out, in simulated time.
-POLICY_FAULT            The policy server said that it cannot answer, or said what is no answer.
-POLICY_LOST             The policy server has gone, or has said nothing for longer than the contract allows.
+POLICY_FAULT            The policy server reported a fault, or its answer cannot be read.
+POLICY_LOST             The policy server has gone, or has sent nothing for longer than the contract allows.
 STALLED                 A motor does not follow its set-points.
 STILL_HELD              The fingers opened and still hold the object.
 TIMED_OUT               A time limit of the contract was reached.
@@ -233,8 +233,8 @@ VERIFICATION = """
 CONSTRAINT_VIOLATED A condition that had to hold all through did not.
 ADAPTER_REFUSED     A command did not fit the target: an adapter or the target itself refused it.
 BUDGET              The goal's budget of sessions or simulated time is spent.
-EVIDENCE_MISSING    The evidence does not tell whether the objective was met.
-EXECUTION_MISSING   The bundle does not say how the execution ended.
+EVIDENCE_MISSING    The evidence does not show whether the objective was met.
+EXECUTION_MISSING   The bundle does not record how the execution ended.
 NOT_JUDGED          A session has no verdict yet to which a judgement could be added.
 JUDGES_DISAGREE     One judge calls true what another calls false.
 JUDGE_FAILED        A judge gave no usable answer, and nothing else is open.
@@ -248,7 +248,7 @@ OBJECT_MOVED        The object was not where it had been when the motion was pla
 OUTPUT_MISSING      A session succeeded without an output that a later node needs.
 POLICY_FAILED       The policy gave no usable action.
 PLACED_WRONG        The object was moved and is not where it was wanted.
-SENSOR_STALE        The latest measurement is too old to tell how the world stands.
+SENSOR_STALE        The latest measurement is too old to describe the world.
 UNDECIDABLE         Everything was seen, and still a criterion cannot be decided.
 UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not."""
@@ -301,8 +301,8 @@ DETECTOR_TIMEOUT        A detector gave no answer in time.
 DETECTOR_UNREACHABLE    A detector cannot be reached.
 EPISODE_CONFLICT        The target already runs an episode with another scene or seed.
 FRAME_DROPPED           The latest frames of a camera were all lost.
-HEARTBEAT_INCONSISTENT  Two processes beat for one target, or what a worker says runs backwards.
-HEARTBEAT_LOST          The worker lives, and has said nothing new for longer than the contract allows.
+HEARTBEAT_INCONSISTENT  Two processes beat for one target, or a worker's sequence runs backwards.
+HEARTBEAT_LOST          The worker lives, and its heartbeat has not advanced for longer than the contract allows.
 INVALID_CROP            A window of a camera's picture is empty, or leaves the picture.
 LEASE_LOST              No watchdog has renewed the lease of a session that runs; the worker ended it.
 LATCH_UNWRITABLE        The disk takes no latch of the emergency stop, and has no reserve for it.
@@ -310,8 +310,8 @@ LOG_UNWRITABLE          The target cannot write its receive log, so it accepts n
 MALFORMED               A message on the wire could not be read.
 NO_AUTHORITY            A command came without a claim.
 NO_GROUND_TRUTH         The ground truth was asked for, and is not offered.
-NO_GRAPHICS             This machine cannot draw; sensors.yaml may say `backend: ray`.
-NO_STATE                Frames came before the target had said anything of itself.
+NO_GRAPHICS             This machine cannot draw; sensors.yaml may have `backend: ray`.
+NO_STATE                Frames came before any state of the target.
 NO_SCENE                The target was asked before an episode began.
 OUT_OF_SEQUENCE         A command's number does not follow the one before.
 PLANNER_LOST            The planner process died or broke its protocol.

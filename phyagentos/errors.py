@@ -19,7 +19,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         found: The offending value, as a person wrote it.
         expected: What would have been possible.
         hint: What to do next; often the nearest valid name.
-        triggered_by: What requires the missing thing (a skill, a policy, a settings file), unless the address says it.
+        triggered_by: What requires the missing thing (a skill, a policy, a settings file), unless the address shows it.
         subject: The predicate or name that the finding is about, for programs; the other texts are for people.
     """
 

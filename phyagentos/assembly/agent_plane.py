@@ -67,7 +67,7 @@ def open_agent(
         workspace: With its settings and its memory.
         clock: For waiting.
         by: Name of the writer in the journal.
-        verify: What judgements are for, instead of what runtime_contract.yaml says.
+        verify: What judgements are for, instead of that of runtime_contract.yaml.
         memory: Folder of a memory that outlives the workspace, instead of its own.
         memory_use: Whether experience advises, and whether it grows.
         policy: Chooses what follows a miss; graph repair by default.

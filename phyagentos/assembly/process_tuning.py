@@ -21,7 +21,7 @@ def ask_for_prompt_wakeups() -> bool:
         return False
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
-    except OSError:  # a right that an ordinary user rarely has; `paos doctor` tells
+    except OSError:  # a right that an ordinary user rarely has; `paos doctor` shows it
         return False
     return True
 

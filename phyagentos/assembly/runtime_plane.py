@@ -179,7 +179,7 @@ def seal_rest(workspace: Workspace, ledger: Ledger) -> None:
 
 
 def _read_rules(workspace: Workspace) -> RuntimeContract:
-    """What runtime_contract.yaml says; defaults where it cannot be read, which preflight reports."""
+    """Settings of runtime_contract.yaml; defaults where it cannot be read, which preflight reports."""
     try:
         return read_runtime_contract(workspace.runtime_contract)
     except DefinitionError:

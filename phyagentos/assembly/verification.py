@@ -104,7 +104,7 @@ def _open_vision(settings: JudgeSettings) -> VisionJudge:
                 address=f"{settings.address}.vision.api_key_env",
                 found=f"environment variable {model.api_key_env} is not set",
                 expected="the key of the endpoint",
-                hint=f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint wants no key.",
+                hint=f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint needs no key.",
             )
         )
     endpoint = OpenAiEndpoint(

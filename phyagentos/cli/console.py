@@ -72,13 +72,13 @@ class RunConsole:
         self._console.print(Text(text, style=style))
 
     def print_once(self, text: str, style: str = "") -> None:
-        """The same, unless it has been said."""
+        """The same, unless it was printed before."""
         if text not in self._notes:
             self._notes.add(text)
             self.print_line(text, style)
 
     def _print_change(self, row: Row) -> None:
-        """Say what changed about a row since the last call."""
+        """Print what changed about a row since the last call."""
         if row.session is None or self._printed.get(row.name) == row.state:
             return
         self._printed[row.name] = row.state

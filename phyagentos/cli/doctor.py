@@ -76,7 +76,7 @@ def examine_machine(
     folder: Annotated[Path, typer.Argument(help="Where workspaces will stand.")] = Path(),
     as_json: Annotated[bool, typer.Option("--json", help="One JSON list on stdout.")] = False,
 ) -> None:
-    """Check this machine: graphics, locks, file events, clock, versions, ports, disk; tell each fix."""
+    """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     if not folder.is_dir():
         raise DefinitionError(Problem(code="UNKNOWN_FOLDER", address=str(folder), expected="a folder that exists"))
     findings = list(iter_findings(folder, SystemClock()))

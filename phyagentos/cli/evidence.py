@@ -35,10 +35,10 @@ def verify(workspace: Space, as_json: AsJson = False) -> int:
 
 def prune(
     workspace: Space,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, write nothing.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be done, write nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Thin bundles of succeeded sessions, as `evidence` in runtime_contract.yaml says; all others stay whole."""
+    """Thin bundles of succeeded sessions, by `evidence` of runtime_contract.yaml; all others stay whole."""
     from phyagentos.clock import SystemClock
     from phyagentos.protocol.workspace.workspace import Workspace
     from phyagentos.store.retention import apply_retention, read_retention

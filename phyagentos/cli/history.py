@@ -26,6 +26,6 @@ def read_ledger(root: Path, about: str = "") -> Ledger:
                 if (found := histories.fold_around(SessionId(about))) is not None:
                     return found
         except ExecutionError as error:
-            if error.code != "INDEX_UNAVAILABLE":  # a folder that may not be written, say
+            if error.code != "INDEX_UNAVAILABLE":  # a folder without write permission, for one
                 raise
     return fold_partition(folder)

@@ -51,7 +51,7 @@ def show(
 
 
 def why(entry: Entry, workspace: Space, as_json: AsJson = False) -> None:
-    """Where an entry comes from: failures, corrections and their verdicts, and what people said of it."""
+    """Where an entry comes from: failures, corrections and their verdicts, and the edits by people."""
     with _opened(workspace) as memory:
         found = _find(memory, entry, workspace)
         episodes, edits = _trace(memory, entry)

@@ -77,7 +77,7 @@ class Interrupts:
             self.count += 1
 
         def ask(*_: object) -> None:
-            self.count = max(self.count, 1)  # both the kernel and the shell tell it
+            self.count = max(self.count, 1)  # both the kernel and the shell report it
             for descriptor in (1, 2):
                 mute_if_gone(descriptor)
 
@@ -246,7 +246,7 @@ def has_live(fold: RunFold) -> bool:
 
 
 def print_stop(workspace: Workspace, console: RunConsole) -> None:
-    """Say why nothing moves under a latched emergency stop."""
+    """Print why nothing moves under a latched emergency stop."""
     latch = read_latch(workspace.signals.parent)
     if latch is not None:
         why = f"emergency stop latched by {latch.by or '?'} ({latch.reason or 'no reason given'})"

@@ -37,7 +37,7 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def compute_exit_code(fold: RunFold) -> ExitCode:
-    """What the journal says about the end of the goal."""
+    """Recorded end of the goal."""
     goal = fold.goal
     if goal is None or not (goal.verdict or goal.is_cancelled):
         return ExitCode.INTERNAL_ERROR

@@ -32,7 +32,7 @@ Sense = Annotated[
 ]
 Verify = Annotated[
     VerificationMode | None,
-    typer.Option(help="What judgements are for, instead of what runtime_contract.yaml says."),
+    typer.Option(help="What judgements are for, instead of that of runtime_contract.yaml."),
 ]
 SharedMemory = Annotated[
     Path | None,

@@ -24,7 +24,7 @@ Json = Annotated[bool, typer.Option("--json", help="As one JSON object.")]
 
 
 def check(workspace: Space, partition: Partition = None, as_json: Json = False) -> int:
-    """Read every byte, archive included, and tell every problem; changes nothing. Exit code 1 when there is damage."""
+    """Read every byte, archive included, and report every problem; changes nothing. Exit code 1 with damage."""
     from phyagentos.clock import SystemClock
     from phyagentos.store.inspection import inspect_partition
 
@@ -75,7 +75,7 @@ def repair(
         print_result("\n".join(_describe_repair(done)))
     if is_refused:
         print_note("Nothing was changed. Better than a repair is the file from a copy or from version control; else")
-        print_note("end every process on this workspace and say --accept-loss.")
+        print_note("end every process on this workspace and add --accept-loss.")
     return int(ExitCode.GOAL_NOT_MET if is_refused else ExitCode.GOAL_MET)
 
 

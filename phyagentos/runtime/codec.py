@@ -30,11 +30,7 @@ class Codec(Generic[MessageT]):
         self.encode = msgspec.msgpack.Encoder(enc_hook=_encode_array).encode
 
     def decode(self, message: bytes) -> MessageT:
-        """One message.
-
-        Raises:
-            ExecutionError: `MALFORMED` when the bytes are none.
-        """
+        """One message; raises ExecutionError `MALFORMED` when the bytes are none."""
         try:
             return self._decoder.decode(message)
         except _BROKEN as error:

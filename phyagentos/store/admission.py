@@ -31,7 +31,7 @@ _UNKNOWN = "unknown"  # state of a session that was never submitted
 
 
 class GoalEvent(StrEnum):
-    """What can be said about a goal (`goal:<goal id>`) or one of its nodes (`node:<goal id>/<node>`)."""
+    """Events of a goal (`goal:<goal id>`) or one of its nodes (`node:<goal id>/<node>`)."""
 
     GOAL_SUBMITTED = "goal_submitted"
     """A person asked for it; the first record of every goal."""
@@ -54,7 +54,7 @@ class GoalEvent(StrEnum):
     GOAL_VERDICT = "goal_verdict"
     """Whether the goal was met; the last record of every goal."""
     GOAL_CANCELLED = "goal_cancelled"
-    """Somebody asked for an end."""
+    """An end was requested."""
 
 
 _AGENT, _RUNTIME = Side.AGENT, Side.RUNTIME  # an enumeration takes its time to find a member
@@ -121,7 +121,7 @@ class Admission:
             self._known[record.id] = known
 
     def restore(self, known: Mapping[str, Known]) -> None:
-        """Take note of what a checkpoint, or an older record, says; what is known already stands."""
+        """Add facts of a checkpoint or an older record; what is known already stands."""
         self._known = {**known, **self._known}
 
     def knows(self, id: str) -> bool:
@@ -197,7 +197,7 @@ class Admission:
     def _check_submit(self, entry: Entry, side: Side) -> Session:
         known = self._find(entry.id)
         if known is not None:
-            self._fire(entry, known, side)  # refuses, and says what would be possible
+            self._fire(entry, known, side)  # refuses, with what would be possible
         if side is _RUNTIME or entry.id == JOURNAL_ID:
             state = known.state if known else _UNKNOWN
             raise IllegalTransition(entry.id, state, entry.ev, side, ("submit, by the agent or an operator",))
@@ -245,12 +245,14 @@ class Admission:
             reason = f"no such event. Possible: {format_names(possible)}. {format_hint(entry.ev, possible)}"
             raise IllegalEvent(entry.id, entry.ev, reason.rstrip())
         if side is not _AGENT and (side is _RUNTIME or entry.ev not in _BY_OPERATOR):
-            raise IllegalEvent(entry.id, entry.ev, f"the {side} may not say this; goals and nodes belong to the agent")
+            raise IllegalEvent(
+                entry.id, entry.ev, f"the {side} may not record this; goals and nodes belong to the agent"
+            )
         goal = entry.id if is_goal else GOAL_PREFIX + split_node_id(entry.id)[0]
         known = self._find(goal)
         if (known is None) != (entry.ev == _SUBMITTED):
-            said = "it was submitted before" if known else "this goal was never submitted"
-            raise IllegalEvent(entry.id, entry.ev, said)
+            why = "it was submitted before" if known else "this goal was never submitted"
+            raise IllegalEvent(entry.id, entry.ev, why)
         if known is not None and known.state == _VERDICT:
             raise IllegalEvent(entry.id, entry.ev, "the goal has its verdict, which is final")
 
@@ -287,7 +289,7 @@ def _convert(entry: Entry, kind: type[_StructT]) -> _StructT:
 
 
 def _check_review(entry: Entry) -> None:
-    """A judgement that is added later must say so, or it would be taken for the one that decided."""
+    """A judgement that is added later must be marked, or it would be taken for the one that decided."""
     attempt = (entry.body or {}).get("attempt")
     is_review = attempt.get("is_review") if isinstance(attempt, dict) else getattr(attempt, "is_review", False)
     if not is_review:
@@ -296,7 +298,7 @@ def _check_review(entry: Entry) -> None:
                 code="INVALID_CONTRACT",
                 address=f"session {entry.id}: {REVIEW}",
                 found="no attempt with is_review",
-                expected="a judgement that says that it was added after the verdict",
+                expected="a judgement marked as added after the verdict",
             )
         )
 

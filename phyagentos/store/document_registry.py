@@ -26,7 +26,7 @@ FORMATS: dict[str, DocumentFormat[Any]] = {
 
 
 def check_document(text: str, file: str, source: str = "") -> None:
-    """Check a document, whose usual name is `file`, as its reader would; raises DefinitionError with every problem."""
+    """Check a document, usually named `file`; raises DefinitionError with every problem at file:line:column."""
     if file == LOG.file:
         read_log(text, source)
     elif file == SESSIONS.file:

@@ -46,7 +46,7 @@ from phyagentos.store.segments import (
 
 __all__ = ["LOCK_NAME", "Follower", "Position", "find_holder", "hold_lock"]
 
-_DISTRUST_EVERY = 16  # looks: so often the folder is listed although the lock file says that there is nothing new
+_DISTRUST_EVERY = 16  # looks: so often the folder is listed although the lock file shows nothing new
 _CHUNK_BYTES = 1 << 20
 _CLEAN, _DAMAGED = Tail.CLEAN, Tail.DAMAGED  # an enumeration takes its time to find a member
 
@@ -133,7 +133,7 @@ class Follower:
         """Read as far as possible; what stopped it is in `tail`.
 
         Args:
-            trusts_lock: Believe the lock file when it says that there is no later segment.
+            trusts_lock: Believe a lock file that names no later segment.
 
         Raises:
             ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `JOURNAL_MOVED`,

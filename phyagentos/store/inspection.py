@@ -153,7 +153,7 @@ class _Replay:
         self._compare(record)
 
     def judge_checkpoint(self, folder: Path) -> Iterator[Finding]:
-        """Whether the checkpoint is one, and whether it says what the records say."""
+        """Whether the checkpoint is one, and whether it equals the fold of the records."""
         if self._checkpoint is None:
             if (folder / CHECKPOINT).exists():
                 yield Finding("CHECKPOINT_UNUSED", CHECKPOINT, 0, "it fits no place in the journal; it may be deleted")
@@ -168,7 +168,7 @@ class _Replay:
         try:
             self._ledger.apply(record)
         except (PhyAgentOSError, msgspec.MsgspecError, yaml.YAMLError, ValueError, KeyError, TypeError):
-            self._checkpoint = None  # told as a problem of that record
+            self._checkpoint = None  # reported as a problem of that record
             return
         if record.seq == self._checkpoint.position.seq:
             self._is_other = _list_unfinished(self._ledger.take_image()) != _list_unfinished(self._checkpoint.image)

@@ -333,7 +333,7 @@ def _read_changes(before: SessionStatus, record: Record) -> dict[str, Any]:
 
 
 def read_replan(body: Mapping[str, Any]) -> Replan:
-    """What a record says about the next session of a node."""
+    """Facts of a record about the next session of a node."""
     return Replan(
         session=SessionId(str(body.get("parent", ""))),
         child=SessionId(str(body.get("child", ""))),

@@ -67,7 +67,7 @@ class PartitionLock:
         fcntl.flock(self._fd, fcntl.LOCK_UN)
 
     def announce(self, segment: str) -> None:
-        """Say which segment is written from now on; call it with the lock held, before the segment appears."""
+        """Write down which segment is current from now on; call it with the lock held, before the segment appears."""
         announce_segment(self._fd, segment)
 
     def close(self) -> None:
@@ -99,7 +99,7 @@ def announce_segment(lock_fd: int, segment: str) -> None:
 
 
 def read_announced(lock_fd: int) -> str:
-    """The segment that is written now, as the lock file says; empty when it says nothing."""
+    """The segment that is written now, as in the lock file; empty where none is named."""
     return os.pread(lock_fd, _NAME_BYTES, 0).rstrip().decode("ascii", "replace")
 
 

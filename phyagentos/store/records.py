@@ -2,7 +2,7 @@
 
 A record is a header `<!-- phy1 SEQ10 LEN6 CRC8 -->` and LEN bytes of UTF-8: one line `- {json}`, then free Markdown,
 normally one YAML block. The CRC-32 of the payload starts from SEQ, so a record cannot be moved. Records of one batch
-count only together: each but the last says how many `more` follow.
+count only together: each has the number of records that follow it (`more`).
 """
 
 import re
@@ -125,9 +125,9 @@ def encode_batch(records: Iterable[Record]) -> bytes:
 
 def _encode_line(record: Record) -> str:
     """The fields of `_Line` as JSON, those that are absent left out, as `msgspec.json.encode` writes them."""
-    said = _encode_middle(record.ev, record.source, record.to, record.by, record.side, record.epoch)
+    middle = _encode_middle(record.ev, record.source, record.to, record.by, record.side, record.epoch)
     more = f',"more":{record.more}' if record.more else ""
-    return f'{{"id":{_encode_text(record.id)},{said},"at":{_encode_text(record.at)}{more}}}'
+    return f'{{"id":{_encode_text(record.id)},{middle},"at":{_encode_text(record.at)}{more}}}'
 
 
 @lru_cache(maxsize=512)
@@ -250,7 +250,7 @@ def scan_records(data: bytes, last_seq: int) -> Scan:
 
 
 def _judge(rest: bytes, seq: int) -> Tail:
-    """Tell an append that was cut short from a change of what stood there."""
+    """Distinguish an append that was cut short from a change of what stood there."""
     if not rest.strip(b"\0"):  # a file may have grown before its bytes arrived: ext4 leaves this after a power cut
         return Tail.TORN
     some_header = b"<!-- phy1 %010d 000000 00000000 -->\n" % seq

@@ -92,7 +92,7 @@ def apply_retention(
 
     Raises:
         ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
-            still says what it holds and the next clean-up goes on.
+            still names its files and the next clean-up goes on.
     """
     if dry_run:
         return _Cleaning(workspace, policy, clock).run(dry_run=True)
@@ -213,7 +213,7 @@ class _Cleaning:
         self._chosen[folder.name] = (rule, names | dict.fromkeys(more))
 
     def _thin(self, folder: Path, status: SessionStatus, rule: str, names: Iterable[str]) -> None:
-        """Say in the manifest what goes, wait for the disk, then delete it."""
+        """Mark in the manifest what goes, wait for the disk, then delete it."""
         manifest = self._manifests[folder.name]
         if manifest is None:
             return

@@ -93,7 +93,7 @@ def iter_surveys(folder: Path, *, known_seq: int = 0) -> Iterator[Survey]:
         front, head = _read_head(data, path)
         expected = Front(folder.name, name, seq + 1, before, sealed)
         pieces = _split(data, head, seq, limit, is_next=distance == 0)
-        if distance != 0:  # what follows does not tell where this one ended
+        if distance != 0:  # what follows does not show where this one ended
             is_last = index == len(files) - 1
             pieces = _judge_end(data, pieces, head, seq, known_seq if is_last else limit or 0, is_last=is_last)
         seq = _count(pieces, seq)
@@ -256,7 +256,7 @@ def _is_copy(data: bytes, reached: int) -> bool:
 
 
 def _cut(piece: Kept | Gap, end: int) -> Kept | Gap | None:
-    """What of a piece lies before `end`, a boundary of records."""
+    """Part of a piece before `end`, a boundary of records."""
     if piece.offset >= end:
         return None
     if isinstance(piece, Kept) and piece.offset + len(piece.data) > end:

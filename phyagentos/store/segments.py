@@ -28,27 +28,22 @@ class FileIO(Protocol):
 
     def write(self, fd: int, data: bytes) -> int:
         """Append; may write less than asked."""
-        ...
 
     def truncate(self, fd: int, size: int) -> None:
         """Cut to `size` bytes."""
-        ...
 
     def fdatasync(self, fd: int) -> None:
         """Make the contents durable."""
-        ...
 
     def fsync(self, fd: int) -> None:
         """Make contents and metadata durable."""
-        ...
 
     def replace(self, source: Path, destination: Path) -> None:
         """Rename over."""
-        ...
 
 
 class SyncFailedError(OSError):
-    """The disk did not confirm; what it holds now, and what a second try would say, means nothing."""
+    """The disk did not confirm; its contents, and the answer to a second try, mean nothing."""
 
 
 class SystemIO:

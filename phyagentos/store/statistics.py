@@ -92,7 +92,7 @@ class SyncTimes(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def compute_statistics(folder: Path) -> Statistics:
-    """Read a partition, archived segments included, as far as it is whole; `tail` says whether damage ends it."""
+    """Read a partition, archived segments included, as far as it is whole; `tail` shows whether damage ends it."""
     follower = HashingFollower(folder)
     try:
         records = follower.advance()

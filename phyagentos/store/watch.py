@@ -82,7 +82,7 @@ class Watch:
         """Forget the changes reported so far; whether there were any. Call it before looking, not after."""
         if self._inotify is None:
             return False
-        try:  # what the events say does not matter, an overflow neither: every wake-up looks at everything
+        try:  # the contents of events do not matter, an overflow neither: every wake-up looks at everything
             return bool(os.read(self._inotify.fileno(), _EVENTS_BYTES))
         except BlockingIOError:
             return False

@@ -88,7 +88,7 @@ class SegmentWriter:
             raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, segment {name}: {error}") from error
 
     def announce(self, name: str) -> None:
-        """Say in the lock file which segment is written from now on."""
+        """Write into the lock file which segment is current."""
         try:
             self._lock.announce(name)
         except OSError as error:  # no segment may appear unannounced

@@ -44,9 +44,6 @@ def judge_metric(text, folder=None, **more):
     return criterion
 
 
-# -- predicates --------------------------------------------------------------------------------------------------------
-
-
 def test_acceptance_needs_facts_that_were_observed_at_the_end():
     late = msgspec.structs.replace(DONE, time_s=FRESH_S + 0.5)
     (criterion,) = PredicateJudge().judge(make_bundle(late))
@@ -67,9 +64,6 @@ def test_a_world_that_began_anew_counts_its_time_anew_where_the_old_one_was_lost
     assert criterion.truth is Truth.TRUE
     (criterion,) = PredicateJudge().judge(make_bundle(DONE, before=before))
     assert criterion.truth is Truth.UNKNOWN
-
-
-# -- holds -------------------------------------------------------------------------------------------------------------
 
 
 def test_a_spilled_cup_is_told_by_its_worst_sample_though_it_stands_upright_now():
@@ -95,9 +89,6 @@ def test_a_condition_on_a_force_that_nobody_felt_is_unknown(tmp_path):
     session = make_session(hold=("metric(peak_force_n) <= 20",))
     (force,) = HoldJudge().judge(make_bundle(DONE, session=session, folder=tmp_path))
     assert (force.truth, force.because) == (Truth.UNKNOWN, "nothing measured peak_force_n")
-
-
-# -- metrics -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_force_spike_of_one_period_counts(tmp_path):
@@ -170,9 +161,6 @@ def test_criteria_of_the_settings_hold_for_every_session():
     assert attempt.judges == ("predicates/2", "metrics/1(metric(interventions) <= 0)")
 
 
-# -- look-ahead --------------------------------------------------------------------------------------------------------
-
-
 def write_lookahead(folder, **facts):
     result = LookaheadResult(
         **({"samples": 16, "succeeded": 4, "threshold": 0.7, "causes": {"GRASP_LOST": 12}} | facts)
@@ -215,9 +203,6 @@ def test_a_prediction_decides_where_nothing_was_observed(tmp_path):
     write_lookahead(tmp_path)
     verifier = SessionVerifier(judges=(LookaheadJudge(),))
     assert verifier.judge(make_bundle(DONE, session=ASKING, folder=tmp_path), BUDGET).verdict is not Verdict.SUCCESS
-
-
-# -- references --------------------------------------------------------------------------------------------------------
 
 
 def test_a_judgement_names_every_file_it_read_by_its_hash(tmp_path):

@@ -93,9 +93,6 @@ def see(now):
     return {"panda": (now, make_world())}
 
 
-# -- what counts as undone ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("later", "is_undone"),
     [
@@ -171,9 +168,6 @@ def test_a_thing_that_a_later_node_carries_on_is_where_it_was_wanted(make_stage,
     graph = write_graph(HEAD + CARRY.format("red_tray", "[]") + CARRY.format("green_tray", "[red_tray]"))
     report = make_stage().pursue(graph)
     assert (report.verdict, report.replans) == ("success", 0)
-
-
-# -- what a later node needs -------------------------------------------------------------------------------------------
 
 
 def test_a_child_waits_for_what_is_restored_however_far_back_and_whatever_its_priority(make_stage, row):

@@ -55,7 +55,7 @@ def test_the_mode_says_who_decides(mode, after, ended, verdict, found):
 
 def test_an_audit_says_what_the_evidence_says():
     attempt = SessionVerifier(mode=VerificationMode.AUDIT).judge(make_bundle(MISSED), BUDGET)
-    assert attempt.reason.startswith("audit: the execution ended completed, which decides; the evidence says replan.")
+    assert attempt.reason.startswith("audit: the execution ended completed, which decides; the evidence shows replan.")
     assert attempt.criteria[0].truth is Truth.FALSE
 
 
@@ -97,9 +97,6 @@ def test_what_succeeded_is_no_success_when_nobody_judged(make_stage, write_graph
     assert report.reason == "verification is off: every execution completed, none was judged"
 
 
-# -- unknown -----------------------------------------------------------------------------------------------------------
-
-
 def test_unknown_asks_to_look_at_what_was_not_seen():
     session = make_session(accept=("inside(red_cube, red_tray)", "upright(bottle)"))
     attempt = SessionVerifier().judge(make_bundle(perceive(DONE, red_cube=1), session=session), BUDGET)
@@ -133,9 +130,6 @@ def test_what_had_to_hold_all_through_cannot_be_seen_afterwards():
 def test_what_should_be_looked_at_is_told_even_when_the_budget_is_spent():
     attempt = SessionVerifier().judge(make_bundle(perceive(DONE, red_cube=1)), History(replans=2, max_replans=2))
     assert (attempt.verdict, attempt.missing_evidence) == (Verdict.FAILURE, ("red_cube",))
-
-
-# -- costly judges -----------------------------------------------------------------------------------------------------
 
 
 class Counting:

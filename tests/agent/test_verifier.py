@@ -198,9 +198,6 @@ def test_judges_of_others_are_weighed_like_the_own_ones():
     assert (attempt.verifier, attempt.judges) == ("sceptic/1", ("predicates/2", "sceptic/1"))
 
 
-# -- revisions ---------------------------------------------------------------------------------------------------------
-
-
 def _planned(leaf: str, *labels: str) -> TraceEvent:
     return TraceEvent(
         tick=1, time_s=0.0, path=f"a/{leaf}", leaf=leaf, status="SUCCESS", numbers={"labels": list(labels)}

@@ -193,9 +193,6 @@ def test_only_so_many_criteria_are_asked_about(serve, tmp_path, bundle):
     assert len(model.asked) == 2
 
 
-# -- configuration -----------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def workspace(tmp_path):
     return Workspace.create(tmp_path / "w", Library.open())

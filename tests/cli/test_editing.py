@@ -36,7 +36,7 @@ def test_what_is_refused_is_told_with_its_line(pending, paos):
 
     assert result.code == ExitCode.INVALID_INPUT
     assert "SESSIONS.md:" in result.err
-    assert "state: a state is told by what happens, and a verdict by evidence. Possible: state: cancelled" in result.err
+    assert "state: a state follows from records, and a verdict from evidence. Possible: state: cancelled" in result.err
     assert "1 refused; every word of it is in" in result.err
     assert "state: succeeded" in pending.workspace.rejected_document.read_text()
 

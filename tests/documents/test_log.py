@@ -172,7 +172,7 @@ def test_a_long_log_shows_its_end_and_says_how_much_is_older(pens):
     assert found.front.older == 5
     assert len(found.lines) == LINES_SHOWN
     assert found.lines[0].about == "s5"
-    assert "5 older records are not told here; they are in `sessions/`." in tail.render(ledger.seq)
+    assert "5 older records are not shown here; they are in `sessions/`." in tail.render(ledger.seq)
 
 
 def test_a_log_that_began_in_the_middle_says_so(pens):

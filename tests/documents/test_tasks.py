@@ -113,4 +113,4 @@ def test_where_memory_changed_many_sessions_the_rest_are_counted(ledger):
     text = render_tasks(ledger)
 
     assert text.count("- **Memory changed s") == ADVISED_SHOWN
-    assert "- **Memory changed** 3 more sessions; `paos why SESSION` tells how.\n" in text
+    assert "- **Memory changed** 3 more sessions; `paos why SESSION` shows how.\n" in text

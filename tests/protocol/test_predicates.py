@@ -40,8 +40,6 @@ from phyagentos.protocol.world.truth import Truth
 
 from .predicate_worlds import HALF_TURN_ABOUT_X, cube, tray, truth, value, world
 
-# -- grammar -----------------------------------------------------------------------------------------------------------
-
 _names = st.from_regex(r"[a-z][a-z0-9_]{0,6}", fullmatch=True).filter(lambda n: n not in {"and", "or", "not", "count"})
 _numbers = st.floats(allow_nan=False, allow_infinity=False, width=32).map(lambda x: x + 0.0)
 _terms = st.one_of(
@@ -145,8 +143,6 @@ def test_a_predicate_is_lasting_only_when_every_part_is():
     assert not parse_predicate("inside(a, b) and holding(target, a)").is_lasting
 
 
-# -- three values ------------------------------------------------------------------------------------------------------
-
 _WORLD = world(cube("seen"), cube("tilted", pose=Pose((0, 0, 0.02), HALF_TURN_ABOUT_X)))
 _LITERALS = {Truth.TRUE: "upright(seen)", Truth.FALSE: "upright(tilted)", Truth.UNKNOWN: "upright(missing)"}
 _VALUES = [Truth.FALSE, Truth.UNKNOWN, Truth.TRUE]
@@ -207,8 +203,8 @@ def test_evaluation_never_raises_whatever_the_formula_and_the_world(formula, now
     [
         ({"visible": False}, "was not visible"),
         ({"observed_at_s": 3.0}, "last seen 7.0 s before, allowed are 5 s"),
-        ({"observed_at_s": 12.0}, "seen 2.0 s after the snapshot"),
-        ({"observed_at_s": math.nan}, "is said to be seen"),
+        ({"observed_at_s": 12.0}, "dated 2.0 s after the snapshot"),
+        ({"observed_at_s": math.nan}, "is dated"),
     ],
 )
 def test_an_unseen_or_stale_fact_is_unknown_with_the_reason(change, because):
@@ -220,9 +216,6 @@ def test_an_unseen_or_stale_fact_is_unknown_with_the_reason(change, because):
 def test_fixed_things_do_not_age():
     now = world(tray(observed_at_s=0.0), cube("a", 0.5, 0.0, 0.03))
     assert truth("inside(a, tray)", now) is Truth.TRUE
-
-
-# -- quantifier --------------------------------------------------------------------------------------------------------
 
 
 def test_count_counts_true_ones_and_unknown_ones_leave_it_open():
@@ -249,9 +242,6 @@ def test_a_thing_that_vanished_is_still_asked_for():
     evaluation = value("not moved(*)", world(cube("a")), world(cube("a"), cube("b")))
     assert evaluation.truth is Truth.UNKNOWN
     assert "b is not in the snapshot" in evaluation.because
-
-
-# -- margins and plug-ins ----------------------------------------------------------------------------------------------
 
 
 def test_the_worse_of_two_samples_is_false_before_unknown_before_true_and_then_the_narrower():

@@ -145,7 +145,7 @@ def test_a_live_target_that_is_not_what_it_was_said_to_be_is_refused(changes):
 @pytest.mark.parametrize(
     ("untold", "code", "text"),
     [
-        ({"gripper_force_n": math.nan}, "GRIPPER_FORCE", "whose force the target does not tell"),
+        ({"gripper_force_n": math.nan}, "GRIPPER_FORCE", "whose force the target does not declare"),
         ({"kinematics": None}, "LIMIT_UNENFORCEABLE", "found none described; expected where each of 7 joints brings"),
         ({"joints": ()}, "TARGET_MISMATCH", "target.joints: TARGET_MISMATCH: found (none)"),
         ({"version": 0}, "VERSION_MISMATCH", "found version 0"),

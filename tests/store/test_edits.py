@@ -115,14 +115,14 @@ def test_what_is_deleted_asks_for_nothing_and_comes_back(stand):
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("state: pending", "state: succeeded", r"state: a state is told by what happens, and a verdict by evidence"),
+        ("state: pending", "state: succeeded", r"state: a state follows from records, and a verdict from evidence"),
         ("skill: pick_and_place", "skill: wave", r"contract.skill: a contract stands as it was submitted"),
         ("timeout_s: 60.0", "timeout_s: soon", r"contract.limits.timeout_s: SESSIONS.md:\d+:\d+: INVALID_VALUE"),
         ("timeout_s: 60.0", "timeout_s: -1", r"contract.limits.timeout_s: .*greater than 0"),
         ("timeout_s: 60.0", "timout_s: 6", r"contract.limits.timout_s: .*Did you mean 'timeout_s'\?"),
         ("priority: 0", "priority: high", r"contract.priority: found 'high'\.\n.*a whole number"),
         ("priority: 0", "priority: true", r"contract.priority: found True"),
-        ("asked_by: mission", "asked_by: me", r"asked_by: this is told by the journal"),
+        ("asked_by: mission", "asked_by: me", r"asked_by: this comes from the journal"),
         ("    timeout_s: 60.0\n", "", r"contract.limits.timeout_s: the line was deleted, which asks for nothing"),
         ("  limits:\n", "  limits: {{\n", r"YAML_SYNTAX"),
         ("# Sessions\n", "# My sessions\n", r"words and comments are not kept"),
@@ -255,8 +255,8 @@ def test_a_rendering_that_nobody_made_is_refused_as_a_whole(stand):
         stand.save(re.sub("view: \\d+", view, stand.text, count=1).replace("priority: 0", "priority: 5", 1))
         stand.settle()
 
-    assert "the journal does not tell what was shown at record 999999; it stands at 2" in stand.rejected
-    assert "its first lines do not say which rendering it was made from" in stand.rejected
+    assert "the journal does not show what was rendered at record 999999; it stands at 2" in stand.rejected
+    assert "its first lines do not name the rendering that it was made from" in stand.rejected
     assert stand.rejected.count("priority: 5") == 2
     assert events(stand) == []
 

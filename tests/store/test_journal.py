@@ -151,8 +151,8 @@ def test_a_claimant_of_an_earlier_epoch_is_fenced(open_journal, submit):
 @pytest.mark.parametrize(
     ("side", "entry", "message"),
     [
-        (Side.RUNTIME, Entry("node:tidy-7/red", "node_done"), "the runtime may not say this"),
-        (Side.OPERATOR, Entry("goal:tidy-7", "goal_verdict"), "the operator may not say this"),
+        (Side.RUNTIME, Entry("node:tidy-7/red", "node_done"), "the runtime may not record this"),
+        (Side.OPERATOR, Entry("goal:tidy-7", "goal_verdict"), "the operator may not record this"),
         (Side.AGENT, Entry("goal:tidy-7", "goal_submitted"), "it was submitted before"),
         (Side.AGENT, Entry("goal:other", "goal_compiled"), "this goal was never submitted"),
         (Side.AGENT, Entry("node:other/red", "node_ready"), "this goal was never submitted"),

@@ -69,6 +69,6 @@ def test_a_goal_or_node_event_is_recorded_for_its_own_sides_and_refused_to_the_o
         (record,) = journal.commit([entry])
         assert (record.ev, record.side) == (event, side)
     else:
-        with pytest.raises(IllegalEvent, match=f"the {side} may not say this"):
+        with pytest.raises(IllegalEvent, match=f"the {side} may not record this"):
             journal.commit([entry])
         assert read_bytes(journal) == stood

@@ -32,7 +32,7 @@ class LookaheadSpec(Authored):
 
 
 class Defaults(Authored):
-    """What holds for every node that does not say otherwise.
+    """Defaults of every node that declares nothing else.
 
     Attributes:
         timeout_s: Longest execution in the target's time [s].
@@ -40,7 +40,7 @@ class Defaults(Authored):
         queue_s: Longest wait for a free target, by the wall clock [s].
         preflight_s: Longest check before a session starts, by the wall clock [s].
         heartbeat_s: Longest silence of a runner, by the wall clock [s].
-        stall_s: Longest time without a control period while a runner says that it acts, by the wall clock [s].
+        stall_s: Longest time without a control period while a runner reports that it acts, by the wall clock [s].
         think_s: Longest time without a control period while it waits for a planner, by the wall clock [s].
         policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
         max_replans: Children that a node may have.
@@ -90,7 +90,7 @@ class NodeSpec(Authored):
         requires: Preconditions, beside those of the skill.
         hold: Conditions that must hold all through, beside those of the skill and the goal's constraints.
         accept: Acceptance criteria, beside what the skill guarantees.
-        objective: What a person would say; written from skill and arguments when empty.
+        objective: In words, for people; written from skill and arguments when empty.
         timeout_s: Overrides the default.
         max_replans: Overrides the default.
         priority: Larger runs first; a waiting session gains priority with time.
@@ -119,8 +119,8 @@ class GoalSpec(Authored):
 
     Attributes:
         targets: Role -> name in TARGETS.md, or `any`.
-        worlds: World -> roles or targets that stand in it together, as their profiles say (`world`); a target that is
-            not named stands where its profile says.
+        worlds: World -> roles or targets that stand in it together, as their profiles declare (`world`); a target that
+            is not named stands in the world of its profile.
         constraints: Invariants, sampled all through every session.
         sessions: Nodes by name.
         accept: The goal's own acceptance, judged at the end against the goal's first snapshot.

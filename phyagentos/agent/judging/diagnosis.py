@@ -88,7 +88,7 @@ _OF_THE_WAY = frozenset({"hold", "constraint", "metric", "requires"})  # kinds t
 
 
 class Layer(StrEnum):
-    """Where the cause lies, from the evidence inwards."""
+    """Kind of fact that supports a cause, from the evidence inwards."""
 
     EVIDENCE = "evidence"
     WORLD = "world"
@@ -147,7 +147,7 @@ class Diagnosis:
 
     @property
     def layer(self) -> Layer:
-        """Where the cause lies."""
+        """Kind of fact that supports the cause."""
         return _OF_LAYERS.get(self.cause, Layer.EXECUTION)
 
 
@@ -367,5 +367,5 @@ def _iter_demands(text: str) -> Iterator[Formula]:
     """The parts of a criterion that must all be true."""
     formula = find_formula(text)
     if formula is None:
-        return  # its judge has called it unknown, and says why
+        return  # its judge has called it unknown, with the reason
     yield from formula.parts if isinstance(formula, And) else (formula,)

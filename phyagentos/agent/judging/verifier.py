@@ -62,7 +62,7 @@ class SessionVerifier:
         `EVIDENCE_MISSING`, and `missing_evidence` names the entities to look at again.
         """
         if self.mode is VerificationMode.OFF:
-            reason = f"verification is off, nobody judged: the execution ended {bundle.execution.ended}."
+            reason = f"verification is off, no judge ran: the execution ended {bundle.execution.ended}."
             return Attempt(
                 verdict=Verdict.UNVERIFIED,
                 criteria=(),
@@ -156,7 +156,9 @@ def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnos
     """The diagnosis, and the entities to look at again."""
     diagnosis = diagnose(bundle, criteria)
     is_open = criteria and all(criterion.truth is not Truth.FALSE for criterion in criteria)
-    judged = [each for each in criteria if each.evidence]  # a look helps where a judge looked and could not tell
+    judged = [
+        each for each in criteria if each.evidence
+    ]  # a look helps where a judge had evidence and it was not enough
     missing = find_missing_evidence(judged, bundle.after) if is_open else ()
     if not missing or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
         return diagnosis, ()
@@ -169,7 +171,7 @@ def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
     """The same judgement, with the execution's own report as verdict."""
     ended = bundle.execution.ended
     verdict = Verdict.SUCCESS if ended is Ended.COMPLETED else Verdict.FAILURE
-    reason = f"audit: the execution ended {ended}, which decides; the evidence says {attempt.found}. {attempt.reason}"
+    reason = f"audit: the execution ended {ended}, which decides; the evidence shows {attempt.found}. {attempt.reason}"
     return msgspec.structs.replace(attempt, verdict=verdict, reason=reason)
 
 
@@ -193,7 +195,7 @@ def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceRefer
     references = list(bundle.references)
     for name in dict.fromkeys(criterion.evidence for criterion in criteria):
         if name and name not in known and "/" not in name:
-            with contextlib.suppress(OSError):  # the judge found none either, and said so
+            with contextlib.suppress(OSError):  # the judge found none either and reported it
                 references.append(refer_to(name, (bundle.folder / name).read_bytes()))
     return tuple(references[:MOST_REFERENCES])
 

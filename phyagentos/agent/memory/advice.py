@@ -33,13 +33,12 @@ class Advisor(Protocol):
     """The port: asked once for every contract, before it is submitted."""
 
     def advise(self, session: Session, world: Environment | None) -> Advice:
-        """What experience says about this contract.
+        """Advice of experience about this contract.
 
         Args:
             session: As compiled; a child has the strategy that its repair chose.
             world: The latest snapshot that was judged, None before the first.
         """
-        ...
 
 
 class NoAdvice:

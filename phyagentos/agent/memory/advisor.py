@@ -1,4 +1,4 @@
-"""The advisor: what verified experience says about a session before it is submitted. Paper section 4.3 (retrieval).
+"""The advisor: what verified experience advises for a session before it is submitted. Paper section 4.3 (retrieval).
 
 Only the first attempt of a node is advised: a repair rests on fresher evidence.
 """

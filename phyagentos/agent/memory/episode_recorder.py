@@ -139,7 +139,7 @@ class EpisodeRecorder:
             file.close()
 
     def _refuse(self, path: Path, refused: Sequence[str]) -> None:
-        """Keep word for word what could not be taken, and say so."""
+        """Keep refused text word for word and report it."""
         beside = path.with_suffix(".rejected.md")
         with beside.open("a", encoding="utf-8") as file:
             file.write("".join(f"{each}\n\n" for each in refused))

@@ -26,11 +26,11 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         features: What it was about.
         strategy: What was done differently from the skill's own way.
         advised_by: Entries of memory that asked for that.
-        verdict: As the evidence says, also where the mode of verification let something else decide.
+        verdict: By the evidence, also where the mode of verification let something else decide.
         purpose: As the contract has it: `inspect` or `clear` when it prepared another attempt, empty for an attempt.
         sensing: What the judgement rests on, `truth` or `perceived`.
-        evidence: Bundle, relative to the workspace; its whole path where the memory lies outside.
-        judged_at: Wall time of the verdict, UTC: tells sessions of one name in two workspaces apart.
+        evidence: Bundle, relative to the workspace; its whole path where the memory is outside.
+        judged_at: Wall time of the verdict, UTC; distinguishes sessions of one name in two workspaces.
     """
 
     session: str

@@ -125,8 +125,6 @@ class GoalController:
         ]
         return entries if self.status.is_cancelled else [*entries, self._note(GoalEvent.GOAL_CANCELLED, body)]
 
-    # -- sessions ------------------------------------------------------------------------------------------------------
-
     def _judge_ended(self) -> list[Entry]:
         """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one.
 
@@ -175,8 +173,6 @@ class GoalController:
             if attempt.missing_evidence and facts.count_looks(subject.contract) >= LOOKS_MAX:
                 attempt = settle(bundle, attempt)
         return bundle, attempt
-
-    # -- nodes ---------------------------------------------------------------------------------------------------------
 
     def _look_at_changed(self) -> list[Entry]:
         """What follows for the nodes that changed: a session, or the end of the node."""
@@ -230,8 +226,6 @@ class GoalController:
             entries += self._drafter.submit(session, ("it has to be done again",), Relation.AGAIN)
         return entries
 
-    # -- the goal ------------------------------------------------------------------------------------------------------
-
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
         """The records without the sessions beyond the goal's budget; these block their nodes."""
         if self.graph.spec.budget.is_endless or not any(entry.ev == "submit" for entry in entries):
@@ -280,8 +274,6 @@ class GoalController:
                     return looks
         body = {"verdict": outcome.verdict, "criteria": list(outcome.criteria), "reason": outcome.reason}
         return [self._note(GoalEvent.GOAL_VERDICT, body)]
-
-    # -- facts ---------------------------------------------------------------------------------------------------------
 
     def _find_freed_by(self, node: str, fresh: Mapping[str, Any]) -> list[str]:
         """Nodes that wait for nothing else once `node` and the other `fresh` ones are done."""

@@ -54,7 +54,6 @@ class MissionObserver(Protocol):
 
     def on_change(self, goal: GoalStatus, ledger: Ledger) -> None:
         """New records were taken in; runs in the loop's thread, must return soon and change nothing."""
-        ...
 
 
 class Mission:

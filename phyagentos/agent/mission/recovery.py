@@ -166,8 +166,6 @@ class Recovery:
         relation = Relation.AGAIN if state is NodeState.INVALIDATED else Relation.REPLAN
         return self.drafter.note_next(node, GoalEvent.NODE_WAITS, reason, relation, regressions)
 
-    # -- one miss ------------------------------------------------------------------------------------------------------
-
     def _repair(self, node: str, miss: Miss, *, restores: bool = True) -> list[Entry]:
         """Records of the policy's choice; the last one blocks the node when it gives up."""
         decision = self.policy.choose(self._make_case(node, miss))

@@ -10,7 +10,7 @@ from enum import StrEnum
 from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.repair.case import Case
 
-SESSION_S = 12.0  # declared simulated time of a session of manipulation, until one of the goal has told better [s]
+SESSION_S = 12.0  # declared simulated time of a session of manipulation, until one of the goal is measured [s]
 CHANCE_MIN = 0.05  # what is less likely to help is not worth a session
 
 

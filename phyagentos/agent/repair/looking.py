@@ -39,7 +39,7 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
         effect=f"{choice.skill} looks for {name}, then the same criteria are judged again",
         chance=_CHANCE * 0.5**looks,
         sim_time_s=case.time_of.get(choice.skill, SESSION_S / 3),
-        because=f"it cannot be told whether the objective was met, look {looks + 1} of {LOOKS_MAX}",
+        because=f"it is unknown whether the objective was met, look {looks + 1} of {LOOKS_MAX}",
         revision=Revision(
             parent=case.latest.id,
             requires=(),  # it is there to find out

@@ -36,7 +36,6 @@ class RepairPolicy(Protocol):
 
     def choose(self, case: Case) -> Decision:
         """The repair of a missed objective."""
-        ...
 
 
 class GraphRepair:

@@ -11,7 +11,7 @@ from phyagentos.protocol.world.truth import Truth
 Promises = Mapping[str, Collection[str]]  # skill -> what it guarantees, as authored
 Worlds = Mapping[str, tuple[Environment, Environment | None]]  # target -> its latest snapshot and its first
 
-_TAKING = frozenset({"holding", "moved"})  # they pass, but whoever is to bring them about does not only look
+_TAKING = frozenset({"holding", "moved"})  # they pass by themselves, but a session that achieves them moves something
 
 
 def find_regressions(

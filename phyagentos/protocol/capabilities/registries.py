@@ -101,7 +101,7 @@ def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
 
 
 def read_target(path: Path) -> TargetProfile:
-    """Read `robots/<name>/target.yaml`; raises DefinitionError with every problem."""
+    """Read `robots/<name>/target.yaml`; raises DefinitionError with every problem at file:line:column."""
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
     if profile.target != path.parent.name:
@@ -114,7 +114,7 @@ def read_target(path: Path) -> TargetProfile:
 
 
 def read_skill_registry(path: Path) -> dict[str, SkillRuntime]:
-    """Every skill of SKILLRUNTIME.md, by name; raises DefinitionError with every problem."""
+    """Every skill of SKILLRUNTIME.md, by name; raises DefinitionError with every problem at file:line:column."""
     return _read(path, SKILLRUNTIME)
 
 

@@ -37,7 +37,7 @@ class Parameter(Authored):
         type: What it takes.
         description: One sentence for people.
         unit: Of a number.
-        default: Taken where nothing is said.
+        default: Value of an argument that is left out.
         optional: Whether it may be left out without a default.
         choices: The only values, where there are few.
         minimum: Smallest number.
@@ -90,7 +90,7 @@ class PromotedWay(Authored):
     """A strategy that has proved itself as the default of a skill in one scope; written by memory, never by hand.
 
     Attributes:
-        entry: Of KNOWLEDGE.md, which tells what it rests on.
+        entry: Of KNOWLEDGE.md, which names its evidence.
         scene: Name of the scene; empty for any, as below.
         target: Name of the target.
         object: Kind of the thing that is acted on.
@@ -161,7 +161,7 @@ SKILLRUNTIME = DocumentFormat(
 
 
 def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
-    """Read `skills/<name>/SKILL.md`; raises DefinitionError with every problem."""
+    """Read `skills/<name>/SKILL.md`; raises DefinitionError with every problem at file:line:column."""
     front, first_line = split_front_matter(path.read_text(encoding="utf-8"), str(path))
     located = parse_yaml(front, str(path), first_line)
     skill = validate(SkillRuntime, located)

@@ -177,7 +177,7 @@ class Health(StrEnum):
     READY = "ready"
     """Its process is alive; it waits or works."""
     SILENT = "silent"
-    """Its process is alive and holds a session, but says nothing new."""
+    """Its process is alive and holds a session, but its heartbeat does not advance."""
     LOST = "lost"
     """Its process ended while the runtime was running."""
     STOPPED = "stopped"
@@ -218,5 +218,5 @@ TARGETS = DocumentFormat(
 
 
 def read_targets(text: str, source: str = "") -> Document[RegisteredTarget]:
-    """Read TARGETS.md: targets by name; raises DefinitionError with every problem."""
+    """Read TARGETS.md: targets by name; raises DefinitionError with every problem at file:line:column."""
     return read_document(text, TARGETS, source)

@@ -158,7 +158,7 @@ class Tree:
 
 
 def read_tree(path: Path) -> Tree:
-    """Read one tree file, parsed once in a process while unchanged; raises DefinitionError with every problem."""
+    """One tree file, parsed again only when changed; raises DefinitionError with every problem at file:line:column."""
     tree, problems = load_tree(path)
     if tree is None or problems:
         raise DefinitionError(problems)

@@ -77,9 +77,6 @@ def _to_lists(value: Any) -> Any:
     return [_to_lists(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-# -- writing -----------------------------------------------------------------------------------------------------------
-
-
 def _render_plain(plain: Any) -> str:
     rendered = _render_value(plain, "")
     return rendered[1:] + "\n"
@@ -144,9 +141,6 @@ def _render_float(value: float) -> str:
     if text[-1] in "fn":  # inf, -inf, nan
         return text.replace("inf", ".inf").replace("nan", ".nan")
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
-
-
-# -- reading -----------------------------------------------------------------------------------------------------------
 
 
 class _OtherYaml(Exception):

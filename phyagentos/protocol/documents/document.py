@@ -80,7 +80,7 @@ class DocumentFormat(Generic[BlockT]):
 
     @property
     def phy(self) -> str:
-        """Kind and version, as the front matter says it."""
+        """Kind and version, as in the front matter."""
         return f"{self.name}/1"
 
 
@@ -95,7 +95,7 @@ class Document(Generic[BlockT]):
 def read_document(
     text: str, format: DocumentFormat[BlockT], source: str = "", *, passed_over: Container[str] = ()
 ) -> Document[BlockT]:
-    """Read a document, without blocks below `passed_over`; raises DefinitionError with every problem at its place."""
+    """Read a document, without blocks below `passed_over`; raises DefinitionError, each problem at file:line:column."""
     source = source or format.file
     problems: list[Problem] = []
     front: Front | None = None

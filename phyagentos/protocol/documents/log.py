@@ -56,7 +56,7 @@ LOG: DocumentFormat[Any] = DocumentFormat(
 
 
 def read_log(text: str, source: str = "") -> Log:
-    """Read LOG.md; raises DefinitionError with every problem."""
+    """Read LOG.md; raises DefinitionError with every problem at file:line:column."""
     source = source or LOG.file
     lines, problems = _read_lines(text, source)
     try:

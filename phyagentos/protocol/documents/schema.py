@@ -73,7 +73,7 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
     `first_line` is the line of the file on which `text` begins, for YAML embedded in Markdown.
 
     Raises:
-        DefinitionError: On a syntax error, a value that is not what its form or tag says, or a key written twice.
+        DefinitionError: On a syntax error, a value that does not fit its form or tag, or a key written twice.
     """
     offset = first_line - 1
     marks: dict[Address, tuple[int, int]] = {}
@@ -164,7 +164,7 @@ def _collect_marks(
 
 
 def validate(model: type[ModelT], located: Located, path: Address = ()) -> ModelT:
-    """The frozen model of located YAML data, begun at `path`; raises DefinitionError, one problem per violation."""
+    """The frozen model of located YAML data at `path`; raises DefinitionError, each violation at file:line:column."""
     data = located.data
     for step in path:
         data = data[step]

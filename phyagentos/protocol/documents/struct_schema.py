@@ -21,7 +21,7 @@ _ATTRIBUTE = re.compile(r"^    (?P<name>\w+): (?P<text>.*(?:\n {8}.*)*)", re.MUL
 
 
 def convert_located(kind: type[StructT], located: Located, path: Address = ()) -> StructT:
-    """The struct of located YAML data, begun at `path`; raises DefinitionError with one problem per violation."""
+    """The struct of located YAML data, begun at `path`; raises DefinitionError, each violation at file:line:column."""
     value = located.data
     for step in path:
         value = value[step]
@@ -37,7 +37,7 @@ def convert_located(kind: type[StructT], located: Located, path: Address = ()) -
 def build_struct_schema(kind: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """The JSON Schema of a struct, as (schema, definitions).
 
-    Unknown keys are refused; what the docstrings say of a field becomes its description.
+    Unknown keys are refused; the docstring of a field becomes its description.
     """
     (schema,), definitions = msgspec.json.schema_components([kind], ref_template=REFERENCE)
     kinds = {each.__name__: each for each in _iter_kinds(kind, set())}

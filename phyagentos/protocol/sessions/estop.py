@@ -54,7 +54,7 @@ def latch(signals: Path, wanted: Latch) -> None:
     full disk the reserve becomes the latch: renaming needs no space.
 
     Raises:
-        OSError: The disk did not take it, or did not confirm; `is_latched` says whether it is latched.
+        OSError: The disk did not take it, or did not confirm; `is_latched` shows whether it is latched.
     """
     try:
         signals.mkdir(parents=True, exist_ok=True)

@@ -259,7 +259,7 @@ def _check(path: Path, expected: FileRecord) -> Problem | None:
 
 def _missing(folder: Path, name: str, record: FileRecord) -> Problem:
     shared = folder.parent / OBJECTS / get_object_name(name, record.sha256)
-    hint = f"The same bytes lie in {shared}." if shared.exists() else ""
+    hint = f"The same bytes are in {shared}." if shared.exists() else ""
     return Problem(
         code="MISSING", address=str(folder / name), found="no such file", expected=f"sha256 {record.sha256}", hint=hint
     )

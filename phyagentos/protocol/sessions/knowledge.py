@@ -48,5 +48,5 @@ def render_knowledge(facts: Iterable[Fact]) -> str:
 
 
 def read_knowledge(text: str, source: str = "") -> Document[Fact]:
-    """Read KNOWLEDGE.md: facts by id; raises DefinitionError with every problem."""
+    """Read KNOWLEDGE.md: facts by id; raises DefinitionError with every problem at file:line:column."""
     return read_document(text, KNOWLEDGE, source)

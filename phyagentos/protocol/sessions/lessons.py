@@ -44,7 +44,7 @@ What verified outcomes taught: under which conditions a strategy failed, and wha
 - **Only `state: active` is ever used**: then a session with this correction was judged a success after one without it
   had failed (`verified_by`). A hypothesis waits for its verdict.
 - **An edit is taken in** at the end of the next goal: `state: retracted` with a `reason`, `note`, and the words of
-  `scope`. A section that is missing means nothing. `paos memory why ID` tells where a lesson comes from.
+  `scope`. A section that is missing means nothing. `paos memory why ID` shows where a lesson comes from.
 - **A lesson is advice.** It cannot widen a limit: limits are in `safety.yaml` only.
 
 """
@@ -56,5 +56,5 @@ def render_lessons(lessons: Iterable[Lesson]) -> str:
 
 
 def read_lessons(text: str, source: str = "") -> Document[Lesson]:
-    """Read LESSONS.md: lessons by id; raises DefinitionError with every problem."""
+    """Read LESSONS.md: lessons by id; raises DefinitionError with every problem at file:line:column."""
     return read_document(text, LESSONS, source)

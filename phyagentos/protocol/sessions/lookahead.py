@@ -14,7 +14,7 @@ LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when none was requested
 
 
 class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """What the agent wants simulated before a session is committed.
+    """Simulations that the agent asks for before a session is committed.
 
     Attributes:
         samples: Rollouts at most, each with its own drawn poses and parameters; clear cases take fewer.

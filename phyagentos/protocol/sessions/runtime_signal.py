@@ -35,7 +35,7 @@ class RequestState(StrEnum):
 
 
 class WorkerSign(Heartbeat, frozen=True, kw_only=True):
-    """What the worker of one target said last.
+    """Latest heartbeat of one target's worker.
 
     Attributes:
         health: How the worker is.
@@ -54,7 +54,7 @@ class Request(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         session: Which session, `*` for all.
         by: Who asks.
         reason: Why.
-        at: UTC wall time, where it says one.
+        at: UTC wall time, where it names one.
     """
 
     file: str
@@ -85,7 +85,7 @@ class Signs(msgspec.Struct, frozen=True, kw_only=True):
 RUNTIME_SIGNAL = DocumentFormat(
     name="runtime_signal",
     file="RUNTIME_SIGNAL.md",
-    summary="Whether a runtime is running, what each worker said last, and which requests were made.",
+    summary="Whether a runtime is running, the latest heartbeat of each worker, and which requests were made.",
     block=Signs,
     headings=("Signs",),
 )

@@ -32,7 +32,7 @@ def check_goal_id(id: str, address: str) -> GoalId:
 
 
 class Ended(StrEnum):
-    """How the execution of a session ended; says nothing about whether the objective was met."""
+    """How the execution of a session ended, which does not show whether the objective was met."""
 
     COMPLETED = "completed"
     """The skill ran to its end and reported success."""
@@ -76,7 +76,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
         queue_s: Longest wait for a free target, by the wall clock [s].
         preflight_s: Longest check before it starts, by the wall clock [s].
         heartbeat_s: Longest silence of the runner, by the wall clock [s].
-        stall_s: Longest time in which the runner says that it acts and no control period passes, by the wall clock [s].
+        stall_s: Longest time without a control period while the runner reports that it acts, by the wall clock [s].
         think_s: Longest time in which it waits for a planner and no control period passes, by the wall clock [s].
         policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
     """
@@ -114,7 +114,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         node: The node of the goal graph; empty without a goal.
         parent: The session that this one revises, else None.
         attempt: 0 for the first session of a node, then 1, 2, ...
-        objective: What a person would say.
+        objective: In words, for people.
         skill: Name in SKILLRUNTIME.md.
         target: Name in TARGETS.md.
         parameters: The skill's arguments, fully substituted.

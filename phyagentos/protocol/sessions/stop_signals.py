@@ -71,7 +71,7 @@ def take_signals(folder: Path) -> list[Signal]:
     """Every request that waits, oldest name first; for the watchdog alone.
 
     Each is moved to `signals/done/`; an unreadable one, once it is half a second old, to `signals/rejected/` with a
-    file that says why. Two takers never get the same one, except an emergency stop that a full disk keeps in place.
+    file with the reason. Two takers never get the same one, except an emergency stop that a full disk keeps in place.
     Old files in `done` move to `signals/archive/`, which readers skip.
     """
     root = _get_root(folder)
@@ -143,7 +143,7 @@ def _get_key(found: os.stat_result) -> tuple[int, int]:
 
 
 def parse_signal(data: bytes) -> Signal:
-    """The request of a file, JSON or short YAML, unfit characters replaced; raises ValueError, which says why."""
+    """The request of a file, JSON or short YAML, unfit characters replaced; raises ValueError with the reason."""
     encoding = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
     text = clean(data.decode(encoding, "backslashreplace"))  # a stop counts in any encoding
     try:

@@ -72,7 +72,7 @@ class NodeStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         state: See `NodeState`.
         after: Nodes that come first.
         sessions: Its sessions, oldest first.
-        objective: What a person would say.
+        objective: In words, for people.
         skill: As compiled.
         target: As compiled.
         reasons: Why this skill and this target, where the graph left the choice open.
@@ -98,7 +98,7 @@ class GoalStatus(msgspec.Struct, kw_only=True, omit_defaults=True):
         id: Of the goal.
         graph: Name of the goal graph.
         seed: Root of every random choice of this goal.
-        objective: What a person would say.
+        objective: In words, for people.
         asked_by: Who submitted it.
         nodes: By name, in the order of the graph.
         accept: Predicates that decide the goal.

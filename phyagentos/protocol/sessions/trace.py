@@ -34,7 +34,7 @@ class Role(StrEnum):
     OPEN = "open"
     """Opens the fingers."""
     RELEASE = "release"
-    """Succeeds when the thing has left the hand; its number `position_m` says where."""
+    """Succeeds when the thing has left the hand; `position_m` is where."""
     WAIT = "wait"
     """Lets simulated time pass."""
     DECIDE = "decide"

@@ -83,7 +83,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         verifier: Name and version of the verifier.
         mode: What the judgement was for.
         judges: Who was asked, each with its version and configuration, in this order.
-        found: What the criteria say; differs from the verdict only where the mode lets something else decide.
+        found: By the criteria; differs from the verdict only where the mode lets something else decide.
         missing_evidence: Things that must be seen again, because a criterion about them is unknown.
         evidence: The files that were read.
         kind: Class of the cause (`grasp`, `external disturbance`), empty on success.

@@ -20,7 +20,7 @@ WORLD = "world"
 class CameraSettings(Authored):
     """One RGB-D camera: colour and depth through the same lens.
 
-    It stands where `position_m` says and looks at `target_m`, both in the frame of `mount`; or it is a camera of the
+    It stands at `position_m` and looks at `target_m`, both in the frame of `mount`; or it is a camera of the
     scene, named by `scene_camera`.
 
     Attributes:

@@ -77,7 +77,7 @@ class Perception(Authored):
 
 
 def read_perception(path: Path) -> Perception:
-    """Read perception.yaml, also against sensors.yaml beside it; raises DefinitionError with every problem."""
+    """Read perception.yaml beside sensors.yaml; raises DefinitionError with every problem at file:line:column."""
     located = read_yaml(path)
     perception = validate(Perception, located)
     beside = path.parent / "sensors.yaml"

@@ -58,7 +58,7 @@ class RuntimeContract(Authored):
         resources: What several targets can reach and one session at a time may have; a contract names no others.
         ageing_per_min: Priority that a waiting session gains in a minute. At 1, a session of priority 5 goes before an
             ordinary one that came up to five minutes earlier, and after it when it came later than that.
-        lease_s: A worker that has not heard from its watchdog for so long brings its target to rest [s]. Longer than a
+        lease_s: A worker without a message from its watchdog for so long brings its target to rest [s]. Longer than a
             slow disk keeps a watchdog busy, shorter than a person takes to wonder.
         evidence: How long evidence is kept.
         verification: Who judges sessions, and what a judgement is for.
@@ -86,5 +86,5 @@ def declare_world_mode(path: Path, mode: WorldMode) -> None:
 
 
 def read_runtime_contract(path: Path) -> RuntimeContract:
-    """Read runtime_contract.yaml; raises DefinitionError with every problem."""
+    """Read runtime_contract.yaml; raises DefinitionError with every problem at file:line:column."""
     return validate(RuntimeContract, read_yaml(path))

@@ -72,8 +72,8 @@ class TargetLimits(Authored):
         session_duration_max: Longest time from a session's first command to its last [s].
         tracking_error_max: Largest distance between commanded and measured joint position [rad].
         collision_depth_max: How deep a commanded posture may reach into the robot itself, or into the distance that
-            planning keeps from what stands fixed [m]; postures are not tested where nothing is said.
-        reactions: What is done about a broken limit, by code; a command is refused where nothing is said. A stop of
+            planning keeps from what stands fixed [m]; postures are not tested where it is left out.
+        reactions: What is done about a broken limit, by code; a command is refused by default. A stop of
             category 1 also ends the session's motion for good, category 2 holds (IEC 60204-1, 9.2.2).
     """
 
@@ -116,7 +116,7 @@ class Safety(Authored):
 
 
 def read_safety(path: Path) -> Safety:
-    """Read safety.yaml; raises DefinitionError with every problem, a limit without a source among them."""
+    """Read safety.yaml; raises DefinitionError with every problem, unsourced limits too, at file:line:column."""
     located = read_yaml(path)
     safety = validate(Safety, located)
     problems = [

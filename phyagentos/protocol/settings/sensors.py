@@ -101,7 +101,7 @@ def find_source(sensors: Sensors, observation: str, frame: str) -> tuple[str, Se
 
 
 def read_sensors(path: Path) -> Sensors:
-    """Read sensors.yaml; raises DefinitionError with every problem."""
+    """Read sensors.yaml; raises DefinitionError with every problem at file:line:column."""
     located = read_yaml(path)
     sensors = validate(Sensors, located)
     _check_noise_level(sensors, located)

@@ -28,5 +28,5 @@ def compute_file_hash(path: Path) -> str:
 
 
 def check_settings(path: Path) -> None:
-    """Check one of the settings files by its name; raises DefinitionError with every problem."""
+    """Check one of the settings files by its name; raises DefinitionError with every problem at file:line:column."""
     _FILES[path.name][1](path)

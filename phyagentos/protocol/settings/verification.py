@@ -43,7 +43,7 @@ class VisionModel(Authored):
     Attributes:
         url: Base of the endpoint, up to `/v1`.
         model: As the endpoint calls it.
-        api_key_env: Environment variable that holds the key; empty when the endpoint wants none.
+        api_key_env: Environment variable that holds the key; empty when the endpoint needs none.
         timeout_s: Longest wait for one answer, by the wall clock [s].
         max_questions: Criteria of one session that are asked about; the others are unknown.
     """

@@ -1,6 +1,6 @@
 """What is in the world: entities, relations, targets; ENVIRONMENT.md is its document. Paper section 4.1.
 
-Poses are in the frame `world` (z up, metres, quaternions w x y z) unless a name says otherwise.
+Poses are in the frame `world` (z up, metres, quaternions w x y z) unless a name shows another.
 """
 
 from collections.abc import Iterable
@@ -94,7 +94,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         shapes: Its solids, in the entity frame.
         interior: Where things can be put into it; absent when nothing can.
         color: Colour word, empty when unknown.
-        visible: Whether it was seen where it is said to be, at `observed_at_s`; false for what is gone, and for what
+        visible: Whether it was seen at its pose, at `observed_at_s`; false for what is gone, and for what
             was moved while out of sight.
         held_by: Name of the target whose gripper touches it with both fingers; absent when none does.
         speed_m_s: Magnitude of its linear velocity [m/s].
@@ -103,7 +103,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         part_of: Name of the thing that it is fixed to.
         observed_at_s: Simulated or robot time of the observation [s]: that of the frames, not that of the question.
         confidence: 0..1.
-        source: Which sensor or pipeline said so.
+        source: Sensor or pipeline of this fact.
         status: How it is known now.
         extent_m: (3,) size of what was seen of it, along its own axes [m]; absent when it was not measured.
         in_hand: `tcp_T_entity` while it is held.
@@ -161,7 +161,7 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
         gripper_width_m: Opening between the fingers [m].
         tcp: `world_T_tcp`; z is the approach axis, y the closing axis.
         holding: Names of the entities touched by both fingers.
-        fingers_touching: How many finger pads touch something: what the robot's own touch sensors tell.
+        fingers_touching: How many finger pads touch something: by the robot's own touch sensors.
     """
 
     q_rad: tuple[float, ...]
@@ -191,7 +191,7 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
     Attributes:
         status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `dark` (no depth
-            at all), `missing`, `unread` (no detector could tell what it shows).
+            at all), `missing`, `unread` (no detector could read it).
         time_s: Stamp of its latest frame [s].
         digest: Hash of its latest whole frame.
         since_s: When it came to this status [s].
@@ -270,7 +270,7 @@ class Relation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         arguments: Names of the target, things and places that it relates.
         measured: The numbers that decided; units in the names.
         observed_at_s: When the oldest of the movable things was observed [s].
-        source: Which sensors or pipelines said so.
+        source: Sensors or pipelines of these facts.
     """
 
     name: str
@@ -305,7 +305,7 @@ ENVIRONMENT = DocumentFormat(
 
 
 def read_environment(text: str, source: str = "") -> Snapshot:
-    """Read ENVIRONMENT.md; raises DefinitionError with every problem, `NOTHING_OBSERVED` when it holds no snapshot."""
+    """Read ENVIRONMENT.md; raises DefinitionError: every problem at file:line:column, `NOTHING_OBSERVED` when empty."""
     blocks = read_document(text, ENVIRONMENT, source).blocks
     if "Snapshot" not in blocks:
         raise DefinitionError(

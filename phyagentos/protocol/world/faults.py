@@ -171,5 +171,5 @@ class FaultFile(Authored):
 
 
 def read_faults(path: Path) -> FaultFile:
-    """Read a fault file; raises DefinitionError with every problem."""
+    """Read a fault file; raises DefinitionError with every problem at file:line:column."""
     return validate(FaultFile, read_yaml(path))

@@ -15,7 +15,7 @@ from phyagentos.protocol.world.predicates.syntax import Call, Name
 from phyagentos.protocol.world.truth import Truth
 
 RELATIONS_MAX = 200  # places first, neighbours after them
-NEIGHBOUR_M = 0.15  # farther apart, left and right say nothing
+NEIGHBOUR_M = 0.15  # farther apart, left and right mean nothing
 ASIDE_M = 0.02  # less than this to the side is in front or behind
 
 

@@ -117,7 +117,7 @@ class Body(Authored):
     """One thing of the scene; its name is the name of the simulator's body.
 
     Attributes:
-        mass_kg: Nominal mass; the true one where nothing else is said.
+        mass_kg: Nominal mass; the true one unless a fault or a span changes it.
         mass_span_kg: Least and greatest mass, where it is not known better; each seed draws the true one.
         grip_span: Least and greatest coefficient of friction against the finger pads, where the surface of the thing
             decides over that of the pads; each seed draws the true one.
@@ -198,7 +198,7 @@ class SceneSpec(Authored):
 
 
 def read_scene(path: Path) -> SceneSpec:
-    """Read one scene; raises DefinitionError with every problem, dangling names included."""
+    """Read one scene; raises DefinitionError with every problem, dangling names too, at file:line:column."""
     located = read_yaml(path)
     spec, problems = salvage(SceneSpec, located)
     if spec is None:

@@ -196,7 +196,7 @@ class SafetyGuard:
     def _check_gripper(self, width_m: Array) -> Violation | None:
         bounds = self._limits
         if not self._force_n <= bounds.force_max_n:  # also when it is NaN
-            where = "gripper, whose force the target does not tell" if np.isnan(self._force_n) else "gripper"
+            where = "gripper, whose force the target does not declare" if np.isnan(self._force_n) else "gripper"
             return Violation(ViolationCode.GRIPPER_FORCE, where, self._force_n, bounds.force_max_n, "N")
         if all(-ROUNDING <= value <= bounds.width_max_m for value in width_m.tolist()):  # never true of NaN
             return None
@@ -211,7 +211,7 @@ class SafetyGuard:
     def _check_place(self, q_rad: Array, now: Step) -> Violation | None:
         if self._tool is None:
             return Violation(
-                ViolationCode.WORKSPACE, "tool, whose kinematics the target does not tell", np.nan, np.nan, "m"
+                ViolationCode.WORKSPACE, "tool, whose kinematics the target does not declare", np.nan, np.nan, "m"
             )
         x, y, z = self._tool.compute(q_rad)
         for row, point in ((-1, now.target.tcp.position_m), (self._limits.shape[0] - 1, (x, y, z))):

@@ -71,11 +71,7 @@ class GuardLimits:
 
     @classmethod
     def from_settings(cls, limits: TargetLimits, description: Description) -> "GuardLimits":
-        """Limits of one target.
-
-        Raises:
-            ValueError: When a limit does not have one number per joint.
-        """
+        """Limits of one target; raises ValueError when a limit does not have one number per joint."""
         n, dt, rows = description.n_joints, description.physics_step_s, description.steps_per_command
         qd_max = _per_joint(limits.joint_velocity_max, n)
         qdd_max = _per_joint(limits.joint_acceleration_max, n)

@@ -65,11 +65,7 @@ class LeafRegistry:
         return self._classes.get(name)
 
     def get(self, name: str) -> type[Leaf]:
-        """The class of a leaf.
-
-        Raises:
-            DefinitionError: `UNKNOWN_LEAF`, with the nearest name.
-        """
+        """The class of a leaf; raises DefinitionError `UNKNOWN_LEAF`, with the nearest name."""
         leaf = self._classes.get(name)
         if leaf is None:
             raise DefinitionError(

@@ -20,7 +20,7 @@ from phyagentos.runtime.targets.wire import Step
 TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
 PERIODS_AHEAD = 1  # sent before the report of the one before, where the skill's next set-points are fixed
 WAIT_S = 0.02  # longest sleep between looks at a planner, a cancellation, a deadline
-LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not said for too long that it is there
+LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not renewed the lease in time
 
 Cancel = Callable[[], str | None]
 
@@ -40,11 +40,9 @@ class SessionObserver(Protocol):
 
     def on_turn(self, result: TickResult, ticks: int, time_s: float) -> None:
         """The skill was ticked, after `ticks` commands, at the target's time `time_s` [s]."""
-        ...
 
     def on_step(self, points: SetPoints, step: Step) -> None:
         """A command was carried out."""
-        ...
 
 
 @dataclass(slots=True, kw_only=True)

@@ -17,7 +17,7 @@ class SkillStatus(StrEnum):
     RUNNING = "running"
     """There is more to do."""
     SUCCEEDED = "succeeded"
-    """It reports success; whether the objective is met is the verifier's to say."""
+    """It reports success; whether the objective is met decides the verifier."""
     FAILED = "failed"
     """It reports failure."""
 
@@ -54,28 +54,21 @@ class SkillRuntime(Protocol):
 
     def tick(self) -> TickResult:
         """Decide on the next control period."""
-        ...
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until the planner may have answered, at most `timeout_s` [s] by the wall."""
-        ...
 
     def halt(self) -> None:
         """Interrupt what runs; idempotent."""
-        ...
 
     def read_outputs(self) -> dict[str, Any]:
         """Values for later nodes, as plain data."""
-        ...
 
     def find_failure(self) -> Failure | None:
         """The failure, or None."""
-        ...
 
     def trace(self) -> tuple[TraceEvent, ...]:
         """The changes, in order; the same in every run from the same seed."""
-        ...
 
     def close(self) -> None:
         """Release resources of this process."""
-        ...

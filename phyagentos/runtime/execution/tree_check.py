@@ -46,11 +46,7 @@ def check_tree(name: str, library: Library, registry: LeafRegistry) -> list[Prob
 
 
 def read_sound_trees(name: str, library: Library, registry: LeafRegistry) -> Mapping[str, Tree]:
-    """A tree and its subtrees, by name, just as they were checked.
-
-    Raises:
-        DefinitionError: With every problem.
-    """
+    """A tree and its subtrees, by name, just as they were checked; raises DefinitionError with every problem."""
     trees, problems = _check(name, library, registry)
     if problems:
         raise DefinitionError(problems)

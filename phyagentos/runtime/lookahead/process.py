@@ -60,11 +60,9 @@ class ForecastService(Protocol):
         Raises:
             ExecutionError: `LOOKAHEAD_FAILED`.
         """
-        ...
 
     def close(self) -> None:
         """Close processes and files."""
-        ...
 
 
 class RehearsalProcess:

@@ -144,11 +144,7 @@ class Rehearser:
     recording: ControlRecording | None = None
 
     def open_stage(self, environment: Environment) -> Stage:
-        """The imagined world of an estimate.
-
-        Raises:
-            ExecutionError: `SCENE_OVERFULL` and others of building a scene.
-        """
+        """The imagined world of an estimate; raises ExecutionError `SCENE_OVERFULL` and others of building a scene."""
         believed = believe_scene(read_scene(self.library.get_scene(environment.scene)), environment)
         robot = MujocoDriver(BelievedWorld(self.library, believed, self._make_recording), self.profile, self.folder)
         return Stage(robot, environment, self.profile, self.limits)

@@ -1,6 +1,6 @@
 """Distributions of the unknown properties of a world, all stated here, each with its reason.
 
-The inventory's declared spans come first; without one, a thing is nearly what its entry says. How a payload hangs in
+The inventory's declared spans come first; without one, a thing has small spans around its entry. How a payload hangs in
 the fingers is no draw of its own: it follows from where the thing was when they closed.
 """
 

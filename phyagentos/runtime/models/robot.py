@@ -1,7 +1,7 @@
 """From a target profile to the robot's part of a MuJoCo model: file, mount, servos.
 
 The robot's own spec is the root to which a scene adds its bodies, so that its names stay as the file gives them.
-Alternative rejected: `MjSpec.attach`, which wants a prefix on every name.
+Alternative rejected: `MjSpec.attach`, which needs a prefix on every name.
 """
 
 from pathlib import Path

@@ -31,15 +31,12 @@ class Checker(Protocol):
 
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture is free."""
-        ...
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = RESOLUTION_RAD) -> bool:
         """Whether a straight joint motion is free."""
-        ...
 
     def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
         """Whether every edge of a path is free."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

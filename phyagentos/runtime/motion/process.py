@@ -36,27 +36,21 @@ class Planner(Protocol):
     @property
     def is_free(self) -> bool:
         """Whether a request may be submitted: `poll` returned the previous answer, or its cancellation is over."""
-        ...
 
     def submit(self, request: MotionRequest) -> None:
         """Start a request; the previous one must have been answered or cancelled."""
-        ...
 
     def poll(self) -> MotionAnswer | None:
         """The answer, once; None while there is none."""
-        ...
 
     def wait(self, timeout_s: float) -> bool:
         """Sleep until there is an answer, at most `timeout_s` [s]; returns whether there is one."""
-        ...
 
     def cancel(self) -> None:
         """Cancel the request, if there is one: its answer becomes `NoPlan` with code CANCELLED."""
-        ...
 
     def close(self) -> None:
         """Release processes and files."""
-        ...
 
 
 class LocalPlanner:
@@ -136,7 +130,7 @@ class PlannerProcess:
             self.wait(CANCEL_GRACE_S)
             self.poll()
         self._pending = True
-        with suppress(OSError):  # the next poll finds the process dead and says so
+        with suppress(OSError):  # the next poll reports the dead process
             self._child.channel.send_bytes(_REQUESTS.encode(request))
 
     def poll(self) -> MotionAnswer | None:

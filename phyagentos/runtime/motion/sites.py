@@ -171,7 +171,7 @@ def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bo
 
 
 def _carriers(entities: list[Entity], space: Box) -> list[Entity]:
-    """Entities whose top lies under the middle of a space."""
+    """Entities whose top is under the middle of a space."""
     middle = np.append(space.pose[:2, 3], space.bottom_m)
     return [
         entity

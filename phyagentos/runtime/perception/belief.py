@@ -34,7 +34,7 @@ NEAR_FIXED_M = 0.004  # what is this near to a fixed thing and of a colour like 
 HAND_M = 0.008
 SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
 SEEN_MOVED_M = 0.01  # less than this is the noise of looking
-CHANGES_MAX = 40  # a document that names more says nothing
+CHANGES_MAX = 40  # a longer list helps no reader
 SPEED_S = (0.08, 2.0)  # a speed needs two looks this far apart
 
 

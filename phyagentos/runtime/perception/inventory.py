@@ -34,7 +34,7 @@ class Form(StrEnum):
     BALL = "ball"
     """A sphere: no orientation at all."""
     FIXED = "fixed"
-    """It stands as the scene says, somewhere near where the scene says."""
+    """Upright as in the scene, near its nominal place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

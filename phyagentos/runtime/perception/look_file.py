@@ -43,11 +43,7 @@ def write_look(look: Look, folder: Path) -> tuple[str, str]:
 
 
 def read_look(path: Path, sha256: str) -> Look:
-    """A look as recorded.
-
-    Raises:
-        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file.
-    """
+    """A look as recorded; raises ExecutionError `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file."""
     read_stored_look(path, sha256)
     with zipfile.ZipFile(path) as file:
 

@@ -70,11 +70,7 @@ class DetectorSegmenter:
         }
 
     def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(h, w) palette index of each pixel of (h, w, 3).
-
-        Raises:
-            ExecutionError: With the detector's code.
-        """
+        """(h, w) palette index of each pixel of (h, w, 3); raises ExecutionError with the detector's code."""
         labels = np.full(rgb.shape[:2], NO_COLOR, dtype=np.uint8)
         for found in reversed(self._detector.detect(rgb, tuple(self._colors))):  # the best last, on top
             left, top, width, height = found.box

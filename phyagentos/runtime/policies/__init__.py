@@ -1,1 +1,1 @@
-"""Policy servers: what is said to them, over which wire, and the skill runtime that carries out what they answer."""
+"""Policy servers: messages, transports, and the skill runtime that carries out their actions."""

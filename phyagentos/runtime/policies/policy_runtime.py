@@ -90,7 +90,7 @@ class PolicySkillRuntime:
             self._commands += 1
             return TickResult(SkillStatus.RUNNING, points, LEAF)
         if self._is_last:
-            message = f"the policy said that it is done, after {self._commands} control periods"
+            message = f"the policy reported done after {self._commands} control periods"
             self._note(Status.SUCCESS.value, message=message)
             return TickResult(SkillStatus.SUCCEEDED, None, LEAF)
         return TickResult(SkillStatus.RUNNING, None, LEAF, thinking=True)

@@ -20,11 +20,9 @@ class Policy(Protocol):
 
     def start(self, request: wire.Start) -> None:
         """A session begins; forget the last one."""
-        ...
 
     def infer(self, request: wire.Infer) -> tuple[wire.Array, bool]:
         """Rows (k, width) of the next chunk, and whether they are the last ones."""
-        ...
 
 
 def serve_policy(policy: Policy, descriptor: PolicyDescriptor, on_ready: Callable[[str], None] = print) -> None:

@@ -28,19 +28,13 @@ class Transport(Protocol):
         Raises:
             ExecutionError: `POLICY_LOST`; `POLICY_FAULT` for a reply longer than any chunk.
         """
-        ...
 
     def close(self) -> None:
         """Close the connection."""
-        ...
 
 
 def open_transport(endpoint: str) -> Transport:
-    """Connect to a server.
-
-    Raises:
-        ExecutionError: `POLICY_UNREACHABLE`.
-    """
+    """Connect to a server; raises ExecutionError `POLICY_UNREACHABLE`."""
     try:
         parts = urlsplit(endpoint)
         if parts.scheme == "tcp" and parts.hostname and parts.port:
@@ -127,5 +121,5 @@ def _check_length(length: int) -> None:
 
 
 def _describe_silence(received: int, timeout_s: float) -> ExecutionError:
-    said = f"only {received} bytes of an answer within" if received else "nothing for"
-    return ExecutionError("POLICY_LOST", f"the policy server has said {said} {timeout_s:g} s")
+    got = f"only {received} bytes of an answer within" if received else "nothing for"
+    return ExecutionError("POLICY_LOST", f"the policy server has sent {got} {timeout_s:g} s")

@@ -94,11 +94,7 @@ encode, decode_request = _REPLIES.encode, REQUESTS.decode
 
 
 def decode_reply(data: bytes) -> Reply:
-    """One reply.
-
-    Raises:
-        ExecutionError: `POLICY_FAULT` for a `Fault`, and for bytes that are no reply.
-    """
+    """One reply; raises ExecutionError `POLICY_FAULT` for a `Fault`, and for bytes that are no reply."""
     try:
         reply = _REPLIES.decode(data)
     except ExecutionError as error:

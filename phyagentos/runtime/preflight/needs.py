@@ -104,7 +104,7 @@ def iter_payload_problems(
                 f"up to {load_kg:g} kg",
                 f"at most {carried_kg:g} kg",
                 triggered_by=f"skill {skill.skill}: its grasp",
-                fix=f"Choose another thing or target; arm.payload_kg says what {profile.target} carries.",
+                fix=f"Choose another thing or target; arm.payload_kg is what {profile.target} carries.",
             )
 
 

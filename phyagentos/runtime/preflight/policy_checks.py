@@ -76,13 +76,13 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
         )
         return
     for name in PolicyDescriptor.model_fields:
-        said, found = getattr(policy, name), getattr(served, name)
-        if name != "endpoint" and said != found:
+        declared, found = getattr(policy, name), getattr(served, name)
+        if name != "endpoint" and declared != found:
             yield make_problem(
                 "POLICY_MISMATCH",
                 f"skill.policy.{name}",
                 str(found),
-                str(said),
+                str(declared),
                 triggered_by=f"policy {policy.policy}",
                 fix="The server at this endpoint is not the one that SKILL.md describes.",
             )
@@ -114,7 +114,7 @@ def _iter_stream_problems(
     sensor = found[1]
     signal = sensor.signals.get(name) or _describe_picture(stream, sensor)
     if signal is None:
-        fix = f"Say shape, dtype and unit of {name!r} in sensors.yaml, under sensors.{found[0]}.signals."
+        fix = f"Declare shape, dtype and unit of {name!r} in sensors.yaml, under sensors.{found[0]}.signals."
         yield make_problem("OBSERVATION_SHAPE", address, "no form in sensors.yaml", "one", triggered_by=by, fix=fix)
     else:
         yield from _iter_form_problems(address, stream, signal, len(profile.arm.joints), by)

@@ -73,7 +73,7 @@ def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iter
         "none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors",
         f"where each of {n} joints brings the tool",
         triggered_by="safety.yaml: workspace_box, keep_out",
-        fix="Let the target tell in its description which way each joint turns or slides, and about which point.",
+        fix="Let the target's description declare which way each joint turns or slides, and about which point.",
     )
 
 
@@ -87,10 +87,12 @@ def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: fl
         _place(profile, "gripper_force_max"),
         f"{own_n:g} N, which the gripper can press with"
         if is_known
-        else "a gripper whose force the target does not tell",
+        else "a gripper whose force the target does not declare",
         f"at most {force_n:g} N",
         triggered_by="safety.yaml: gripper_force_max",
-        fix="Use a weaker gripper, or raise the limit with a source." if is_known else "Let the target tell its force.",
+        fix="Use a weaker gripper, or raise the limit with a source."
+        if is_known
+        else "Let the target declare its force.",
     )
 
 
@@ -134,7 +136,7 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
             f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands",
             f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m",
             triggered_by="safety.yaml: workspace_box, keep_out",
-            fix="Let the target tell the kinematics of this arm, with this tool, where it is mounted.",
+            fix="Let the target declare the kinematics of this arm, with this tool, where it is mounted.",
         )
 
 
@@ -208,7 +210,7 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
     """Limits of one number, against what the target does in one control period."""
     by, period_s = f"target {profile.target}", profile.control_period_s
-    bounds = (  # limit, its unit, the least and the greatest that the target allows, where it says so
+    bounds = (  # limit, its unit, the least and the greatest that the target allows, where it declares them
         ("gripper_width_max", "m", -math.inf, profile.gripper.max_width_m, "gripper.max_width_m"),
         ("command_rate_max", "1/s", 1.0 / period_s, 1.0 / period_s, "control_period_s"),
         ("command_validity_max", "s", EXPIRY_PERIODS * period_s, math.inf, "control_period_s"),
@@ -227,7 +229,7 @@ def _iter_wider(
     profile: TargetProfile, name: str, values: Array, own: Array, whose: str, sign: float = 1.0
 ) -> Iterator[Problem]:
     for index, joint in enumerate(profile.arm.joints[: len(own)]):
-        if not values[index] <= own[index]:  # also when the target says NaN
+        if not values[index] <= own[index]:  # also when the target declares NaN
             yield make_problem(
                 "LIMIT_WIDER",
                 f"{_place(profile, name)}[{index}]",

@@ -25,11 +25,7 @@ class Settings:
 
 
 def read_settings(workspace: Workspace, target: str) -> Settings:
-    """The settings of a workspace, for one target.
-
-    Raises:
-        DefinitionError: With every problem of all four files.
-    """
+    """The settings of a workspace, for one target; raises DefinitionError with every problem of all four files."""
     problems: list[Problem] = []
 
     def attempt(read: Callable[[], ValueT]) -> ValueT | None:

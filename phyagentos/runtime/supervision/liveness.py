@@ -81,10 +81,10 @@ class HeartbeatMonitor:
     def _take(self, beat: Heartbeat, pid: int, elapsed_s: float, now_s: float) -> str:
         """Count what passed since the last heartbeat; returns a sentence when the two contradict each other."""
         if beat.pid != pid:
-            said = beat.pid, beat.sequence
-            if self._has_begun or (self._stale is not None and self._stale != said):
+            latest = beat.pid, beat.sequence
+            if self._has_begun or (self._stale is not None and self._stale != latest):
                 return f"process {beat.pid} beats for {self._target}, whose worker is process {pid}"
-            self._stale = said
+            self._stale = latest
             return ""
         before, self._beat, self._has_begun = self._beat, beat, True
         if before is None or before.pid != pid:

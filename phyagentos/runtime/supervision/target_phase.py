@@ -60,7 +60,6 @@ class Supervised(Protocol):
     @property
     def lost(self) -> object | None:
         """The session whose outcome is unknown."""
-        ...
 
 
 _CONDITIONS: dict[str, Condition] = {

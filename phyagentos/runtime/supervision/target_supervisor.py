@@ -137,8 +137,6 @@ class TargetSupervisor:
         self._since_s, self._stop_by_s = self._clock.now_s(), None
         self.monitor.restart()
 
-    # -- what the watchdog asks for ------------------------------------------------------------------------------------
-
     def is_free(self) -> bool:
         """Whether it may get work: idle, nothing lost, and no verdict due that may require another look."""
         if self._unsure is not None:
@@ -206,8 +204,6 @@ class TargetSupervisor:
         now_s = self._clock.now_s()
         self._renew_at_s = now_s + RENEWALS * self._shared.lease_s
         return now_s + self._shared.lease_s
-
-    # -- answers of the worker -----------------------------------------------------------------------------------------
 
     def _on_ready(self) -> None:
         self._fire("ready")
@@ -283,8 +279,6 @@ class TargetSupervisor:
         self._let_go()
         self._replace()
 
-    # -- the phase -----------------------------------------------------------------------------------------------------
-
     def _let_go(self) -> None:
         self._queues.release(self.target)
         self.session, self.lost, self.failures = None, None, 0
@@ -319,8 +313,6 @@ class TargetSupervisor:
             self._journal.try_commit(make_entry(self.lost.session.id, "reconcile", self.lost.epoch, execution=unseen))
             self._queues.forsake(self.target)
             self.lost = None
-
-    # -- limits of time ------------------------------------------------------------------------------------------------
 
     def _describe(self, state: SessionState | None, age_s: float) -> Standing:
         return Standing(

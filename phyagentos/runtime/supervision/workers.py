@@ -40,9 +40,9 @@ def end_with_parent(on_line: Callable[[bytes], None] = lambda _line: None) -> No
 
 def explain_failure(logs: Path, target: str, failures: int) -> str:
     """Why a target is given up after `failures` workers in a row, by the last lines of its logs, and the remedy."""
-    said = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := _read_end(log))]
-    heard = "; ".join(said) or f"logs/*-{target}.log say nothing"
-    return f"{failures} workers in a row did not start; {heard}. Mend that, then start `paos watch` again"
+    ends = [f"logs/{log.name} ends with {words!r}" for log in _find_logs(logs, target) if (words := _read_end(log))]
+    shown = "; ".join(ends) or f"logs/*-{target}.log are empty"
+    return f"{failures} workers in a row did not start; {shown}. Mend that, then start `paos watch` again"
 
 
 def _find_logs(logs: Path, target: str) -> list[Path]:

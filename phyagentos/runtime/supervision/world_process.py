@@ -104,7 +104,7 @@ class WorldProcess:
 
     def grant(self, target: str, socket: Path, token: bytes) -> None:
         """Send the token of the next commander of a target: over the pipe, or to the socket of an adopted world."""
-        with contextlib.suppress(OSError, ExecutionError):  # then the commander is refused, and its log says why
+        with contextlib.suppress(OSError, ExecutionError):  # then the commander is refused, with the reason in its log
             if self._process is not None and self._process.stdin is not None:
                 self._process.stdin.write(f"{target} {token.hex()}\n".encode())
                 self._process.stdin.flush()

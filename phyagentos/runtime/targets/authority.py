@@ -17,7 +17,7 @@ class Authority:
         self._stopped = ""
 
     def begin(self, session: str, epoch: int) -> Refused | None:
-        """Grant authority, or say why not."""
+        """Grant authority; empty, or the reason of a refusal."""
         if not session:
             return Refused("MALFORMED", "a session needs a name")
         if self.session and (session, epoch) != (self.session, self._epoch):

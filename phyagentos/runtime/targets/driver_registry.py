@@ -69,11 +69,7 @@ class DriverRegistry:
         return sorted(self._specs)
 
     def get(self, profile: TargetProfile, address: str = "TARGETS.md") -> DriverSpec:
-        """The driver that moves a target.
-
-        Raises:
-            DefinitionError: `NO_DRIVER`.
-        """
+        """The driver that moves a target; raises DefinitionError `NO_DRIVER`."""
         name = find_driver_name(profile)
         spec = self._specs.get(name)
         if spec is not None and profile.kind in spec.kinds:

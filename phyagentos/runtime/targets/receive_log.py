@@ -13,7 +13,7 @@ from phyagentos.clock import Clock
 
 PROCESS_START = "process_start"  # this process knows of no earlier authority
 STATE_WRITE = "state_write"
-LOG_BEHIND = "the receive log cannot be written; what cannot be told must not be done"
+LOG_BEHIND = "the receive log cannot be written; what cannot be recorded must not be done"
 
 
 class Reception(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

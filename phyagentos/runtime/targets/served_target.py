@@ -209,7 +209,7 @@ class ServedTarget:
 
     def _observe(self, request: wire.Observe) -> wire.Observation:
         if request.truth and not self._describe().ground_truth:
-            message = "the ground truth is not offered here; perception.yaml must say `sensing: truth` for a simulation"
+            message = "the ground truth is not offered here; perception.yaml needs `sensing: truth` for a simulation"
             raise ExecutionError("NO_GROUND_TRUTH", message)
         observation = self.driver.observe(truth=request.truth)
         if not request.snapshot:

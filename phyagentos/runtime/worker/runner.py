@@ -36,7 +36,6 @@ class Beat(Protocol):
 
     def __call__(self, *, phase: str, session: str, epoch: int, tick: int, sim_time_s: float, leaf: str) -> None:
         """Publish the state of the session."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,7 @@ from phyagentos.store.journal import Journal
 from phyagentos.store.views.history import History
 
 OPERATOR = "operator"  # who wrote a record that came from an edit
-NOTES_S = 600.0  # a refusal is told at the head of SESSIONS.md for so long
+NOTES_S = 600.0  # a refusal stands at the head of SESSIONS.md for so long
 _REFUSALS = (IllegalTransition, Fenced, IllegalEvent, DefinitionError, ValueError, TypeError, OverflowError)
 
 
@@ -170,10 +170,10 @@ class EditIntake:
 def _refuse_unknown(text: str, view: int | None, seq: int) -> Refused:
     if view is None:
         reason = (
-            "its first lines do not say which rendering it was made from ('view: <number>' between two lines '---')"
+            "its first lines do not name the rendering that it was made from ('view: <number>' between two lines '---')"
         )
     else:
-        reason = f"the journal does not tell what was shown at record {view}; it stands at {seq}"
+        reason = f"the journal does not show what was rendered at record {view}; it stands at {seq}"
     possible = "make the same change in the present SESSIONS.md"
     return Refused(line=1, about="the whole file", reason=reason, possible=possible, text=text)
 

@@ -120,7 +120,7 @@ REQUESTS: dict[str, type[SubmitRequest] | type[AmendRequest] | type[CancelReques
 def parse_form(text: str, source: str, line: int = 1) -> Located:
     """As `parse_yaml`, for untrusted text: size and nesting are bounded."""
     aliases = depth = 0
-    with contextlib.suppress(yaml.YAMLError):  # `parse_yaml` tells its place
+    with contextlib.suppress(yaml.YAMLError):  # `parse_yaml` names its place
         for event in yaml.parse(text, Loader=Loader):
             aliases += isinstance(event, yaml.AliasEvent)
             if aliases > ALIASES_MAX:

@@ -93,7 +93,7 @@ class Inbox:
 
 
 def read_request(path: Path) -> tuple[Request, Located]:
-    """What a file asks for, and where each part of it stands; raises DefinitionError with every problem."""
+    """A file's request, and the place of each part; raises DefinitionError with every problem at file:line:column."""
     try:
         located = parse_form(path.read_text(encoding="utf-8-sig"), path.name)
     except (OSError, UnicodeDecodeError) as error:

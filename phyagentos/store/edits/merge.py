@@ -118,7 +118,7 @@ class _SectionMerge:
             place = f"{self._source}:{self._section.yaml_line}"
             raise Impossible(
                 f"{place}: a new section has only 'contract', found {format_names(others)}",
-                "delete these lines: they are told by the journal",
+                "delete these lines: they come from the journal",
             )
         if "contract" not in data:
             raise Impossible(f"{self._source}:{self._section.yaml_line}: found no 'contract'", POSSIBLE)
@@ -143,7 +143,7 @@ class _SectionMerge:
             if path == ("state",) and str(theirs[path]) in CANCELS:
                 accepted += self._cancel(str(theirs.get(("reason",), "")), line)
             elif path == ("reason",) and str(theirs.get(("state",), "")) in CANCELS:
-                continue  # told with the end it explains
+                continue  # recorded with the end that it explains
             elif path[:-1] == _LIMITS or path == _PRIORITY:
                 value = theirs[path]
                 if problem := self._find_obstacle(located, path, value, before.get(path), now.get(path)):
@@ -180,9 +180,9 @@ class _SectionMerge:
             )
             self.refused.append(refused)
             return []
-        told = [f"{name} {value:g} s" for name, value in amendment.limits.items()]
-        told += [f"priority {amendment.priority}"] if amendment.priority is not None else []
-        return [] if entry is None else [self._accept(entry, lines[0], text, ", ".join(told))]
+        amended = [f"{name} {value:g} s" for name, value in amendment.limits.items()]
+        amended += [f"priority {amendment.priority}"] if amendment.priority is not None else []
+        return [] if entry is None else [self._accept(entry, lines[0], text, ", ".join(amended))]
 
     def _find_obstacle(
         self, located: Located, path: _Path, value: Any, before: Any, now: Any
@@ -203,8 +203,8 @@ class _SectionMerge:
         reason = f"it was {before!r} where you began, is {now!r} by now, and you want {value!r}"
         return reason, "open the file again, and change it there if you still want to"
 
-    def _accept(self, entry: Entry, line: int, text: str, told: str) -> Accepted:
-        return Accepted(entry=entry, line=line, summary=f"{self._id}: {told}", text=text)
+    def _accept(self, entry: Entry, line: int, text: str, summary: str) -> Accepted:
+        return Accepted(entry=entry, line=line, summary=f"{self._id}: {summary}", text=text)
 
     def _refuse_field(self, path: _Path, line: int, reason: str, possible: str) -> None:
         name = ".".join(path) or "the block"
@@ -278,7 +278,7 @@ def _find_comments(section: Section, base: Section | None) -> list[Line]:
 
 
 def _has_comment(line: str) -> bool:
-    """Whether a line of YAML ends with a comment, as far as one line tells."""
+    """Whether a line of YAML ends with a comment, as far as one line shows."""
     quote = ""
     for index, letter in enumerate(line):
         if quote:
@@ -292,11 +292,11 @@ def _has_comment(line: str) -> bool:
 
 def _explain_fixed(path: _Path) -> tuple[str, str]:
     if path == ("state",):
-        return "a state is told by what happens, and a verdict by evidence", "state: cancelled"
+        return "a state follows from records, and a verdict from evidence", "state: cancelled"
     if path[:1] == ("contract",):
         hint = format_hint(path[-1], [*Limits.__struct_fields__, "limits", "priority"])
         return f"a contract stands as it was submitted. {hint}".rstrip(), POSSIBLE
-    return "this is told by the journal", POSSIBLE
+    return "this comes from the journal", POSSIBLE
 
 
 def _refuse(section: Section, reason: str, possible: str) -> Refused:

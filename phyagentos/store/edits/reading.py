@@ -69,7 +69,7 @@ class Sheet:
     """A whole document.
 
     Attributes:
-        view: Sequence number of the rendering it was made from, None where it does not say.
+        view: Sequence number of the rendering it was made from, None where none is named.
         head: Lines above the first section that are not blank; neither 'view' nor notes of refusals.
     """
 

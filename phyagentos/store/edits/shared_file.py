@@ -19,7 +19,7 @@ from phyagentos.store.edits.reading import is_whole
 
 GRACE_S = 60.0  # an editor that opened the file before the swap has this long to write to it
 SETTLED_S = 1.0  # between finding the file and opening it an editor's process may have been held up this long
-QUIET_S = 0.5  # where the system does not tell who writes: unchanged for so long is finished
+QUIET_S = 0.5  # where the system does not report writers: unchanged for so long is finished
 LOOK_PERIOD_S = 0.03  # at a rendering every 10 ms a hundred versions wait to be settled
 MISSING_S = 1.0  # an editor that moved the file away has this long to write a new one
 

@@ -96,7 +96,7 @@ class History:
         return render_page(page, self._texts if is_present else dict(self._texts))
 
     def find_page(self, seq: int) -> Page | None:
-        """What was shown at record `seq`; None when the journal has not come so far, or it is too far back to tell."""
+        """What was shown at record `seq`; None when the journal has not come so far, or it is too far back."""
         if seq >= self.ledger.seq:
             return build_page(self.ledger) if seq == self.ledger.seq else None
         return self._pages.get(seq) or (self._read_again(seq) if seq > 0 else build_page(Ledger()))

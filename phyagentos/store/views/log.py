@@ -80,7 +80,7 @@ class LogTail:
 def render_log(lines: Sequence[LogLine], seq: int, *, older: int = 0) -> str:
     """LOG.md from its lines, oldest first; `older` counts the records before the first line."""
     front = render_front(LogFront(phy=LOG.phy, view=seq, older=older))
-    note = f"{older} older records are not told here; they are in `sessions/`.\n\n" if older else ""
+    note = f"{older} older records are not shown here; they are in `sessions/`.\n\n" if older else ""
     days = groupby(lines, key=lambda line: line.at[:10])
     shown = [f"## {day}\n\n{''.join(map(_render_line, each))}" for day, each in days]
     return f"{front}{_HEAD}{note}" + ("\n".join(shown) or _NOTHING)
@@ -156,7 +156,7 @@ def _format_goal(record: Record, hint: str) -> str:
 
 
 def _find_judged(record: Record, ledger: Ledger) -> str:
-    """The session whose verdict is the reason, and its state, so that it is not told twice; empty without one."""
+    """The session whose verdict is the reason, and its state, so that it is not shown twice; empty without one."""
     goal, _, node = record.id.removeprefix("node:").partition("/")
     status = ledger.goals.get(GoalId(goal))
     sessions = status.nodes[node].sessions if status is not None and node in status.nodes else ()

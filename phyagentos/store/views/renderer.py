@@ -26,19 +26,15 @@ class SessionEdits(Protocol):
     @property
     def notes(self) -> Sequence[str]:
         """One line for each edit that was refused lately."""
-        ...
 
     def take(self, history: History, *, at_once: bool = False) -> bool:
         """Deal with the edits that arrived; whether anything was recorded or refused."""
-        ...
 
     def is_touched(self) -> bool:
         """Whether SESSIONS.md was changed since it was put there."""
-        ...
 
     def put(self, text: str) -> bool:
         """Put a rendering there, unless an editor keeps it from changing; whether it was done."""
-        ...
 
 
 class Views:

@@ -30,17 +30,17 @@ from phyagentos.store.views.sessions import END_MARK
 
 PERIOD_S = 0.5  # between two documents, at least
 RENEWAL_S = 10.0  # and at most
-SILENCE_S = 2.0  # twenty periods of the writer: a worker that holds a session says nothing new
+SILENCE_S = 2.0  # twenty periods of the writer: the heartbeat of a worker that holds a session does not advance
 REQUESTS_SHOWN = 20
 _IN_TROUBLE = frozenset({Health.SILENT, Health.LOST})
 
 _FOLDERS = {"done": RequestState.TAKEN, "rejected": RequestState.REJECTED, "new": RequestState.WAITING}
 _HEAD = """# Signals of the runtime
 
-Whether a runtime serves this workspace, what the worker of each target said last, and what was asked of it.
+Whether a runtime serves this workspace, the latest heartbeat of each target's worker, and the requests to it.
 
 - **Written by** the process of the watchdog, from `heartbeats/` and `signals/`; renewed at least every ten seconds
-  while it runs. An older time than that means that it is gone and could not say so.
+  while it runs. An older time than that means that it ended without recording its end.
 - **To ask for something**, use `paos cancel`, or drop a YAML file into `signals/new/`; any tool can:
   `{kind: cancel, session: "*", by: <who>, reason: <why>}`. Kinds: `cancel`, `pause`, `resume`, `estop`.
 - **An edit becomes a request** when it adds a section `## Request` with such a mapping as a YAML block, within a few
@@ -59,7 +59,7 @@ def render_runtime_signal(signs: Signs | None) -> str:
     state = (
         f"**The runtime is running**, as of {format_moment(signs.at)}.\n\n"
         if signs.runtime is RuntimeState.RUNNING
-        else f"**The runtime ended**, {format_moment(signs.at)}. No worker is alive; this is what each said last.\n\n"
+        else f"**The runtime ended**, {format_moment(signs.at)}. No worker is alive; the latest heartbeats:\n\n"
     )
     workers = render_table(_COLUMNS, map(_format_worker, signs.workers.values())) + "\n" if signs.workers else ""
     rows = ((each.state.value, each.kind, each.session, each.by, each.reason, each.at) for each in signs.requests)
@@ -87,15 +87,12 @@ class SignalEdits(Protocol):
 
     def put(self, text: str) -> bool:
         """Put a rendering there, unless an editor is just replacing it; whether it was done."""
-        ...
 
     def is_touched(self) -> bool:
         """Whether the document was changed since it was put there."""
-        ...
 
     def take(self, *, at_once: bool = False) -> None:
         """Turn what was asked for into requests."""
-        ...
 
 
 class RuntimeSignal:
@@ -130,7 +127,7 @@ class RuntimeSignal:
                 self._publish(signs, now_s)
 
     def close(self) -> None:
-        """Say that the runtime has ended; call it when no worker is left."""
+        """Publish that the runtime has ended; call it when no worker is left."""
         now_s = self._clock.now_s()
         self._publish(self._read(now_s, RuntimeState.ENDED), now_s)
         if self._edits is not None:
@@ -184,7 +181,7 @@ class RuntimeSignal:
 
 
 def _is_same(a: Signs, b: Signs) -> bool:
-    """Whether two say the same, whenever they say it."""
+    """Whether two are equal but for their time."""
     return (a.runtime, a.workers, a.requests) == (b.runtime, b.workers, b.requests)
 
 

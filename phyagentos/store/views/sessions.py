@@ -22,14 +22,14 @@ from phyagentos.store.views.criteria import render_criteria
 
 FINISHED_SHOWN = 50
 END_MARK = "<!-- end of view -->\n"
-NOTE_MARK = "> **Refused:** "  # begins each line that tells of a refused edit
+NOTE_MARK = "> **Refused:** "  # begins each line about a refused edit
 
 _COLUMNS = ("session", "state", "verdict", "execution", "skill", "target", "objective")
 _INTRODUCTION = """# Sessions
 
 A view of the journal in `sessions/`, which is the truth. Three records never stand for each other: `execution` (did the
 instructions run), the evidence folder (what was observed before and after), `attempts` (was the objective met). Each
-section tells it in words first, then as data.
+section shows it in words first, then as data.
 
 **This file can be edited**, with `paos edit` or with any editor. Change `limits` or `priority` of a pending session;
 write `state: cancelled` into a block, and a line `reason: ...` if you like, to end a session; append a section

@@ -148,7 +148,7 @@ def _render_replans(goal: GoalStatus, ledger: Ledger) -> str:
 
 
 def split_reason(replan: Replan, ledger: Ledger) -> tuple[str, str]:
-    """What went wrong, and what the child does differently; all of it as the former when they cannot be told apart."""
+    """What went wrong, and what the child does differently; all as the former when they cannot be distinguished."""
     parent = ledger.sessions.get(replan.session)
     attempt = parent.decision if parent is not None else None
     if attempt is not None:
@@ -171,7 +171,7 @@ def _format_advice(goal: GoalStatus, ledger: Ledger) -> list[str]:
     advised = [status.contract for status in found if status is not None and status.contract.advice]
     lines = [f"**Memory changed {each.id}:** {'; '.join(each.advice)}" for each in advised[:ADVISED_SHOWN]]
     more = len(advised) - len(lines)
-    return [*lines, f"**Memory changed** {more} more sessions; `paos why SESSION` tells how."] if more else lines
+    return [*lines, f"**Memory changed** {more} more sessions; `paos why SESSION` shows how."] if more else lines
 
 
 def _link(ledger: Ledger, id: SessionId) -> str:

@@ -153,7 +153,7 @@ def test_a_gripper_that_can_press_harder_than_allowed_is_not_used(make_guard):
 def test_a_target_that_leaves_open_what_a_limit_is_held_against_is_not_commanded(make_guard, untold, code):
     violation = make_guard(description=build_description(**untold)).check(build_command(), build_step())
     assert violation.code is code
-    assert "the target does not tell" in str(violation)
+    assert "the target does not declare" in str(violation)
 
 
 def test_the_commanded_tool_point_is_kept_in_the_workspace_before_the_arm_moves(make_guard):

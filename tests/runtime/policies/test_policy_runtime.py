@@ -137,7 +137,7 @@ def test_a_policy_that_hangs_ends_the_session_by_name(run_policy, profile):
     _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), spoil=hang), policy_s=0.1)
     never.set()
     assert (execution.ended, execution.code, execution.leaf) == (Ended.SKILL_FAILED, "POLICY_LOST", "policy")
-    assert "said nothing for 0.1 s" in execution.message
+    assert "sent nothing for 0.1 s" in execution.message
 
 
 def test_an_arm_that_does_not_follow_is_not_driven_on(run_policy, build_target, profile):

@@ -156,7 +156,7 @@ def test_a_server_that_says_nothing_is_lost_and_nobody_waits_for_it(listener):
     client = PolicyClient(f"tcp://127.0.0.1:{listener.getsockname()[1]}", 0.05)
     client.ask(infer())
     assert client.poll() is None, "asking does not block"
-    with pytest.raises(ExecutionError, match=r"said nothing for 0\.05 s") as error:
+    with pytest.raises(ExecutionError, match=r"sent nothing for 0\.05 s") as error:
         take(client)
     assert error.value.code == "POLICY_LOST"
     client.close()

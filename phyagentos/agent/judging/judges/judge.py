@@ -19,11 +19,9 @@ class Judge(Protocol):
     @property
     def name(self) -> str:
         """Name, version and configuration, as recorded with every judgement (`predicates/2`)."""
-        ...
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
         """Every criterion of this kind in the session's contract or the settings, each with its evidence."""
-        ...
 
 
 def make_unknown(text: str, kind: str, evidence: str, because: str, *, failure: str | UnsetType = UNSET) -> Criterion:

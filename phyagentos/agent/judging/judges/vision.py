@@ -43,7 +43,6 @@ class VisionEndpoint(Protocol):
     @property
     def name(self) -> str:
         """Model and host, as recorded; never the key."""
-        ...
 
     def complete(self, messages: Sequence[dict[str, Any]]) -> str:
         """The text that the model answers with.
@@ -51,7 +50,6 @@ class VisionEndpoint(Protocol):
         Raises:
             ExecutionError: `MODEL_UNREACHABLE`, `MODEL_REFUSED` or `MODEL_MALFORMED`.
         """
-        ...
 
 
 class _Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -262,9 +262,9 @@ def measure_distance(view: View, a: Entity, b: Place) -> Reading:
 
 
 def measure_speed(view: View, a: Entity) -> Reading:
-    """Magnitude of its linear velocity [m/s]; one look at a thing does not tell it."""
+    """Magnitude of its linear velocity [m/s]; one look at a thing does not show it."""
     if view.now.sensing == "perceived" and a.movable and a.looks < 2 and a.speed_m_s == 0.0:
-        raise FactUnknown(f"{a.name} was looked at once, which does not tell whether it moves")
+        raise FactUnknown(f"{a.name} was looked at once, which does not show whether it moves")
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
 
 
@@ -277,7 +277,7 @@ def measure_metric(view: View, name: str) -> Reading:
 
 
 def measure_unstated(view: View) -> Reading:
-    """Stands where a person has still to say what decides; always unknown, so never a success."""
+    """Placeholder until a person writes the criterion; always unknown, so never a success."""
     del view
     raise FactUnknown("no criterion is stated yet: write a predicate in place of unstated()")
 

@@ -15,7 +15,7 @@ from phyagentos.geometry import Vector, to_parent
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.predicates.geometry import compute_center
 
-AHEAD_S = 1.0  # touch tells of a held thing between two looks; nothing is seen later than that after its snapshot
+AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
 ENTRY_POINT_GROUP = "phyagentos.predicates"
 
 
@@ -107,8 +107,8 @@ class PredicateDefinition:
         measure: Called with the view and the resolved arguments; raises `FactUnknown`.
         is_number: True when it measures a number that must be compared, False when it is a statement.
         max_age_s: How old [s] an observation of a movable thing may be.
-        lasting: Whether it tells where the world stands (`inside`) rather than a passing fact (`holding`, `moved`).
-        by_name: True when `measure` wants the names of entities and looks itself.
+        lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
+        by_name: True when `measure` takes the names of entities and looks itself.
     """
 
     name: str
@@ -175,7 +175,7 @@ def get_entity(view: View, name: str, max_age_s: float) -> Entity:
         if not entity.visible:
             raise FactUnknown(f"{name} was not visible")
         if not age_s >= -AHEAD_S:  # also when it is NaN
-            raise FactUnknown(f"{name} is said to be seen {-age_s:.1f} s after the snapshot")
+            raise FactUnknown(f"{name} is dated {-age_s:.1f} s after the snapshot")
         if not age_s <= allowed_s:
             raise FactUnknown(f"{name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s")
     return entity

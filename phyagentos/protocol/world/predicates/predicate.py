@@ -96,7 +96,7 @@ class Predicate:
 
     @property
     def is_lasting(self) -> bool:
-        """Whether every part tells where the world stands, rather than a passing fact such as `holding`."""
+        """Whether every part describes a lasting state, rather than a passing fact such as `holding`."""
         library = get_predicate_library()
         found = (library.find(call.name) for call in iter_calls(self.formula))
         return all(definition is not None and definition.lasting for definition in found)
@@ -162,19 +162,19 @@ def iter_entities(predicate: Predicate) -> Iterator[str]:
 
 
 def find_entities(text: str) -> tuple[str, ...]:
-    """Names of the things and places that a text mentions; none when it is no predicate, as what a model says."""
+    """Names of the things and places that a text mentions; none when it is no predicate, as from a model."""
     predicate, findings = _parse(text, False)
     return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
 
 
 def find_formula(text: str) -> Formula | None:
-    """The formula of a text; None when it is no predicate, as what a model says."""
+    """The formula of a text; None when it is no predicate, as from a model."""
     predicate, findings = _parse(text, False)
     return predicate.formula if predicate is not None and not findings else None
 
 
 def find_things(text: str, world: Environment) -> tuple[str, ...]:
-    """What a text speaks of: the names that it mentions, and every movable thing when it says `*`."""
+    """Names that a text mentions, and every movable thing where it has a `*`."""
     movable = [name for name, entity in world.entities.items() if entity.movable] if "*" in text else []
     return tuple(dict.fromkeys((*find_entities(text), *movable)))
 

@@ -77,7 +77,7 @@ class ProjectionBridge(ActionBridge):
                 address="joints",
                 found=format_names(source.joints),
                 expected=format_names(target.joints),
-                hint=f"Say under `fixed` where {format_names(unplaced)} stands.",
+                hint=f"Give the position of {format_names(unplaced)} under `fixed`.",
             )
         stay = tuple(joint for joint in source.joints if joint in target.joints)
         converted = replace_space(source, joints=(*stay, *absent), fixed={}, drop=())

@@ -68,7 +68,7 @@ class JointController:
         self._limits = LocalLimits(profile, physics, n_steps)
         self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
         self._width_m = profile.gripper.max_width_m
-        self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since it was told
+        self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since the last report
         self.activations: list[RecordedFault] = []
         self.history = StateHistory()
         self._n_steps, self._steps = n_steps, 0

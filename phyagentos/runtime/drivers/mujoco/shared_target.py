@@ -21,7 +21,7 @@ LATE_SHARE = 0.25  # of a control period, by which a command may be late that wa
 
 
 class SharedTarget(ServedTarget):
-    """One robot of a world that it shares with `everybody`, this target included.
+    """One robot of a world that it shares with `members`, this target included.
 
     `keep_stop` makes the latch durable; it is called once every robot is at rest. `truth` permits the ground truth.
     """
@@ -30,15 +30,15 @@ class SharedTarget(ServedTarget):
         self,
         driver: MujocoDriver,
         log: ReceiveLog,
-        everybody: "list[SharedTarget]",
+        members: "list[SharedTarget]",
         *,
         is_estopped: Callable[[], bool] = lambda: False,
         keep_stop: Callable[[], None] = lambda: None,
         truth: bool = True,
     ) -> None:
         super().__init__(driver, log, is_estopped=is_estopped, keep_stop=keep_stop, truth=truth)
-        self.robot, self._everybody = driver, everybody
-        everybody.append(self)
+        self.robot, self._members = driver, members
+        members.append(self)
 
     @override
     def handle(self, request: Request) -> Reply:
@@ -57,7 +57,7 @@ class SharedTarget(ServedTarget):
         with self.robot.world.simulation.lock:
             if not self._is_estopped():
                 return False
-            stopped = [each for each in self._everybody if each._authority.session]
+            stopped = [each for each in self._members if each._authority.session]
             stopped = [each for each in stopped if each._authority.stopped != ESTOPPED]
             for each in stopped:
                 each._authority.stop(ESTOPPED)

@@ -20,7 +20,7 @@ from phyagentos.runtime.models.world import CompiledScene
 ReadAgreement = Callable[[], Mapping[str, str] | None]
 """Session that runs on each target, by the target's name, as the runtime plane has it; None while that may change."""
 
-POLL_S = 0.1  # between two looks at what the runtime plane says, where nothing wakes
+POLL_S = 0.1  # between two reads of the runtime plane's state, without an event
 PATIENCE = 10  # such looks, until a motion of a session that the runtime plane has given up is given up too
 SESSION_LOST, ESTOPPED = "SESSION_LOST", "ESTOPPED"
 BROKEN_OFF = frozenset({SESSION_LOST, ESTOPPED})  # codes of motions that were given up from outside, while they waited
@@ -36,7 +36,6 @@ class Body(Protocol):
     @property
     def controller(self) -> JointController:
         """Of the present episode."""
-        ...
 
 
 @dataclass(slots=True)

@@ -62,7 +62,7 @@ class OpenGripper(_GripperLeaf):
 
 
 class CloseGripper(_GripperLeaf):
-    """Close the fingers onto whatever is between them, and say how wide they stand."""
+    """Close the fingers onto whatever is between them, and report their opening."""
 
     _speed_m_s = CLOSING_M_S
 

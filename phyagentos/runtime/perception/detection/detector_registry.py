@@ -33,11 +33,7 @@ class DetectorRegistry:
         return sorted(self._factories)
 
     def open(self, name: str, settings: Mapping[str, str | float], address: str = "perception.yaml") -> Detector:
-        """A detector by name.
-
-        Raises:
-            DefinitionError: `UNKNOWN_DETECTOR`, or the factory's problem with the settings.
-        """
+        """A detector by name; raises DefinitionError `UNKNOWN_DETECTOR`, or the factory's problem with the settings."""
         if name not in self._factories:
             raise DefinitionError(
                 Problem(

@@ -81,7 +81,7 @@ def test_joint_angles_arrive_in_radians_in_the_targets_order(target):
     [
         ({"representation": "tool_pose"}, "REPRESENTATION_UNBRIDGED", "source.representation", "planning"),
         ({"joints": (*JOINTS[:6], "joint_7")}, "JOINT_UNKNOWN", "joints", "Did you mean 'joint7'?"),
-        ({"joints": JOINTS[:6]}, "JOINT_MISSING", "joints", "where joint7 stands"),
+        ({"joints": JOINTS[:6]}, "JOINT_MISSING", "joints", "Give the position of joint7"),
         ({"joints": ("joint1",) * 7}, "ACTION_SPACE_INVALID", "source.joints", ""),
         ({"joints": ()}, "ACTION_SPACE_INVALID", "source.joints", ""),
         ({"gripper": None}, "GRIPPER_MISMATCH", "gripper", "Both sides"),
