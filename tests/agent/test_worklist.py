@@ -93,4 +93,4 @@ def test_a_graph_too_large_for_one_record_takes_several(make_stage, write_graph,
     report = make_stage().pursue(write_graph(TIDY))
     assert report.verdict == "success"
     assert list(report.nodes) == ["red", "green"]
-    assert len(report.criteria) == 2
+    assert len(report.criteria) == 3

@@ -35,14 +35,16 @@ class Told(Evidence):
         )  # fmt: skip
 
 
-def judge(accept, **heights_m):
+def judge(accept, *constraints, **heights_m):
     evidence = Told(heights_m)
     for id in heights_m:
         execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
         contract = make_contract(id=id, node=id, target=f"{id}_arm")
         evidence.read(SessionStatus(contract=contract, state="awaiting_verification", execution=execution))
     choices = {id: SimpleNamespace(target=f"{id}_arm") for id in heights_m}
-    graph = SimpleNamespace(spec=SimpleNamespace(accept=(accept,), targets={}), choices=choices)
+    graph = SimpleNamespace(
+        spec=SimpleNamespace(accept=(accept,), constraints=constraints, targets={}), choices=choices
+    )
     return judge_goal(graph, evidence, {})
 
 
@@ -53,6 +55,19 @@ def test_worlds_that_disagree_leave_the_goal_unmet_whichever_ended_last(left, ri
     assert (outcome.verdict, criterion.truth) == (Verdict.FAILURE, Truth.UNKNOWN)
     assert "in the world of left_arm" in criterion.because
     assert "in the world of right_arm" in criterion.because
+
+
+def test_a_constraint_must_be_seen_true_at_the_end_of_the_goal():
+    assert judge("height(mark) >= 0.15", "height(mark) <= 0.3", left=0.19).verdict is Verdict.SUCCESS
+    for constraint, truth in (
+        ("visible(mark) and upright(other)", Truth.UNKNOWN),
+        ("height(mark) <= 0.1", Truth.FALSE),
+    ):
+        outcome = judge("height(mark) >= 0.15", constraint, left=0.19)
+        assert outcome.verdict is Verdict.FAILURE
+        assert (outcome.criteria[0].kind, outcome.criteria[0].truth) == ("constraint", truth)
+    metric = judge("height(mark) >= 0.15", "metric(peak_force_n) <= 20", left=0.19)  # each session answered for its own
+    assert metric.verdict is Verdict.SUCCESS
 
 
 def test_worlds_that_agree_are_as_good_as_one():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.world.environment import Mechanism, Pose, TargetState
+from phyagentos.protocol.world.environment import Mechanism, Pose, Status, TargetState
 from phyagentos.protocol.world.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
@@ -103,9 +103,33 @@ def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():
     assert "peak_force_n is 41.5 (asked: <= 40)" in found.because
 
 
-def test_a_fact_may_be_no_older_than_the_view_allows():
-    now = msgspec.structs.replace(world(cube("a", 0.5, observed_at_s=8.0), tray()), time_s=10.0)
-    predicate = parse_predicate("inside(a, tray)")
-    assert predicate.evaluate(View(now=now)).truth is not Truth.UNKNOWN
-    found = predicate.evaluate(View(now=now, max_age_s=1.0))
-    assert "a was last seen 2.0 s before, allowed are 1 s" in found.because
+@pytest.mark.parametrize(
+    "text", ["inside(a, tray)", "not inside(a, tray)", "near(a, tray)", "exists(a)", "not moved(a)"]
+)
+@pytest.mark.parametrize(
+    ("seen_s", "status", "because"),
+    [
+        (9.9, Status.HIDDEN, "a was hidden in this look, last seen 0.1 s before"),
+        (8.0, Status.SEEN, "a was last seen 2.0 s before, allowed are 1 s"),
+    ],
+)
+def test_what_the_deciding_look_did_not_show_is_unknown(text, seen_s, status, because):
+    now = msgspec.structs.replace(world(cube("a", 0.5, observed_at_s=seen_s, status=status), tray()), time_s=10.0)
+    found = value(text, now, world(cube("a", 0.5)))
+    assert (found.truth, found.because) == (Truth.UNKNOWN, because)
+    assert truth("visible(a)", now) is Truth.FALSE
+
+
+def test_a_held_thing_is_felt_and_a_fixed_one_cannot_have_changed():
+    held = cube("a", 0.5, held_by="arm", status=Status.HELD)
+    now = world(held, tray(observed_at_s=-100.0, status=Status.HIDDEN))
+    assert truth("near(a, tray)", now) is Truth.TRUE
+
+
+def test_a_change_from_a_place_that_was_not_seen_is_unknown():
+    before = world(cube("a", 0.2, status=Status.HIDDEN))
+    found = value("moved(a)", world(cube("a", 0.5)), before)
+    assert (found.truth, found.because) == (
+        Truth.UNKNOWN,
+        "in the initial snapshot, a was hidden in this look, last seen 0.0 s before",
+    )

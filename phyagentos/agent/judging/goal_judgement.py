@@ -1,7 +1,7 @@
 """The judgement of a whole goal, and the evidence of its sessions.
 
-A goal is met when every node is done and its own acceptance is true in the latest snapshot, changes measured against
-the first one. Each simulated target has a world of its own: where those of a goal disagree, the truth is unknown.
+A goal is met when every node is done, and its acceptance and constraints are true in the latest snapshot, changes
+measured against the first: what a session could not see of a constraint must be seen true in the end. Each simulated target has a world of its own: where those of a goal disagree, the truth is unknown.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.environment import ENVIRONMENT, Environment, read_environment
 from phyagentos.protocol.world.predicates.library import ArgumentKind
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 Age = tuple[int, str]
@@ -121,7 +121,7 @@ class Outcome:
 
     Attributes:
         reason: One sentence.
-        criteria: The goal's own acceptance.
+        criteria: The goal's own acceptance, and its constraints but those on metrics.
         now: The latest snapshot.
     """
 
@@ -133,7 +133,9 @@ class Outcome:
 
 def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str]) -> Outcome:
     """Judge whether the goal is met; `blocked` maps each blocked node to its reason."""
-    criteria = tuple(_judge(text, graph, evidence) for text in graph.spec.accept)
+    kinds = {text: "constraint" for text in graph.spec.constraints if not has_metric(text)}
+    kinds |= dict.fromkeys(graph.spec.accept, "accept")
+    criteria = tuple(_judge(text, kind, graph, evidence) for text, kind in kinds.items())
     missed = [criterion for criterion in criteria if criterion.truth is not Truth.TRUE]
     if blocked:
         node, why = next(iter(blocked.items()))
@@ -146,7 +148,7 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
     return Outcome(verdict=verdict, reason=reason, criteria=criteria, now=evidence.all.now)
 
 
-def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
+def _judge(text: str, kind: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
     """One criterion, in the world of the target that it names, else in those of all."""
     roles = {role: target for role, target in graph.spec.targets.items() if target != ANY}
     predicate = parse_predicate(text).rename_targets(roles)
@@ -157,15 +159,15 @@ def _judge(text: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
     answers = {
-        target: evaluate_on(predicate.text, "accept", seen.now, seen.initial, target=only, evidence=seen.now_file)
+        target: evaluate_on(predicate.text, kind, seen.now, seen.initial, target=only, evidence=seen.now_file)
         for target, seen in worlds.items()
         if seen.now is not None
     }
     if not answers:
-        return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because="no session left a snapshot")
+        return Criterion(text=predicate.text, kind=kind, truth=Truth.UNKNOWN, because="no session left a snapshot")
     if len({criterion.truth for criterion in answers.values()}) > 1:
         because = ", ".join(
             f"{criterion.truth} in the world of {target}" for target, criterion in sorted(answers.items())
         )
-        return Criterion(text=predicate.text, kind="accept", truth=Truth.UNKNOWN, because=because)
+        return Criterion(text=predicate.text, kind=kind, truth=Truth.UNKNOWN, because=because)
     return answers[max(worlds, key=lambda target: worlds[target].latest or (0, ""))]

@@ -176,10 +176,10 @@ def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
 
 
 def find_missing_evidence(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:
-    """Entities of acceptance that the last snapshot does not show well enough, in the order of the criteria."""
+    """Entities of acceptance and constraints that the last snapshot does not show well enough, in their order."""
     if after is None:
         return ()
-    unknown = [each for each in criteria if each.kind == "accept" and each.truth is Truth.UNKNOWN]
+    unknown = [each for each in criteria if each.kind in {"accept", "constraint"} and each.truth is Truth.UNKNOWN]
     found: dict[str, None] = {}
     for things in (find_things(each.text, after) for each in unknown):
         unseen = [name for name in things if not after.shows(name)]

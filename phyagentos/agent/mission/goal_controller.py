@@ -258,7 +258,7 @@ class GoalController:
             reason = "verification is off: every execution completed, none was judged"
             outcome = replace(outcome, verdict=Verdict.UNVERIFIED, criteria=(), reason=reason)
         decides = mode in {VerificationMode.ENFORCE, VerificationMode.RECOVERY} and not blocked
-        if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not outcome.criteria):
+        if decides and outcome.now is not None and (outcome.verdict is Verdict.FAILURE or not self.graph.spec.accept):
             regressions = self._recovery.find_regressions()
             restores = self._recovery.restores
             payable = {

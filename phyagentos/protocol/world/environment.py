@@ -13,6 +13,7 @@ from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this voc
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
 FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
+AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
 
 
 class ShapeKind(StrEnum):
@@ -230,6 +231,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         sensors: Cameras by name; empty where nothing is perceived.
         looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
         changes: What became of things since the revision before, the largest first.
+        never_seen: Movable things that the inventory names and no look has shown.
     """
 
     time_s: float
@@ -243,6 +245,11 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     sensors: dict[str, SensorHealth] = {}
     looked_at_s: float = 0.0
     changes: tuple[Change, ...] = ()
+    never_seen: tuple[str, ...] = ()
+
+    def list_movable(self) -> list[str]:
+        """Names of all movable things, also of those that no look has shown."""
+        return [*(name for name, entity in self.entities.items() if entity.movable), *self.never_seen]
 
     def find_movable(self, names: Iterable[object]) -> str | None:
         """The first of these names that is a movable thing; None when none is.
@@ -253,13 +260,28 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         return next((name for name in things if self.entities[name].movable), None)
 
     def shows(self, name: str) -> bool:
-        """Whether it shows where a thing or a region is: one that is fixed, or was seen `FRESH_S` ago at most."""
-        if name in self.regions:
-            return True
+        """Whether it shows where a thing or a region is now, see `explain_unseen`."""
         entity = self.entities.get(name)
-        if entity is None or not entity.movable:
-            return entity is not None
-        return entity.visible and self.time_s - entity.observed_at_s <= FRESH_S
+        return name in self.regions or (entity is not None and not self.explain_unseen(entity))
+
+    def explain_unseen(self, entity: Entity, max_age_s: float = FRESH_S) -> str:
+        """Why the snapshot does not show where a thing is now; empty where it does.
+
+        The one rule of freshness. A fixed thing cannot have changed, a held one is felt. Anything else was seen in the
+        look of the snapshot: neither hidden nor gone, and at most `FRESH_S` (or `max_age_s`) before it.
+        """
+        if not entity.movable:
+            return ""
+        age_s, allowed_s = self.time_s - entity.observed_at_s, min(max_age_s, FRESH_S)
+        if not entity.visible:
+            return f"{entity.name} was not visible"
+        if not age_s >= -AHEAD_S:  # also when it is NaN
+            return f"{entity.name} is dated {-age_s:.1f} s after the snapshot"
+        if not age_s <= allowed_s:
+            return f"{entity.name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s"
+        if entity.status not in {Status.SEEN, Status.HELD}:
+            return f"{entity.name} was {entity.status} in this look, last seen {age_s:.1f} s before"
+        return ""
 
 
 class Relation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

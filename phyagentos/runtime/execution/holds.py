@@ -1,5 +1,8 @@
 """Hold conditions and constraints: sampled all through a session, the worst kept, the first violation reported.
 
+What cannot be seen for a moment is no violation: unknown samples count only where no sample within `BRIDGED_S` of the
+last known one shows the condition again, or where the session ends in them.
+
 Contact force (`metric(peak_force_n) <= 20`) is not sampled: a spike lasts a few milliseconds. Every report of the
 target is read, which holds the greatest force since the one before.
 """
@@ -26,6 +29,7 @@ from phyagentos.runtime.perception.world_model import BELIEF, WORLD, Need
 from phyagentos.runtime.targets.wire import Step
 
 SAMPLE_PERIODS = 5  # control periods between samples, unless given
+BRIDGED_S = 1.5  # nothing is carried away, brought back and let go within
 PEAK_FORCE = "peak_force_n"
 SampleKey = tuple[str, LookRole]  # the condition, and whether its worst or its first unknown sample
 
@@ -58,6 +62,8 @@ class HoldMonitor:
         self.need = Need(things=names) if names else WORLD
         self._peaks: dict[str, float] = {}
         self._worst: dict[str, tuple[Evaluation, float]] = {}
+        self._known_s: dict[str, float] = {}
+        self._unseen: dict[str, tuple[Evaluation, float]] = {}  # the unknown samples that are not confirmed yet
         self.samples: dict[SampleKey, HoldSample] = {}
 
     def is_due(self, tick: int) -> bool:
@@ -75,26 +81,39 @@ class HoldMonitor:
         self._peaks[PEAK_FORCE] = force_n
         return self._evaluate(self._felt, observe(BELIEF)) if self._felt else None
 
-    def sample(self, now: Environment, look: Look | None = None) -> Criterion | None:
+    def sample(self, now: Environment, look: Look | None = None, *, is_last: bool = False) -> Criterion | None:
         """Evaluate what can be seen; returns the first condition that is false.
 
-        `now` was observed with `need`, from `look` where the world is perceived.
+        `now` was observed with `need`, from `look` where the world is perceived. What the last sample of a session does
+        not show stays unknown.
         """
-        return self._evaluate(self._seen, now, look)
+        return self._evaluate(self._seen, now, look, is_last=is_last)
 
     def _evaluate(
-        self, predicates: Iterable[tuple[str, Predicate]], now: Environment, look: Look | None = None
+        self,
+        predicates: Iterable[tuple[str, Predicate]],
+        now: Environment,
+        look: Look | None = None,
+        *,
+        is_last: bool = False,
     ) -> Criterion | None:
         violated: Criterion | None = None
         view = View(now=now, initial=self._initial, target=self._target, metrics=self._peaks)
         for text, predicate in predicates:
             evaluation = predicate.evaluate(view)
+            if evaluation.truth is not Truth.UNKNOWN:
+                self._known_s[text] = now.time_s
+                self._unseen.pop(text, None)
+            elif (text, LookRole.UNKNOWN) not in self.samples:
+                self._keep(text, LookRole.UNKNOWN, look)
+            since_s = self._known_s.get(text, self._initial.time_s)
+            if evaluation.truth is Truth.UNKNOWN and now.time_s - since_s <= BRIDGED_S and not is_last:
+                self._unseen[text] = (evaluation, now.time_s)
+                continue
             before = self._worst.get(text)
             if before is None or worse(before[0], evaluation) is evaluation:
                 self._worst[text] = (evaluation, now.time_s)
                 self._keep(text, LookRole.WORST, look)
-            if evaluation.truth is Truth.UNKNOWN and (text, LookRole.UNKNOWN) not in self.samples:
-                self._keep(text, LookRole.UNKNOWN, look)
             if evaluation.truth is Truth.FALSE and violated is None:
                 violated = _to_criterion(text, evaluation, now.time_s)
         return violated
@@ -108,8 +127,13 @@ class HoldMonitor:
 
         A session that ended before its first sample was due is judged on its initial snapshot.
         """
-        if not self._worst:
-            self._evaluate(self._seen, self._initial)
+        if not self._worst and not self._unseen:
+            self._evaluate(self._seen, self._initial, is_last=True)
+        for text, (evaluation, time_s) in self._unseen.items():
+            before = self._worst.setdefault(text, (evaluation, time_s))
+            if worse(before[0], evaluation) is evaluation:
+                self._worst[text] = (evaluation, time_s)
+        self._unseen.clear()
         return tuple(_to_criterion(text, *self._worst[text]) for text, _ in self._predicates if text in self._worst)
 
 

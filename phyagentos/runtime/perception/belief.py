@@ -100,6 +100,16 @@ def follow_hand(
     return entities
 
 
+def lose_sight(entities: Mapping[str, Entity], names: Collection[str] = ()) -> dict[str, Entity]:
+    """The entities after a look that shows nothing: what may have moved is hidden; of `names`, unless empty."""
+    return {
+        name: msgspec.structs.replace(entity, status=Status.HIDDEN)
+        if entity.movable and entity.status is Status.SEEN and (not names or name in names)
+        else entity
+        for name, entity in entities.items()
+    }
+
+
 def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[str, Region]:
     """The named regions, those of a body where that body was measured."""
     regions = {}

@@ -57,6 +57,7 @@ def place_drawers(drawers: Mapping[str, Drawer], entities: Mapping[str, Entity])
             joint=slid_m / drawer.mechanism.travel,
             mechanism=drawer.mechanism,
             visible=part.visible,
+            status=part.status,
             speed_m_s=part.speed_m_s,
             observed_at_s=part.observed_at_s,
             confidence=part.confidence,

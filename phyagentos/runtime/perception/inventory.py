@@ -4,6 +4,7 @@ Fixed bodies without jitter are part of the map. Of all others the scene file gi
 is measured.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import permutations, product
@@ -109,6 +110,11 @@ class Inventory:
     palette: Array
     is_of_thing: NDArray[np.bool_]
     regions: tuple[RegionPrior, ...]
+
+    def find_unseen(self, entities: Collection[str]) -> tuple[str, ...]:
+        """Movable things that are not among these, in order of their names."""
+        known = self.things | self.drawers
+        return tuple(sorted(name for name, each in known.items() if each.template.movable and name not in entities))
 
 
 def build_inventory(spec: SceneSpec) -> Inventory:

@@ -14,8 +14,10 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.looks import FORMAT
 from phyagentos.protocol.world.environment import Environment, Status, TargetState
 from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.perception.belief import lose_sight
 from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
+from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.look import FrameSource, Look, Moment, RecordedFrames
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
@@ -138,9 +140,10 @@ class PerceivedWorld(WorldModel):
         before, pipeline = self._belief, self._get_pipeline()
         assert before is not None, "at first everything is looked at"
         carried = pipeline.recall(before, now[1], now[0])
+        drawers = pipeline.inventory.drawers
         loose = [
             name
-            for name in things
+            for name in sorted({drawers[name].part if name in drawers else name for name in things})
             if (entity := carried.entities.get(name)) is not None
             and entity.movable
             and entity.status is not Status.HELD
@@ -156,7 +159,8 @@ class PerceivedWorld(WorldModel):
         most = len(cameras) if hidden else GLANCE_CAMERAS
         regions = find_regions_of_interest(loose, carried.entities, pipeline.inventory, cameras, most)
         if not regions:
-            return carried
+            unseen = place_drawers(drawers, lose_sight(carried.entities, loose))
+            return msgspec.structs.replace(carried, entities=unseen)
         confirmed = self._confirm(pipeline, carried, now, loose, regions)
         if confirmed is not None:
             return confirmed

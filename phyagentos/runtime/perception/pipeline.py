@@ -11,7 +11,7 @@ import msgspec
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Entity, Environment, Status, TargetState
-from phyagentos.runtime.perception.belief import find_changes, follow_hand, read_regions, update_belief
+from phyagentos.runtime.perception.belief import find_changes, follow_hand, lose_sight, read_regions, update_belief
 from phyagentos.runtime.perception.confirmation import confirm
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.grip import Hand
@@ -88,7 +88,8 @@ class Pipeline:
                 self.inventory, entities, views, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
             )
         else:
-            after = self.inventory.known | follow_hand(self.inventory, entities, state, self._hand, time_s)
+            felt = follow_hand(self.inventory, entities, state, self._hand, time_s)
+            after = self.inventory.known | lose_sight(felt, focus)
         sensors = health if not focus else (known.sensors if known is not None else {})
         looked_at_s = time_s if not focus else (known.looked_at_s if known is not None else 0.0)
         return Environment(
@@ -103,6 +104,7 @@ class Pipeline:
             sensors=sensors,
             looked_at_s=looked_at_s,
             changes=find_changes(entities, after),
+            never_seen=self.inventory.find_unseen(after),
         )
 
     def confirm(

@@ -219,7 +219,7 @@ class SessionRunner:
         recorder.write_terminal(observation, after)
         self._write_looks(recorder, LookRole.END, after)
         if holds is not None:
-            holds.sample(after, self._world.latest_look)
+            holds.sample(after, self._world.latest_look, is_last=True)
         self._open_criteria = find_open_criteria(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
         return self._handle.end().faults

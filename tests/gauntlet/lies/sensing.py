@@ -18,6 +18,21 @@ SABOTAGES = (
         tests=(f"{BELIEF_TESTS}::test_fingers_that_touch_nothing_known_hold_nothing",),
     ),
     Sabotage(
+        name="silence_keeps_facts_young",
+        lie="A look for which no camera answered shows what the look before showed.",
+        edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, focus)", "felt"),),
+        tests=(f"{BELIEF_TESTS}::test_a_look_of_silent_cameras_leaves_everything_that_moves_hidden",),
+    ),
+    Sabotage(
+        name="unseen_is_nowhere",
+        lie="What no look has shown is none of the things that `*` stands for.",
+        edits=(Edit("phyagentos.protocol.world.environment", ", *self.never_seen]", "]"),),
+        tests=(
+            "tests/protocol/test_predicates.py::"
+            "test_a_star_ranges_over_the_inventory_and_what_no_look_has_shown_is_unknown",
+        ),
+    ),
+    Sabotage(
         name="truth_leaks",
         lie="Perceived sensing takes over what the simulator says is held.",
         edits=(

@@ -86,8 +86,45 @@ SABOTAGES = (
     Sabotage(
         name="old_facts_pass_for_fresh",
         lie="A fact that was observed long before the end counts as one of the end.",
-        edits=(Edit("phyagentos.agent.judging.judges.predicates", "        max_age_s=FRESH_S,\n", ""),),
+        edits=(Edit("phyagentos.protocol.world.environment", "if not age_s <= allowed_s:", "if not age_s <= 5.0:"),),
         tests=("tests/agent/test_judges.py::test_acceptance_needs_facts_that_were_observed_at_the_end",),
+    ),
+    Sabotage(
+        name="hidden_counts_as_seen",
+        lie="What is hidden is where it was last seen.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.environment",
+                "if entity.status not in {Status.SEEN, Status.HELD}:",
+                "if entity.status is Status.GONE:",
+            ),
+        ),
+        tests=(
+            "tests/protocol/test_predicate_doubt.py::test_what_the_deciding_look_did_not_show_is_unknown",
+            "tests/runtime/execution/test_holds.py::"
+            "test_what_was_hidden_for_a_moment_must_be_confirmed_and_for_longer_it_is_unknown",
+        ),
+    ),
+    Sabotage(
+        name="hidden_stretch_is_bridged",
+        lie="However long a hold condition was not seen, it held meanwhile.",
+        edits=(Edit("phyagentos.runtime.execution.holds", "BRIDGED_S = 1.5", "BRIDGED_S = 60.0"),),
+        tests=(
+            "tests/runtime/execution/test_holds.py::"
+            "test_what_was_hidden_for_a_moment_must_be_confirmed_and_for_longer_it_is_unknown",
+        ),
+    ),
+    Sabotage(
+        name="constraint_forgotten",
+        lie="A constraint that a session could not see is not asked for again.",
+        edits=(
+            Edit(
+                "phyagentos.agent.judging.goal_judgement",
+                "for text in graph.spec.constraints if not has_metric(text)}",
+                "for text in ()}",
+            ),
+        ),
+        tests=("tests/agent/test_worlds_apart.py::test_a_constraint_must_be_seen_true_at_the_end_of_the_goal",),
     ),
     Sabotage(
         name="worst_sample_dropped",

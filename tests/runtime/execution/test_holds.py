@@ -3,8 +3,9 @@
 import math
 
 import msgspec
+import pytest
 
-from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, TargetState
+from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Status, TargetState
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.targets.wire import Step
@@ -97,3 +98,37 @@ def test_a_ball_that_was_spilled_on_the_way_is_told_though_it_lies_in_the_cup_ag
     assert monitor.sample(fill(0.3, 0.0)) is None
     (worst,) = monitor.read_worst()
     assert (worst.truth, worst.at_s) == (Truth.FALSE, 0.2)
+
+
+def hide(time_s):
+    world = build_world(time_s, 0.0)
+    hidden = msgspec.structs.replace(world.entities["cup"], status=Status.HIDDEN)
+    return msgspec.structs.replace(world, sensing="perceived", entities={"cup": hidden})
+
+
+@pytest.mark.parametrize(
+    ("hidden_s", "last_s", "expected"),
+    [
+        ((), 4.0, Truth.TRUE),
+        ((1.0, 1.5, 2.0), 2.5, Truth.TRUE),  # a moment, and seen again
+        ((1.0, 1.5, 2.0, 2.5), 4.0, Truth.UNKNOWN),  # long enough to be carried away and back
+        ((3.0, 3.5), None, Truth.UNKNOWN),  # not seen again
+        ((3.0, 3.5), 3.9, Truth.UNKNOWN),  # nor in the last look
+    ],
+)
+def test_what_was_hidden_for_a_moment_must_be_confirmed_and_for_longer_it_is_unknown(hidden_s, last_s, expected):
+    monitor = HoldMonitor([TEXT], build_world(0.0, 0.0), "panda")
+    for time_s in (0.5, *hidden_s):
+        monitor.sample(hide(time_s) if time_s in hidden_s else build_world(time_s, 0.0))
+    if last_s is not None:
+        monitor.sample(hide(last_s) if last_s == 3.9 else build_world(last_s, 0.0), is_last=True)
+    (criterion,) = monitor.read_worst()
+    assert criterion.truth is expected
+
+
+def test_a_violation_before_or_after_a_hidden_moment_stays_one():
+    monitor = HoldMonitor([TEXT], build_world(0.0, 0.0), "panda")
+    monitor.sample(hide(0.5))
+    assert monitor.sample(build_world(0.6, 0.5)).truth is Truth.FALSE
+    monitor.sample(hide(0.7), is_last=True)
+    assert monitor.read_worst()[0].truth is Truth.FALSE

@@ -192,6 +192,20 @@ def test_a_black_picture_tells_nothing(twins):
     assert belief.entities["can"].observed_at_s == before.observed_at_s
 
 
+def test_a_look_of_silent_cameras_leaves_everything_that_moves_hidden(twins):
+    twins.look()
+    silent = msgspec.structs.replace(twins.take_frames(), frames=())
+    belief = twins.look(silent, after_s=0.1)
+    assert {belief.entities[name].status for name in ("first", "second", "can")} == {Status.HIDDEN}
+    assert judge("upright(can)", belief) is Truth.UNKNOWN
+    assert twins.look().entities["can"].status is Status.SEEN
+
+
+def test_things_of_the_inventory_that_no_look_has_shown_are_listed(twins):
+    assert "can" in twins.look(msgspec.structs.replace(twins.take_frames(), frames=())).never_seen
+    assert twins.look().never_seen == ()
+
+
 def redate_all(frames, time_s):
     return [msgspec.structs.replace(frame, time_s=time_s + 0.5) for frame in frames]
 

@@ -1,6 +1,6 @@
 """The judge of acceptance: predicates on the snapshots before and after a session.
 
-A fact about a movable entity counts only when it was observed at the end, see `FRESH_S`.
+A fact about a movable entity counts only when the look at the end shows it, see `Environment.explain_unseen`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.environment import FRESH_S, Environment
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import View, has_metric, parse_predicate
 
 _LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}
@@ -37,13 +37,7 @@ def evaluate_criterion(
         return make_unknown(text, kind, AFTER, "the world was not observed after the session")
     if bundle.before is not None and _is_older(bundle.after, bundle.before, bundle.execution):
         return make_unknown(text, kind, AFTER, "the snapshot after the session is older than the one before it")
-    view = View(
-        now=bundle.after,
-        initial=bundle.before,
-        target=bundle.session.target,
-        metrics=metrics,
-        max_age_s=FRESH_S,
-    )
+    view = View(now=bundle.after, initial=bundle.before, target=bundle.session.target, metrics=metrics)
     return _evaluate(text, kind, view, evidence)
 
 

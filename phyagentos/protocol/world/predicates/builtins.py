@@ -17,7 +17,6 @@ from phyagentos.protocol.world.predicates.geometry import (
     iter_tops_below,
 )
 from phyagentos.protocol.world.predicates.library import (
-    AHEAD_S,
     Argument,
     ArgumentKind,
     FactUnknown,
@@ -66,7 +65,7 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     """Let go of; centre within the sides of the interior box, lowest point between floor and rim, in its frame."""
     if a.held_by:
         return _read_held(a)
-    box = get_place(view, b, 5.0)
+    box = get_place(view, b)
     if box.half_m == (0.0, 0.0, 0.0):
         return Reading(-1.0, {"interior": False}, f"{b} has no interior")
     local = to_child(box.pose, compute_center(a))
@@ -120,7 +119,7 @@ def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
         over = abs(x) <= region.half_m[0] + slack_m and abs(y) <= region.half_m[1] + slack_m
         tops = [region.pose.position_m[2] - region.half_m[2]] if over else []
     else:
-        tops = iter_tops_below(get_entity(view, b, 5.0), center[0], center[1], slack_m)
+        tops = iter_tops_below(get_entity(view, b), center[0], center[1], slack_m)
     return min((low_m - top for top in tops), key=abs, default=None)
 
 
@@ -178,12 +177,12 @@ def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
 
 
 def measure_visible(view: View, a: str) -> Reading:
-    """It was seen, and not long ago where it can move. What was never seen is not visible: this one always knows."""
+    """It was seen in this look, or cannot move. What was never seen is not visible: this one always knows."""
     entity = view.now.entities.get(a)
     if entity is None:
         return Reading(-1.0, {"visible": False}, f"{a} is not in the snapshot")
     age_s = view.now.time_s - entity.observed_at_s
-    seen = entity.visible and (not entity.movable or -AHEAD_S <= age_s <= 5.0)
+    seen = entity.visible and not view.now.explain_unseen(entity)
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
     )
@@ -192,7 +191,7 @@ def measure_visible(view: View, a: str) -> Reading:
 def measure_exists(view: View, a: str) -> Reading:
     """It is in the world. Absence proves nothing where the world is perceived rather than known."""
     if a in view.now.entities:
-        get_entity(view, a, 30.0)
+        get_entity(view, a)
         return Reading(1.0, {"exists": True}, f"{a} is in the snapshot")
     if view.now.sensing != "truth":
         raise FactUnknown(f"{a} is not in the snapshot, which does not prove that it is gone")
@@ -213,9 +212,10 @@ def measure_moved(view: View, a: Entity) -> Reading:
     """More than 1.5 cm or 10 degrees from where it was in the initial snapshot."""
     if view.initial is None:
         raise FactUnknown("there is no initial snapshot")
-    was = view.initial.entities.get(a.name)
-    if was is None:
-        raise FactUnknown(f"{a.name} is not in the initial snapshot")
+    try:
+        was = get_entity(View(now=view.initial), a.name)
+    except FactUnknown as reason:
+        raise FactUnknown(f"in the initial snapshot, {reason}") from reason
     moved_m = math.dist(a.pose.position_m, was.pose.position_m)
     turned_rad = compute_turn(a.pose, was.pose)
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
@@ -327,7 +327,7 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
     _define("closed", measure_closed, _A),
     _define("moved", measure_moved, _A, lasting=False),
     _define("visible", measure_visible, _A, lasting=False, by_name=True),
-    _define("exists", measure_exists, _A, max_age_s=30.0, by_name=True),
+    _define("exists", measure_exists, _A, by_name=True),
     _define(
         "holding",
         measure_holding,
@@ -339,8 +339,8 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
     ),
     _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),
     _define("unstated", measure_unstated, lasting=False),
-    _number("tilt", measure_tilt, _A, max_age_s=1.0),
-    _number("height", measure_height, _A, max_age_s=1.0),
-    _number("distance", measure_distance, _A, _B, max_age_s=1.0),
+    _number("tilt", measure_tilt, _A),
+    _number("height", measure_height, _A),
+    _number("distance", measure_distance, _A, _B),
     _number("speed", measure_speed, _A, max_age_s=0.5),
 )

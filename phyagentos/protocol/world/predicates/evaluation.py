@@ -208,12 +208,10 @@ def _resolve(definition: PredicateDefinition, terms: Sequence[Term], view: View)
 
 
 def _iter_range(formula: Formula, view: View) -> list[str]:
-    """Movable things, now or in the initial snapshot, that the formula does not name; in order of their names."""
+    """Movable things of the inventory, seen or not, that the formula does not name; in order of their names."""
     named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
     snapshots = (view.now, view.initial) if view.initial is not None else (view.now,)
-    return sorted(
-        {e.name for snapshot in snapshots for e in snapshot.entities.values() if e.movable and e.name not in named}
-    )
+    return sorted({name for snapshot in snapshots for name in snapshot.list_movable()} - named)
 
 
 def _bind(formula: Formula, name: str, *, into_counts: bool = True) -> Formula:

@@ -4,7 +4,6 @@ Installed packages announce `PredicateDefinition`s by the entry point group `phy
 Importing this module registers nothing.
 """
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -12,10 +11,9 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from phyagentos.geometry import Vector, to_parent
-from phyagentos.protocol.world.environment import Entity, Environment, Pose
+from phyagentos.protocol.world.environment import FRESH_S, Entity, Environment, Pose
 from phyagentos.protocol.world.predicates.geometry import compute_center
 
-AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
 ENTRY_POINT_GROUP = "phyagentos.predicates"
 
 
@@ -48,14 +46,12 @@ class View:
         initial: The snapshot that changes are measured against, None when there is none.
         target: What the word `target` means, None when nothing.
         metrics: What was measured on the way, by name; units in the names.
-        max_age_s: How old a fact about a movable thing may be at most, whatever a predicate allows.
     """
 
     now: Environment
     initial: Environment | None = None
     target: str | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
-    max_age_s: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +102,7 @@ class PredicateDefinition:
         arguments: In order; those with a default come last.
         measure: Called with the view and the resolved arguments; raises `FactUnknown`.
         is_number: True when it measures a number that must be compared, False when it is a statement.
-        max_age_s: How old [s] an observation of a movable thing may be.
+        max_age_s: How old [s] an observation of a movable thing may be, where `FRESH_S` is too long.
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
         by_name: True when `measure` takes the names of entities and looks itself.
     """
@@ -115,7 +111,7 @@ class PredicateDefinition:
     arguments: tuple[Argument, ...]
     measure: Callable[..., Reading]
     is_number: bool = False
-    max_age_s: float = 5.0
+    max_age_s: float = FRESH_S
     lasting: bool = True
     by_name: bool = False
     description: str = ""
@@ -165,23 +161,17 @@ def get_predicate_library() -> PredicateLibrary:
     return library
 
 
-def get_entity(view: View, name: str, max_age_s: float) -> Entity:
-    """What is known of a thing; raises FactUnknown when it is missing, was not visible, or was seen too long ago."""
+def get_entity(view: View, name: str, max_age_s: float = FRESH_S) -> Entity:
+    """What is known of a thing; raises FactUnknown when it is missing, or unseen by `Environment.explain_unseen`."""
     entity = view.now.entities.get(name)
     if entity is None:
         raise FactUnknown(f"{name} is not in the snapshot")
-    if entity.movable:
-        age_s, allowed_s = view.now.time_s - entity.observed_at_s, min(max_age_s, view.max_age_s)
-        if not entity.visible:
-            raise FactUnknown(f"{name} was not visible")
-        if not age_s >= -AHEAD_S:  # also when it is NaN
-            raise FactUnknown(f"{name} is dated {-age_s:.1f} s after the snapshot")
-        if not age_s <= allowed_s:
-            raise FactUnknown(f"{name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s")
+    if reason := view.now.explain_unseen(entity, max_age_s):
+        raise FactUnknown(reason)
     return entity
 
 
-def get_place(view: View, name: str, max_age_s: float) -> Place:
+def get_place(view: View, name: str, max_age_s: float = FRESH_S) -> Place:
     """A region, the interior of a thing, or the centre of a thing without one; raises as `get_entity`."""
     region = view.now.regions.get(name)
     if region is not None:

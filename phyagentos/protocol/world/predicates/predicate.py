@@ -5,7 +5,8 @@ is never success. Paper section 4.2.
 
 The quantifier `*` stands for a movable thing that the same scope does not name. Inside `count(...)` it is counted; any
 other `*` means "for every one", over the whole predicate: `not moved(*)` is "nothing moved", and
-`moved(red_cube) and not moved(*)` is "red_cube moved and nothing else did". With nothing to range over it is unknown.
+`moved(red_cube) and not moved(*)` is "red_cube moved and nothing else did". It ranges over the inventory: a thing
+that was not seen is unknown, also where no look has ever shown it. With nothing to range over it is unknown.
 """
 
 import re
@@ -175,7 +176,7 @@ def find_formula(text: str) -> Formula | None:
 
 def find_things(text: str, world: Environment) -> tuple[str, ...]:
     """Names that a text mentions, and every movable thing where it has a `*`."""
-    movable = [name for name, entity in world.entities.items() if entity.movable] if "*" in text else []
+    movable = world.list_movable() if "*" in text else []
     return tuple(dict.fromkeys((*find_entities(text), *movable)))
 
 
