@@ -1,13 +1,33 @@
 """Each built-in predicate on a synthetic world."""
 
 import math
+from typing import Any
 
+import msgspec
 import pytest
 
-from phyagentos.protocol.world.environment import Entity, Environment, Pose, Region, Shape, ShapeKind, TargetState
+from phyagentos.protocol.world.environment import (
+    Entity,
+    Environment,
+    Pose,
+    Region,
+    Shape,
+    ShapeKind,
+    Status,
+    TargetState,
+)
 from phyagentos.protocol.world.truth import Truth
 
-from .predicate_worlds import EIGHTH_TURN_ABOUT_Z, QUARTER_TURN_ABOUT_X, cube, tray, truth, value, world
+from .predicate_worlds import (
+    EIGHTH_TURN_ABOUT_Z,
+    HALF_TURN_ABOUT_X,
+    QUARTER_TURN_ABOUT_X,
+    cube,
+    tray,
+    truth,
+    value,
+    world,
+)
 
 
 @pytest.mark.parametrize(
@@ -52,10 +72,77 @@ def test_inside_works_for_regions_and_is_false_for_what_has_no_interior():
 def test_on_needs_the_footprint_above_and_contact():
     below = cube("b", 0.3)
     assert truth("on(a, b)", world(below, cube("a", 0.3, 0.0, 0.06))) is Truth.TRUE
-    assert truth("on(a, b)", world(below, cube("a", 0.31, 0.0, 0.065))) is Truth.TRUE
+    assert truth("on(a, b)", world(below, cube("a", 0.31, 0.0, 0.0615))) is Truth.TRUE
+    assert truth("on(a, b)", world(below, cube("a", 0.31, 0.0, 0.065))) is Truth.FALSE
     assert truth("on(a, b)", world(below, cube("a", 0.3, 0.0, 0.075))) is Truth.FALSE
     assert truth("on(a, b)", world(below, cube("a", 0.33, 0.0, 0.06))) is Truth.FALSE
     assert truth("on(b, a)", world(below, cube("a", 0.3, 0.0, 0.06))) is Truth.FALSE
+
+
+COASTER = Shape(ShapeKind.CYLINDER, (0.05, 0.004))
+
+
+def flat(name: str, z: float, half_m: float = 0.002, **more: Any) -> Entity:
+    return cube(name, 0.3, 0.0, z, shapes=(Shape(ShapeKind.BOX, (0.06, 0.06, half_m)),), **more)
+
+
+@pytest.mark.parametrize(("x", "y", "expected"), [(0.3, 0.05, True), (0.34, 0.03, True), (0.34, 0.04, False)])
+@pytest.mark.parametrize("sensing", ["truth", "perceived"])
+def test_a_round_support_ends_where_its_disk_ends(x, y, expected, sensing):
+    coaster = cube("b", 0.3, 0.0, 0.004, shapes=(COASTER,), movable=False)
+    beside = world(coaster, cube("a", x, y, 0.02 + 0.008 * expected, position_std_m=1e-4), sensing=sensing)
+    above = msgspec.structs.replace(beside, entities=beside.entities | {"a": cube("a", x, y, 0.028)})
+    assert truth("on(a, b)", beside) is (Truth.TRUE if expected else Truth.FALSE)
+    if sensing == "truth":
+        assert truth("on(a, b)", above) is truth("above(a, b)", above) is (Truth.TRUE if expected else Truth.FALSE)
+
+
+@pytest.mark.parametrize(
+    "support",
+    [
+        cube("b", 0.3, shapes=(Shape(ShapeKind.SPHERE, (0.02,)),)),
+        cube("b", 0.3, shapes=(Shape(ShapeKind.CAPSULE, (0.01, 0.01)),)),
+        cube(
+            "b", 0.3, shapes=(Shape(ShapeKind.CYLINDER, (0.02, 0.02)),), pose=Pose((0.3, 0, 0.02), QUARTER_TURN_ABOUT_X)
+        ),
+    ],
+)
+def test_what_is_round_upwards_has_no_top(support):
+    assert truth("on(a, b)", world(support, cube("a", 0.3, 0.0, 0.06))) is Truth.FALSE
+
+
+def test_an_upright_cylinder_and_a_turned_box_have_one():
+    for support in (
+        cube("b", 0.3, shapes=(Shape(ShapeKind.CYLINDER, (0.02, 0.02)),)),
+        cube("b", 0.3, pose=Pose((0.3, 0.0, 0.02), QUARTER_TURN_ABOUT_X)),
+        cube("b", 0.3, pose=Pose((0.3, 0.0, 0.02), HALF_TURN_ABOUT_X)),
+    ):
+        assert truth("on(a, b)", world(support, cube("a", 0.3, 0.0, 0.06))) is Truth.TRUE
+
+
+@pytest.mark.parametrize("sensing", ["truth", "perceived"])
+def test_what_stands_on_something_that_stands_on_it_is_above_and_not_on(sensing):
+    lower, upper = flat("lower", 0.002), flat("upper", 0.006)
+    now = world(lower, upper, cube("a", 0.3, 0.0, 0.028), sensing=sensing)
+    assert (truth("on(a, upper)", now), truth("on(upper, lower)", now)) == (Truth.TRUE, Truth.TRUE)
+    assert (truth("on(a, lower)", now), truth("above(a, lower)", now)) == (Truth.FALSE, Truth.TRUE)
+    assert (truth("on(lower, a)", now), truth("above(lower, a)", now)) == (Truth.FALSE, Truth.FALSE)
+
+
+def test_what_may_still_be_between_two_things_leaves_it_open():
+    now = world(flat("lower", 0.002), flat("upper", 0.006, status=Status.HIDDEN), cube("a", 0.3, 0.0, 0.028))
+    perceived = msgspec.structs.replace(now, sensing="perceived")
+    assert truth("on(a, lower)", perceived) is Truth.UNKNOWN
+
+
+@pytest.mark.parametrize(("gap_m", "expected"), [(0.004, "true"), (0.008, "unknown"), (0.012, "false")])
+def test_the_allowed_gap_is_the_stated_doubt(gap_m, expected):
+    now = world(cube("b", 0.3), cube("a", 0.3, 0.0, 0.06 + gap_m), sensing="perceived")
+    assert truth("on(a, b)", now) == expected
+    sharp = world(
+        *(cube(n, 0.3, 0.0, z, position_std_m=2e-4) for n, z in (("b", 0.02), ("a", 0.064))), sensing="perceived"
+    )
+    assert truth("on(a, b)", sharp) is Truth.FALSE
 
 
 def test_on_finds_the_right_board_of_a_shelf():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.world.environment import Mechanism, Pose, Status, TargetState
+from phyagentos.protocol.world.environment import Mechanism, Pose, Shape, ShapeKind, Status, TargetState
 from phyagentos.protocol.world.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
@@ -74,25 +74,57 @@ def test_an_opening_is_as_doubtful_as_the_pose_that_it_follows_from(kind, travel
     assert Truth.UNKNOWN not in {truth(f"{text}(drawer)", world(drawer)) for text in ("closed", "open")}
 
 
-def holding(touching: int, **more):
+def holding(touching: int, width_m: float = 0.04, **more):
     state = TargetState(
-        q_rad=(), qd_rad_s=(), gripper_width_m=0.04, tcp=Pose(), fingers_touching=touching, holding=("a",)
+        q_rad=(),
+        qd_rad_s=(),
+        gripper_width_m=width_m,
+        tcp=Pose((0, 0, 0.02)),
+        fingers_touching=touching,
+        holding=("a",),
     )
     return world(cube("a", **more), sensing="perceived", targets={"arm": state})
+
+
+IN_HAND = {"held_by": "arm", "status": Status.HELD, "looks": 1}
 
 
 @pytest.mark.parametrize(
     ("touching", "more", "expected"),
     [
-        (2, {"held_by": "arm"}, "true"),
+        (2, IN_HAND, "true"),
         (2, {}, "false"),
         (2, {"visible": False}, "unknown"),
-        (1, {"held_by": "arm"}, "false"),
+        (1, IN_HAND, "false"),
         (0, {"visible": False}, "false"),
     ],
 )
 def test_touch_tells_that_something_is_held_and_perception_tells_what(touching, more, expected):
     assert truth("holding(arm, a)", holding(touching, **more)) == expected
+
+
+@pytest.mark.parametrize(
+    ("more", "because"),
+    [
+        ({"width_m": 0.02}, "the fingers are 0.0200 m apart, and a is 0.0400 m wide between them"),
+        ({"width_m": 0.06}, "and a is 0.0400 m wide between them"),
+        ({"x": 0.06}, "and a is not between them"),
+        ({"y": 0.03}, "and a is not between them"),
+        ({"z": 0.09}, "and a is not between them"),
+        ({"looks": 0}, "no look has shown a in the hand since it was lifted"),
+    ],
+)
+def test_fingers_that_touch_something_near_a_thing_do_not_show_that_they_hold_it(more, because):
+    found = value("holding(arm, a)", holding(2, **(IN_HAND | more)))
+    assert found.truth is Truth.UNKNOWN
+    assert because in found.because
+
+
+def test_only_what_is_between_the_pads_counts_as_the_width():
+    neck = Shape(ShapeKind.CYLINDER, (0.012, 0.03), Pose((0.0, 0.0, 0.1)))
+    bottle = (Shape(ShapeKind.CYLINDER, (0.03, 0.06)), neck)
+    at_the_neck = holding(2, 0.024, z=-0.09, shapes=bottle, **IN_HAND)
+    assert truth("holding(arm, a)", at_the_neck) is Truth.TRUE
 
 
 def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():

@@ -1,7 +1,8 @@
 """The judgement of a whole goal, and the evidence of its sessions.
 
 A goal is met when every node is done, and its acceptance and constraints are true in the latest snapshot, changes
-measured against the first: what a session could not see of a constraint must be seen true in the end. Each simulated target has a world of its own: where those of a goal disagree, the truth is unknown.
+measured against the first: what a session could not see of a constraint must be seen true in the end. Each simulated
+target has a world of its own: where those of a goal disagree, the truth is unknown.
 """
 
 from collections.abc import Mapping

@@ -12,6 +12,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this vocabulary
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
+LIFTED_M = 0.02  # a thing that was taken so far was lifted, not pressed
 FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
 AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
 
@@ -108,7 +109,9 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         status: How it is known now.
         extent_m: (3,) size of what was seen of it, along its own axes [m]; absent when it was not measured.
         in_hand: `tcp_T_entity` while it is held.
-        looks: So many measurements its pose is the mean of.
+        taken_at_m: (3,) where it was when the fingers closed on it, in the world [m]; absent when it is not held.
+        looks: So many measurements its pose is the mean of; of a held thing, so many looks have shown it in the hand
+            since it was lifted.
         position_std_m: Standard deviation of its position as the measurement states [m]; 0 when not stated.
         turn_std_rad: The same of its orientation [rad].
         evidence: Where it was seen: `camera@time_s:left,top,width,height`, in pixels.
@@ -133,6 +136,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     status: Status = Status.SEEN
     extent_m: tuple[float, float, float] | None = None
     in_hand: Pose | None = None
+    taken_at_m: tuple[float, float, float] | None = None
     looks: int = 0
     position_std_m: float = 0.0
     turn_std_rad: float = 0.0

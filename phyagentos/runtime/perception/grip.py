@@ -4,6 +4,7 @@ The target's state reports that fingers touch, not what. Fingers centre a thing 
 its middle is that of the hand.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ import msgspec
 import numpy as np
 
 from phyagentos.geometry import as_pose, compute_rotation, turn
-from phyagentos.protocol.world.environment import Entity, Status, TargetState
+from phyagentos.protocol.world.environment import LIFTED_M, Entity, Status, TargetState
 from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.perception.views import Cloud
@@ -76,7 +77,13 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entit
     low, high = thing.solids.measure_extent(rotation.T @ tcp[:, 1])
     local[1] = -(low + high) / 2
     return msgspec.structs.replace(
-        entity, status=Status.HELD, in_hand=as_pose(tcp.T @ rotation, local), visible=True, confidence=0.9
+        entity,
+        status=Status.HELD,
+        in_hand=as_pose(tcp.T @ rotation, local),
+        taken_at_m=entity.pose.position_m,
+        visible=True,
+        confidence=0.9,
+        looks=0,
     )
 
 
@@ -105,14 +112,21 @@ def carry(entity: Entity, state: TargetState, hand: Hand) -> Entity:
 def let_go(entity: Entity) -> Entity:
     """A thing that has left the fingers; its pose is uncertain until the next look."""
     return msgspec.structs.replace(
-        entity, status=Status.HIDDEN, held_by=None, in_hand=None, visible=False, confidence=0.5, looks=0
+        entity,
+        status=Status.HIDDEN,
+        held_by=None,
+        in_hand=None,
+        taken_at_m=None,
+        visible=False,
+        confidence=0.5,
+        looks=0,
     )
 
 
 def check_hand(
     inventory: Inventory, entities: dict[str, Entity], cloud: Cloud, state: TargetState, hand: Hand
 ) -> dict[str, Entity]:
-    """The entities, with the held thing exchanged for another one whose colour is seen in its place."""
+    """The entities: the held thing seen in the hand, or exchanged for another one whose colour is seen in its place."""
     held = next((entity for entity in entities.values() if entity.status is Status.HELD), None)
     if held is None or held.name not in inventory.things or not len(cloud.points_m):
         return entities
@@ -127,11 +141,13 @@ def check_hand(
     }
     most = max(others, default=0)
     if most < LEAST_POINTS or most < TIMES * max(own, 1):
-        return entities
+        lifted = held.taken_at_m is not None and math.dist(held.pose.position_m, held.taken_at_m) > LIFTED_M
+        shown = held.looks + 1 if lifted and own >= LEAST_POINTS else held.looks
+        return entities if shown == held.looks else entities | {held.name: msgspec.structs.replace(held, looks=shown)}
     there = msgspec.structs.replace(entities[others[most]], pose=held.pose)
     taken = carry(take_hold(there, inventory, state), state, hand)
     return {
         **entities,
         held.name: let_go(held),
-        taken.name: msgspec.structs.replace(taken, observed_at_s=held.observed_at_s),
+        taken.name: msgspec.structs.replace(taken, observed_at_s=held.observed_at_s, taken_at_m=held.taken_at_m),
     }

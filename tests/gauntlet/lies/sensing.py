@@ -18,6 +18,49 @@ SABOTAGES = (
         tests=(f"{BELIEF_TESTS}::test_fingers_that_touch_nothing_known_hold_nothing",),
     ),
     Sabotage(
+        name="touch_shows_what_is_held",
+        lie="A thing that was near when both fingers touched something is what they hold.",
+        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "    _demand_grasp(view, entity, state)\n", ""),),
+        tests=(
+            "tests/protocol/test_predicate_doubt.py::"
+            "test_fingers_that_touch_something_near_a_thing_do_not_show_that_they_hold_it",
+            f"{BELIEF_TESTS}::test_what_the_fingers_hold_is_known_once_it_was_seen_in_the_hand_after_lifting",
+        ),
+    ),
+    Sabotage(
+        name="boxes_for_shapes",
+        lie="A round support ends where the box around it ends.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.geometry",
+                "past_m = math.hypot(at[0], at[1]) - half[0] if shape.kind is ShapeKind.CYLINDER else max(aside)",
+                "past_m = max(aside)",
+            ),
+        ),
+        tests=("tests/protocol/test_predicate_builtins.py::test_a_round_support_ends_where_its_disk_ends",),
+    ),
+    Sabotage(
+        name="near_the_top_is_on",
+        lie="What hovers a centimetre above a support stands on it.",
+        edits=(Edit("phyagentos.protocol.world.predicates.builtins", "CONTACT_M = 0.002", "CONTACT_M = 0.010"),),
+        tests=("tests/protocol/test_predicate_builtins.py::test_the_allowed_gap_is_the_stated_doubt",),
+    ),
+    Sabotage(
+        name="on_through_another",
+        lie="What stands on a plate stands on whatever is below the plate.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                "_find_between(view, a, b, compute_lowest(a) - gap_m, allowed_m) if is_near else None",
+                "None",
+            ),
+        ),
+        tests=(
+            "tests/protocol/test_predicate_builtins.py::"
+            "test_what_stands_on_something_that_stands_on_it_is_above_and_not_on",
+        ),
+    ),
+    Sabotage(
         name="silence_keeps_facts_young",
         lie="A look for which no camera answered shows what the look before showed.",
         edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, focus)", "felt"),),

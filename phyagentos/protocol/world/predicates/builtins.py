@@ -9,12 +9,13 @@ from functools import partial
 from typing import Any
 
 from phyagentos.geometry import UP, compute_tilt, compute_turn, rotate, to_child
-from phyagentos.protocol.world.environment import Entity, TargetState
+from phyagentos.protocol.world.environment import Entity, Status, TargetState
 from phyagentos.protocol.world.predicates.geometry import (
     compute_box_distance,
     compute_center,
+    compute_grasp_width,
     compute_lowest,
-    iter_tops_below,
+    find_tops_below,
 )
 from phyagentos.protocol.world.predicates.library import (
     Argument,
@@ -30,12 +31,14 @@ from phyagentos.protocol.world.predicates.library import (
 
 RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on the rim is not inside
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
-GAP_M = 0.010  # greatest vertical gap of things that count as standing on each other
+CONTACT_M = 0.002  # how far solids that touch may be apart, or in each other, beside the stated doubt
 FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centre of a footprint may be
 UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 FALLEN_RAD = 0.79  # 45 degrees
 MOVED_M = 0.015  # settling and sensing noise stay below
 MOVED_RAD = math.radians(10)
+PAD_M = 0.012  # half of a pad, and the error of a pose in the hand
+WIDTH_M = 0.006  # by which the opening may differ from what is between the pads, beside the stated doubt
 PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
 PERCEIVED_STD_RAD = 0.02
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
@@ -88,21 +91,61 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; centre of the footprint above b's surface, vertical gap within a centimetre."""
+    """Let go of; middle over b's top, lowest point at its height, and no other thing between them."""
     if a.held_by:
         return _read_held(a)
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
-    gap_m = _find_gap(view, a, b, FOOTPRINT_SLACK_M)
+    allowed_m = CONTACT_M + doubt_m
+    gap_m = _find_sure_gap(view, a, b, doubt_m, allowed_m + doubt_m)
+    if gap_m is None:
+        return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
+    measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
+    is_near = abs(gap_m) <= allowed_m + doubt_m
+    between = _find_between(view, a, b, compute_lowest(a) - gap_m, allowed_m) if is_near else None
+    if between is not None:
+        if reason := view.now.explain_unseen(between):
+            raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
+        return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
+    because = f"the lowest point of {a.name} is {gap_m:+.4f} m from the top of {b}, allowed are {allowed_m:.4f} m"
+    return Reading((allowed_m + doubt_m / 2 - abs(gap_m)) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
+
+
+def measure_above(view: View, a: Entity, b: str) -> Reading:
+    """Let go of; middle over b's top and lowest point not below it: on b, or on what stands on b."""
+    if a.held_by:
+        return _read_held(a)
+    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
+    allowed_m = CONTACT_M + doubt_m
+    gap_m = _find_sure_gap(view, a, b, doubt_m, math.inf)
+    if gap_m is None:
+        return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
+    because = f"the lowest point of {a.name} is {gap_m:+.4f} m from the top of {b}"
+    measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
+    return Reading((gap_m + allowed_m + doubt_m / 2) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
+
+
+def _find_sure_gap(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> float | None:
+    """As `_find_gap`; unknown where the doubt decides whether a is over b, at less than `near_m` from its top."""
     if doubt_m:
         sure = _find_gap(view, a, b, FOOTPRINT_SLACK_M - doubt_m)
         possible = _find_gap(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
-        if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= GAP_M:
+        if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= near_m:
             raise FactUnknown(f"whether {a.name} is above {b} is within what the measurement may be off")
-    if gap_m is None:
-        return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
-    because = f"the lowest point of {a.name} is {gap_m:+.3f} m from the surface of {b}, allowed are {GAP_M} m"
-    measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
-    return Reading(1.0 - abs(gap_m) / GAP_M, measured, because, doubt_m / GAP_M)
+    return _find_gap(view, a, b, FOOTPRINT_SLACK_M)
+
+
+def _find_between(view: View, a: Entity, b: str, top_m: float, allowed_m: float) -> Entity | None:
+    """A thing under the middle of a whose top is above that of b, and not above the lowest point of a."""
+    center, highest_m = compute_center(a), compute_lowest(a) + allowed_m
+    of = view.now.entities.get(b)
+    for other in view.now.entities.values():
+        is_part = of is not None and (other.part_of == b or of.part_of == other.name)
+        if other.name in {a.name, b} or is_part or other.held_by or not (other.movable or of is not None):
+            continue
+        tops = find_tops_below(other, center[0], center[1], 0.0)
+        if other.status is not Status.GONE and any(top_m + CONTACT_M < top <= highest_m for top in tops):
+            return other
+    return None
 
 
 def _read_held(a: Entity) -> Reading:
@@ -119,13 +162,12 @@ def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
         over = abs(x) <= region.half_m[0] + slack_m and abs(y) <= region.half_m[1] + slack_m
         tops = [region.pose.position_m[2] - region.half_m[2]] if over else []
     else:
-        tops = iter_tops_below(get_entity(view, b), center[0], center[1], slack_m)
+        tops = find_tops_below(get_entity(view, b), center[0], center[1], slack_m)
     return min((low_m - top for top in tops), key=abs, default=None)
 
 
 def measure_holding(view: View, target: str, a: str) -> Reading:
-    """Both fingers of the target touch it."""
-    # touch sensors show that they touch something, perception shows what
+    """Both fingers touch it; where it is perceived: it fits between them, and was seen to be lifted."""
     state = view.now.targets.get(target)
     if view.now.sensing != "truth":
         return _measure_perceived_holding(view, target, a, state)
@@ -151,11 +193,25 @@ def _measure_perceived_holding(view: View, target: str, a: str, state: TargetSta
         return Reading(-1.0, {"held": False, **measured}, because)
     if entity is None:
         raise FactUnknown(f"{target} holds something, and {a} is not in the snapshot")
-    held = entity.held_by == target
-    if not held:
+    if entity.held_by != target:
         get_entity(view, a, 0.5)  # seen elsewhere, or what the fingers touch may be it
-    because = f"{target} holds something, which is {'' if held else 'not '}{a}"
-    return Reading(1.0 if held else -1.0, {"held": held, **measured}, because)
+        return Reading(-1.0, {"held": False, **measured}, f"{target} holds something, which is not {a}")
+    _demand_grasp(view, entity, state)
+    return Reading(
+        1.0, {"held": True, **measured}, f"{target} holds {a}, which was seen in the hand since it was lifted"
+    )
+
+
+def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
+    """What touch alone does not show: the thing is between the pads, as wide as they are apart, and came along."""
+    between_m = compute_grasp_width(a, state.tcp, PAD_M)
+    if between_m is None:
+        raise FactUnknown(f"the fingers touch something, and {a.name} is not between them")
+    if abs(between_m - state.gripper_width_m) > WIDTH_M + _find_position_doubt(view, a):
+        width = f"the fingers are {state.gripper_width_m:.4f} m apart"
+        raise FactUnknown(f"{width}, and {a.name} is {between_m:.4f} m wide between them")
+    if a.looks < 1:
+        raise FactUnknown(f"no look has shown {a.name} in the hand since it was lifted")
 
 
 def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
@@ -319,6 +375,7 @@ _number = partial(_define, is_number=True, lasting=False)
 BUILTINS: tuple[PredicateDefinition, ...] = (
     _define("inside", measure_inside, _A, _IN),
     _define("on", measure_on, _A, _IN),
+    _define("above", measure_above, _A, _IN),
     _define("at", measure_at, _A, _PLACE, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
     _define("near", measure_near, _A, _B, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
     _define("upright", measure_upright, _A),

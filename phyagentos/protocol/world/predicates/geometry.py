@@ -7,9 +7,10 @@ chapter 4 (support points).
 import math
 from collections.abc import Sequence
 
-from phyagentos.geometry import UP, Pose, Vector, invert_rotation, rotate, to_child, to_parent
+from phyagentos.geometry import UP, Pose, Vector, invert_rotation, multiply, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 
+LEVEL_COS = 0.9  # of the steepest top on which things stand
 _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -38,35 +39,53 @@ def compute_center(entity: Entity) -> Vector:
     return to_parent(entity.pose, (x, y, z))
 
 
+def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float) -> float | None:
+    """Extent [m] along the closing axis (y of `tcp`) of the solids between the pads; None when none is there.
+
+    Between the pads are the solids that come within `pad_m` of the tool centre point along its other two axes.
+    """
+    sides: list[float] = []
+    for shape in entity.shapes:
+        solid = Entity(name="", kind="", pose=entity.pose, shapes=(shape,))
+        spans = []
+        for axis in _AXES:
+            direction = rotate(tcp.quaternion_wxyz, axis)
+            low, high = compute_extent(solid, rotate(invert_rotation(entity.pose.quaternion_wxyz), direction))
+            away = dot(entity.pose.position_m, direction) - dot(tcp.position_m, direction)
+            spans.append((away + low, away + high))
+        if all(spans[i][0] <= pad_m and spans[i][1] >= -pad_m for i in (0, 2)):
+            sides += spans[1]
+    return max(sides) - min(sides) if sides and min(sides) <= 0.0 <= max(sides) else None
+
+
 def compute_lowest(entity: Entity, world_up: Vector = UP) -> float:
     """Least coordinate [m] of the entity along `world_up`, measured from the world's origin."""
     direction = rotate(invert_rotation(entity.pose.quaternion_wxyz), world_up)
     return dot(entity.pose.position_m, world_up) + compute_extent(entity, direction)[0]
 
 
-def iter_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> list[float]:
-    """Heights [m] at which the vertical line through (x, y) leaves each solid of the entity.
+def find_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> list[float]:
+    """Heights [m] at which the vertical line through (x, y) meets the tops of the entity's solids.
 
-    Solids count as their bounding boxes, widened by `slack_m` sideways; those that the line misses are left out.
+    The top of a box is the face that looks up, that of an upright cylinder a disk; both end `slack_m` past their edge.
+    Balls, capsules, lying cylinders and what leans by more than `LEVEL_COS` have none.
     """
     tops = []
     for shape in entity.shapes:
+        turned = multiply(entity.pose.quaternion_wxyz, shape.pose.quaternion_wxyz)
+        pose = Pose(to_parent(entity.pose, shape.pose.position_m), turned)
+        up = rotate(invert_rotation(pose.quaternion_wxyz), UP)
+        axis = max(range(3), key=lambda i: abs(up[i])) if shape.kind is ShapeKind.BOX else 2
+        if shape.kind not in {ShapeKind.BOX, ShapeKind.CYLINDER} or abs(up[axis]) < LEVEL_COS:
+            continue
         half = compute_half_box(shape)
-        start = to_child(shape.pose, to_child(entity.pose, (x_m, y_m, 0.0)))
-        way = rotate(
-            invert_rotation(shape.pose.quaternion_wxyz), rotate(invert_rotation(entity.pose.quaternion_wxyz), UP)
-        )
-        enter, leave = -math.inf, math.inf
-        for s, w, h in zip(start, way, half, strict=True):
-            reach = h + slack_m * (1.0 - abs(w))
-            if abs(w) < 1e-9:
-                if abs(s) > reach:
-                    leave = -math.inf
-                continue
-            near, far = sorted(((-reach - s) / w, (reach - s) / w))
-            enter, leave = max(enter, near), min(leave, far)
-        if enter <= leave and math.isfinite(leave):
-            tops.append(leave)
+        start = to_child(pose, (x_m, y_m, 0.0))
+        height_m = (math.copysign(half[axis], up[axis]) - start[axis]) / up[axis]
+        at = [s + height_m * u for s, u in zip(start, up, strict=True)]
+        aside = [abs(at[i]) - half[i] for i in range(3) if i != axis]
+        past_m = math.hypot(at[0], at[1]) - half[0] if shape.kind is ShapeKind.CYLINDER else max(aside)
+        if past_m <= slack_m:
+            tops.append(height_m)
     return tops
 
 
