@@ -145,6 +145,34 @@ def test_the_allowed_gap_is_the_stated_doubt(gap_m, expected):
     assert truth("on(a, b)", sharp) is Truth.FALSE
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["on(a, b)", "above(a, b)", "inside(a, tray)", "upright(a)", "fallen(a)", "near(a, b)", "at(a, (0.3, 0, 0.06))"],
+)
+@pytest.mark.parametrize("negate", ["", "not "])
+def test_a_lasting_fact_about_a_thing_that_moves_is_unknown_until_it_rests(text, negate):
+    at = {"b": cube("b", 0.3), "tray": tray()}
+    for more, moves in (
+        ({"speed_m_s": 0.1}, True),
+        ({"speed_m_s": math.nan}, True),
+        ({"speed_m_s": 0.001}, False),
+        ({"still_since_s": 9.9}, True),
+        ({"still_since_s": 9.0}, False),
+        ({"speed_m_s": 0.3, "held_by": "arm"}, False),  # where a hand moves it is known
+    ):
+        now = world(*at.values(), cube("a", 0.3, 0.0, 0.06, **more))
+        assert (truth(f"{negate}{text}", now) is Truth.UNKNOWN) is moves, more
+    carried = world(cube("a", 0.3, 0.0, 0.06), cube("b", 0.3, speed_m_s=0.1), tray())
+    assert (truth(f"{negate}{text}", carried) is Truth.UNKNOWN) is ("b" in text.split("(")[1])
+
+
+def test_a_passing_fact_about_a_thing_that_moves_is_known():
+    now = world(cube("a", 0.3, speed_m_s=0.1), cube("b", 0.5))
+    assert [truth(text, now, now) for text in ("visible(a)", "exists(a)", "not moved(a)", "speed(a) > 0.05")] == [
+        Truth.TRUE
+    ] * 4
+
+
 def test_on_finds_the_right_board_of_a_shelf():
     boards = tuple(Shape(ShapeKind.BOX, (0.2, 0.1, 0.01), Pose((0, 0, z))) for z in (0.0, 0.3, 0.6))
     shelf = Entity(name="shelf", kind="shelf", pose=Pose((0.5, 0, 0)), shapes=boards, movable=False)

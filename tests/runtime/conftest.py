@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from phyagentos.clock import ManualClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -162,7 +163,7 @@ class PerfectTarget:
         return wire.Observation(
             time_s=self.time_s,
             target=self._state(),
-            entities=tuple(self.entities.values()),
+            entities=tuple(replace(entity, observed_at_s=self.time_s) for entity in self.entities.values()),
             snapshot=self.snapshot(),
         )
 

@@ -12,6 +12,8 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this vocabulary
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
+REST_M_S = 0.02  # slower is contact noise
+REST_S = 0.25  # a thing that two looks so far apart show in one place rests
 LIFTED_M = 0.02  # a thing that was taken so far was lifted, not pressed
 FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
 AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
@@ -100,6 +102,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
             was moved while out of sight.
         held_by: Name of the target whose gripper touches it with both fingers; absent when none does.
         speed_m_s: Magnitude of its linear velocity [m/s].
+        still_since_s: Since when it was seen, or felt, in one place [s]; absent where nothing asks, as under truth.
         joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
         mechanism: How it opens, for these things.
         part_of: Name of the thing that it is fixed to.
@@ -127,6 +130,7 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     visible: bool = True
     held_by: str | None = None
     speed_m_s: float = 0.0
+    still_since_s: float | None = None
     joint: float | None = None
     mechanism: Mechanism | None = None
     part_of: str = ""
@@ -267,6 +271,18 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         """Whether it shows where a thing or a region is now, see `explain_unseen`."""
         entity = self.entities.get(name)
         return name in self.regions or (entity is not None and not self.explain_unseen(entity))
+
+    def explain_motion(self, entity: Entity) -> str:
+        """Why the snapshot does not show that a thing rests; empty where it does, and for what is fixed or held."""
+        if not entity.movable or entity.status is Status.HELD or entity.held_by:
+            return ""
+        if not entity.speed_m_s <= REST_M_S:
+            return f"{entity.name} still moves at {entity.speed_m_s:.3f} m/s"
+        since_s = entity.still_since_s
+        if since_s is not None and entity.observed_at_s - since_s < REST_S:
+            still_s = entity.observed_at_s - since_s
+            return f"{entity.name} was seen in one place for {still_s:.2f} s, which does not show that it rests"
+        return ""
 
     def explain_unseen(self, entity: Entity, max_age_s: float = FRESH_S) -> str:
         """Why the snapshot does not show where a thing is now; empty where it does.

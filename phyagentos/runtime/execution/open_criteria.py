@@ -9,8 +9,18 @@ from phyagentos.protocol.world.predicates.predicate import find_things
 
 
 def find_open_criteria(session: Session, after: Environment) -> tuple[str, ...]:
-    """Entities of the acceptance that were not seen at the end, in order of mention; none under truth."""
+    """Entities of the acceptance not seen at the end, or not at rest, in order of mention; none under truth."""
     if after.sensing == "truth":
         return ()
-    things = dict.fromkeys(name for text in session.accept for name in find_things(text, after))
-    return tuple(name for name in things if not after.shows(name))
+    moving = find_moving(session, after)
+    return tuple(name for name in _find_things(session, after) if not after.shows(name) or name in moving)
+
+
+def find_moving(session: Session, after: Environment) -> tuple[str, ...]:
+    """Entities of the acceptance that were seen and not shown to rest, in order of mention."""
+    seen = (after.entities[name] for name in _find_things(session, after) if name in after.entities)
+    return tuple(each.name for each in seen if not after.explain_unseen(each) and after.explain_motion(each))
+
+
+def _find_things(session: Session, after: Environment) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for text in session.accept for name in find_things(text, after)))

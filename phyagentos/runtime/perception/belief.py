@@ -66,7 +66,8 @@ def update_belief(
     for name, thing in loose.items():
         match, entity = matches.get(name), entities.get(name)
         if match is not None:
-            entities[name] = _see(thing, entity, match, rest, views, time_s)
+            found = _see(thing, entity, match, rest, views, time_s)
+            entities[name] = found if before else msgspec.structs.replace(found, still_since_s=None)
         elif entity is not None:
             entities[name] = _miss(thing, entity, views)
     if not held and not focus:  # a worker that was lost may have gripped it unseen
@@ -153,12 +154,14 @@ def _fuse(
     """The measured pose, averaged with those before where the thing has not moved."""
     looks = 1
     rotation, position = compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m)
-    speed = 0.0
+    speed, since_s = 0.0, time_s
     if entity is not None:
         was = compute_rotation(entity.pose.quaternion_wxyz)
         rotation = choose_symmetric(thing, rotation, was)
         moved = float(np.linalg.norm(position - entity.pose.position_m))
         turned = float(np.arccos(np.clip((np.trace(was.T @ rotation) - 1) / 2, -1.0, 1.0)))
+        if moved < STILL_M and turned < STILL_RAD:
+            since_s = entity.observed_at_s if entity.still_since_s is None else entity.still_since_s
         if entity.looks and moved < STILL_M and turned < STILL_RAD:
             looks = min(entity.looks + 1, FUSE_MAX)
             position = np.array(entity.pose.position_m) + (position - np.array(entity.pose.position_m)) / looks
@@ -174,6 +177,7 @@ def _fuse(
         visible=True,
         status=Status.SEEN,
         speed_m_s=speed,
+        still_since_s=since_s if base.movable else None,
         confidence=_rate(found),
         source=SOURCE,
         looks=looks,

@@ -59,6 +59,7 @@ def place_drawers(drawers: Mapping[str, Drawer], entities: Mapping[str, Entity])
             visible=part.visible,
             status=part.status,
             speed_m_s=part.speed_m_s,
+            still_since_s=part.still_since_s,
             observed_at_s=part.observed_at_s,
             confidence=part.confidence,
             source=part.source,

@@ -117,6 +117,7 @@ def let_go(entity: Entity) -> Entity:
         held_by=None,
         in_hand=None,
         taken_at_m=None,
+        still_since_s=entity.observed_at_s,
         visible=False,
         confidence=0.5,
         looks=0,

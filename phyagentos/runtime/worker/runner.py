@@ -21,13 +21,14 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
-from phyagentos.runtime.execution.open_criteria import find_open_criteria
+from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import RecordedFault, Step
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
+REST_WAIT_S = 2.0  # of simulated time, for which the end waits until what the acceptance speaks of rests
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
 
 
@@ -216,6 +217,12 @@ class SessionRunner:
         """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
         observation = self._handle.observe(snapshot=True)
         after = self._world.observe(WORLD)
+        until_s = after.time_s + REST_WAIT_S
+        while after.time_s < until_s and find_moving(session, after):
+            settled = self._handle.settle(SETTLE_S)
+            recorder.on_rest(settled)
+            self._world.advance(settled)
+            observation, after = self._handle.observe(snapshot=True), self._world.observe(WORLD)
         recorder.write_terminal(observation, after)
         self._write_looks(recorder, LookRole.END, after)
         if holds is not None:

@@ -61,6 +61,35 @@ SABOTAGES = (
         ),
     ),
     Sabotage(
+        name="rolling_is_at_rest",
+        lie="Where a thing is while it moves is where it stays.",
+        edits=(
+            Edit("phyagentos.protocol.world.predicates.evaluation", "    if definition.at_rest:\n", "    if False:\n"),
+        ),
+        tests=(
+            "tests/protocol/test_predicate_builtins.py::"
+            "test_a_lasting_fact_about_a_thing_that_moves_is_unknown_until_it_rests",
+            f"{BELIEF_TESTS}::test_what_rolls_is_known_to_rest_once_two_looks_show_it_in_one_place",
+        ),
+    ),
+    Sabotage(
+        name="one_look_shows_rest",
+        lie="A thing that one look shows somewhere else has come to rest there.",
+        edits=(
+            Edit("phyagentos.runtime.perception.belief", "speed, since_s = 0.0, time_s", "speed, since_s = 0.0, 0.0"),
+        ),
+        tests=(f"{BELIEF_TESTS}::test_what_rolls_is_known_to_rest_once_two_looks_show_it_in_one_place",),
+    ),
+    Sabotage(
+        name="end_does_not_wait",
+        lie="The last look is taken while things still roll.",
+        edits=(Edit("phyagentos.runtime.worker.runner", "REST_WAIT_S = 2.0", "REST_WAIT_S = 0.0"),),
+        tests=(
+            "tests/runtime/test_runner.py::"
+            "test_the_look_at_the_end_waits_a_while_for_what_the_acceptance_speaks_of_to_rest",
+        ),
+    ),
+    Sabotage(
         name="silence_keeps_facts_young",
         lie="A look for which no camera answered shows what the look before showed.",
         edits=(Edit("phyagentos.runtime.perception.pipeline", "lose_sight(felt, focus)", "felt"),),

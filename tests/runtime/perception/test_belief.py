@@ -59,6 +59,7 @@ def test_a_pose_is_that_of_the_thing_and_the_evidence_points_at_it(twins):
 def test_what_has_fallen_is_known_to_lie(twins):
     twins.look()
     twins.put("can", 0.6, 0.0, z_m=0.026, yaw_rad=0.6, tilt_rad=math.pi / 2)
+    assert judge("fallen(can)", twins.look()) is Truth.UNKNOWN  # it may still roll
     belief = twins.look()
 
     assert judge("fallen(can)", belief) is Truth.TRUE
@@ -215,6 +216,15 @@ def test_a_look_of_silent_cameras_leaves_everything_that_moves_hidden(twins):
     assert {belief.entities[name].status for name in ("first", "second", "can")} == {Status.HIDDEN}
     assert judge("upright(can)", belief) is Truth.UNKNOWN
     assert twins.look().entities["can"].status is Status.SEEN
+
+
+def test_what_rolls_is_known_to_rest_once_two_looks_show_it_in_one_place(twins):
+    twins.look()
+    for x_m in (0.55, 0.57, 0.59):
+        twins.put("can", x_m, -0.25)
+        assert judge("upright(can)", twins.look(after_s=0.3)) is Truth.UNKNOWN
+    assert judge("upright(can)", twins.look(after_s=0.1)) is Truth.UNKNOWN  # it may turn round just now
+    assert judge("upright(can)", twins.look(after_s=0.3)) is Truth.TRUE
 
 
 def test_things_of_the_inventory_that_no_look_has_shown_are_listed(twins):

@@ -4,7 +4,7 @@ Tolerances are chosen for table-top things of 2 to 20 cm.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -40,6 +40,7 @@ MOVED_RAD = math.radians(10)
 PAD_M = 0.012  # half of a pad, and the error of a pose in the hand
 WIDTH_M = 0.006  # by which the opening may differ from what is between the pads, beside the stated doubt
 PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
+VESSEL_STD_M = 0.004  # the same of a vessel, of which thin walls and its filling are seen
 PERCEIVED_STD_RAD = 0.02
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 OPEN_FRACTION = 0.9
@@ -48,20 +49,18 @@ CLOSED_FRACTION = 0.1
 
 def _find_position_doubt(view: View, *entities: Entity | None) -> float:
     """Uncertainty [m] of the distance of two positions; fixed things have none."""
-    return _combine(view, entities, "position_std_m", PERCEIVED_STD_M)
+    stds_m = (
+        each.position_std_m or (VESSEL_STD_M if each.interior and not each.mechanism else PERCEIVED_STD_M)
+        for each in entities
+        if each is not None and each.movable and (each.position_std_m or view.now.sensing != "truth")
+    )
+    return DOUBT_STDS * math.hypot(*stds_m)
 
 
 def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
     """Uncertainty of orientations [rad]."""
-    return _combine(view, entities, "turn_std_rad", PERCEIVED_STD_RAD)
-
-
-def _combine(view: View, entities: Sequence[Entity | None], stated: str, perceived: float) -> float:
-    unstated = 0.0 if view.now.sensing == "truth" else perceived
-    variances = [
-        (getattr(entity, stated) or unstated) ** 2 for entity in entities if entity is not None and entity.movable
-    ]
-    return DOUBT_STDS * math.sqrt(sum(variances))
+    unstated = 0.0 if view.now.sensing == "truth" else PERCEIVED_STD_RAD
+    return DOUBT_STDS * math.hypot(*(e.turn_std_rad or unstated for e in entities if e is not None and e.movable))
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
@@ -371,17 +370,18 @@ def _define(name: str, measure: Callable[..., Reading], *arguments: Argument, **
 
 
 _number = partial(_define, is_number=True, lasting=False)
+_state = partial(_define, at_rest=True)
 
 BUILTINS: tuple[PredicateDefinition, ...] = (
-    _define("inside", measure_inside, _A, _IN),
-    _define("on", measure_on, _A, _IN),
-    _define("above", measure_above, _A, _IN),
-    _define("at", measure_at, _A, _PLACE, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
-    _define("near", measure_near, _A, _B, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
-    _define("upright", measure_upright, _A),
-    _define("fallen", measure_fallen, _A),
-    _define("open", measure_open, _A),
-    _define("closed", measure_closed, _A),
+    _state("inside", measure_inside, _A, _IN),
+    _state("on", measure_on, _A, _IN),
+    _state("above", measure_above, _A, _IN),
+    _state("at", measure_at, _A, _PLACE, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),
+    _state("near", measure_near, _A, _B, Argument("distance_m", ArgumentKind.NUMBER, 0.10)),
+    _state("upright", measure_upright, _A),
+    _state("fallen", measure_fallen, _A),
+    _state("open", measure_open, _A),
+    _state("closed", measure_closed, _A),
     _define("moved", measure_moved, _A, lasting=False),
     _define("visible", measure_visible, _A, lasting=False, by_name=True),
     _define("exists", measure_exists, _A, by_name=True),

@@ -168,6 +168,8 @@ def _measure(call: Call, view: View) -> Reading:
     if definition is None:
         raise FactUnknown(f"predicate {call.name!r} is not installed")
     resolved = _resolve(definition, call.terms, view)
+    if definition.at_rest:
+        _demand_rest(call, view)
     try:
         reading = definition.measure(view, *resolved)
     except (ArithmeticError, LookupError, ValueError) as error:  # a malformed entity
@@ -176,6 +178,13 @@ def _measure(call: Call, view: View) -> Reading:
     if not all(map(math.isfinite, (reading.value, *numbers))):
         raise FactUnknown(f"{render(call)} measured a number that is not finite")
     return reading
+
+
+def _demand_rest(call: Call, view: View) -> None:
+    """A lasting fact about a thing that moves may not last; raises FactUnknown."""
+    named = (view.now.entities.get(term.text) for term in call.terms if isinstance(term, Name))
+    if reason := next((why for entity in named if entity and (why := view.now.explain_motion(entity))), ""):
+        raise FactUnknown(reason)
 
 
 def _resolve(definition: PredicateDefinition, terms: Sequence[Term], view: View) -> list[Resolved]:

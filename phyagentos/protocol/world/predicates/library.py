@@ -104,6 +104,7 @@ class PredicateDefinition:
         is_number: True when it measures a number that must be compared, False when it is a statement.
         max_age_s: How old [s] an observation of a movable thing may be, where `FRESH_S` is too long.
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
+        at_rest: Whether it is unknown while a thing that it names moves.
         by_name: True when `measure` takes the names of entities and looks itself.
     """
 
@@ -113,6 +114,7 @@ class PredicateDefinition:
     is_number: bool = False
     max_age_s: float = FRESH_S
     lasting: bool = True
+    at_rest: bool = False
     by_name: bool = False
     description: str = ""
 
