@@ -91,9 +91,9 @@ class TappedConnection:
         return bool(self._replies)
 
 
-def open_robot(target: str = "panda") -> Robot:
-    """The shipped robot with the shipped limits."""
-    library = Library.open()
+def open_robot(target: str = "panda", *projects: Path) -> Robot:
+    """The shipped robot with the shipped limits; scenes also of other projects."""
+    library = Library.open(*projects)
     profile, folder = read_profile(library.get_target(target))
     limits = read_safety(find_shipped_root() / "protocol" / "safety.yaml").targets[target]
     return Robot(profile, folder, limits, library)

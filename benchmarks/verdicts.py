@@ -38,6 +38,7 @@ from phyagentos.protocol.world.seeds import compute_seed
 
 HELD_OUT_SEED = 20_260_419  # never used while anything was tuned; development uses small numbers
 SCENES = 8  # seeds of the scenes, and rounds of the jobs
+PROJECT = Path(__file__).parent / "library"  # its scene of coasters
 TRIES = 12  # draws for one case, until one is far enough from every boundary
 ASKED = {
     "false_success_nominal": Ask(0.005, at_least=False),
@@ -93,7 +94,7 @@ def judge_all(plans: Sequence[Plan], jobs: int, console: Console) -> Iterator[Ou
 
 def judge_scene(plan: Plan) -> list[Outcome]:
     """Record every job in one scene, then judge every case of it under every sensing."""
-    robot, jobs = open_robot(), list_jobs(plan.scene)
+    robot, jobs = open_robot("panda", PROJECT), list_jobs(plan.scene)
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory(prefix="verdicts-") as folder:
         studio = Studio(robot, Path(folder))

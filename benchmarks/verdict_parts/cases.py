@@ -26,6 +26,12 @@ class Lie(StrEnum):
     """What they show, and say, is old."""
     FROZEN = "frozen"
     """They repeat an old picture with a new stamp."""
+    SILENT = "silent"
+    """They have said nothing since less than a second ago."""
+    COVERED = "covered"
+    """They show a world without the thing, and always did: it is under a cover."""
+    MOVING = "moving"
+    """They show one moment of a motion; there is no time for another look."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +54,7 @@ class Kind:
 def put_right(world: World, rng: Rng) -> None:
     """What the session should have brought about, somewhere else within what is allowed."""
     match world.recorded.job.name:
-        case "home" | "inspect":
+        case "home" | "inspect" | "survey":
             _nudge_all(world, rng, 0.006)
         case "pick":
             world.settle(float(rng.uniform(0.0, 0.4)))
@@ -60,7 +66,7 @@ def put_right(world: World, rng: Rng) -> None:
             _drop_into(world, offset, float(rng.uniform(-np.pi, np.pi)))
         case "push":
             _place_near(world, rng, 0.0, 0.04)
-        case "stack":
+        case "stack" | "stack_round":
             _drop_on(world, world.destination, rng.uniform(-0.014, 0.014, 2), float(rng.uniform(-np.pi, np.pi)))
         case "carry_level":
             _open(world)
@@ -202,6 +208,34 @@ def disturb(world: World, rng: Rng) -> None:
     world.settle()
 
 
+def leave_sliding(world: World, rng: Rng) -> None:
+    """It is where it should be, and on its way elsewhere."""
+    angle, speed_m_s = float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.15, 0.4))
+    world.push(world.object, np.array([speed_m_s * np.cos(angle), speed_m_s * np.sin(angle), 0.0]))
+
+
+def leave_beside_round(world: World, rng: Rng) -> None:
+    """It stands over the corner of the box around a round support."""
+    corner = np.pi / 4 + np.pi / 2 * int(rng.integers(4)) + float(rng.uniform(-0.15, 0.15))
+    reach_m = 0.05 + float(rng.uniform(0.009, 0.018))
+    _drop_on(world, world.destination, reach_m * np.array([np.cos(corner), np.sin(corner)]), corner)
+
+
+def put_on_plate(world: World, rng: Rng) -> None:
+    """A thin plate is between it and what it should stand on."""
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    _drop_on(world, world.destination, rng.uniform(-0.01, 0.01, 2), yaw, "plate")
+    _drop_on(world, "plate", rng.uniform(-0.008, 0.008, 2), yaw)
+
+
+def hide_in_tray(world: World, rng: Rng) -> None:
+    """It is in the tray that should be empty."""
+    tray = world.recorded.job.accept[0].split()[-1].rstrip(")")
+    position = world.physics.data.body(tray).xpos + np.array([*rng.uniform(-0.02, 0.02, 2), 0.03])
+    world.put(world.object, position, float(rng.uniform(-3, 3)))
+    world.settle()
+
+
 _PLACING = ("pick_and_place", "place")
 _MOVING = (*_PLACING, "stack")
 _AIR = Kind("closed on air", close_on_air)
@@ -214,6 +248,8 @@ _BACK = Kind("moved back afterwards", move_back)
 _HIDDEN = Kind("occluded", take_away, Lie.HIDDEN)
 _STALE = Kind("sensor stale", move_back, Lie.STALE)
 _FROZEN = Kind("picture frozen", move_back, Lie.FROZEN)
+_SILENT = Kind("cameras silent", move_back, Lie.SILENT)
+_SLIDING = Kind("still sliding", leave_sliding, Lie.MOVING)
 _ELSE = Kind("something else moved", disturb)
 FAILURES: Mapping[str, tuple[Kind, ...]] = {
     "home": (_ELSE, Kind("sensor stale", disturb, Lie.STALE), Kind("picture frozen", disturb, Lie.FROZEN)),
@@ -224,10 +260,18 @@ FAILURES: Mapping[str, tuple[Kind, ...]] = {
         _AIR, _SLIP, _WRONG, _SWAPPED, _BACK, Kind("sensor stale", slip_late, Lie.STALE),
         Kind("picture frozen", slip_late, Lie.FROZEN),
     ),
-    "pick_and_place": (_AIR, _SLIP, _WRONG, _SWAPPED, _RIM, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _ELSE),
-    "place": (_SLIP, _WRONG, _SWAPPED, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN),
-    "push": (_AIR, Kind("pushed short", leave_short), _SWAPPED, _BACK, _HIDDEN, _STALE, _FROZEN),
-    "stack": (_AIR, _SLIP, _WRONG, _SWAPPED, _RIM, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _ELSE),
+    "survey": (Kind("under a cover", hide_in_tray, Lie.COVERED), Kind("in the tray", hide_in_tray)),
+    "pick_and_place": (
+        _AIR, _SLIP, _WRONG, _SWAPPED, _RIM, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _ELSE, _SILENT, _SLIDING,
+    ),
+    "place": (_SLIP, _WRONG, _SWAPPED, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _SILENT, _SLIDING),
+    "push": (
+        _AIR, Kind("pushed short", leave_short), _SWAPPED, _BACK, _HIDDEN, _STALE, _FROZEN, _SILENT, _SLIDING,
+    ),
+    "stack": (_AIR, _SLIP, _WRONG, _SWAPPED, _RIM, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _ELSE, _SILENT, _SLIDING),
+    "stack_round": (
+        Kind("beside a round support", leave_beside_round), Kind("through a plate", put_on_plate), _SILENT, _SLIDING,
+    ),
     "carry_level": (
         _AIR, _SLIP, Kind("right place but fallen", topple), _RIM, _BACK, _HIDDEN, _STALE, _FROZEN,
     ),
@@ -275,13 +319,13 @@ def _drop_into(world: World, offset: np.ndarray, yaw: float) -> None:
     world.settle()
 
 
-def _drop_on(world: World, support: str, offset: np.ndarray, yaw: float = 0.0) -> None:
+def _drop_on(world: World, support: str, offset: np.ndarray, yaw: float = 0.0, thing: str = "") -> None:
     _open(world)
     seen = world.physics.data.body(support).xpos
     entity = next(each for each in world.physics.entities if each.name == support)
     top = seen[2] + max(shape.pose.position_m[2] + shape.size_m[-1] for shape in entity.shapes)
-    height = top + world.find_half_height(world.object) + ON_TOP_M
-    world.put(world.object, np.array([*(seen[:2] + offset), height]), yaw)
+    height = top + world.find_half_height(thing or world.object) + ON_TOP_M
+    world.put(thing or world.object, np.array([*(seen[:2] + offset), height]), yaw)
     world.settle(1.0)
 
 

@@ -82,6 +82,9 @@ class Eye:
     # -- questions -----------------------------------------------------------------------------------------------------
 
     def _is_inside(self, thing: str, container: str) -> Answer:
+        if thing == "*":
+            free = [self._model.body(index).name for index in range(self._model.nbody) if self._is_free(index)]
+            return _any([self._is_inside(name, container) for name in free])
         if container not in self._interiors:
             return Answer(False, SURE)
         center, half = self._interiors[container]
@@ -97,10 +100,8 @@ class Eye:
 
     def _is_on(self, thing: str, support: str) -> Answer:
         """It presses on it, from above, with its middle over it."""
-        lower, upper = self._footprint(support)
-        middle = self._corners(thing)
-        middle = (middle.min(axis=0) + middle.max(axis=0)) / 2
-        slack = min((upper - middle[:2]).min(), (middle[:2] - lower).min()) + 0.005
+        middle = self._middle(thing)
+        slack = self._find_room(support, middle[:2]) + 0.005
         touches = self._force_between(thing, support) > TOUCH_N
         over = Answer(slack >= 0, abs(slack) / UNIT_M)
         above = self._corners(thing)[:, 2].min() > self._frame(support)[1][2] - 0.03
@@ -201,9 +202,14 @@ class Eye:
             found.append(corners @ self._now.geom_xmat[geom].reshape(3, 3).T + self._now.geom_xpos[geom])
         return np.concatenate(found)
 
-    def _footprint(self, thing: str) -> tuple[np.ndarray, np.ndarray]:
-        corners = self._corners(thing)[:, :2]
-        return corners.min(axis=0), corners.max(axis=0)
+    def _find_room(self, support: str, point: np.ndarray) -> float:
+        """How far a point (2,) is within the edge of a support seen from above [m]; a disk, or a box along the axes."""
+        solids = self._solids(support)
+        if len(solids) == 1 and self._model.geom_type[solids[0]] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            away = point - self._now.geom_xpos[solids[0]][:2]
+            return float(self._model.geom_size[solids[0]][0] - np.hypot(*away))
+        corners = self._corners(support)[:, :2]
+        return float(min((corners.max(axis=0) - point).min(), (point - corners.min(axis=0)).min()))
 
     def _solids(self, thing: str) -> list[int]:
         model, body = self._model, self._model.body(thing).id

@@ -11,8 +11,8 @@ import numpy as np
 
 from benchmarks.recorded import Robot
 from benchmarks.verdict_parts.cases import Lie
-from benchmarks.verdict_parts.truth_sensing import AGE_S
-from benchmarks.verdict_parts.worlds import World
+from benchmarks.verdict_parts.truth_sensing import AGE_S, SILENT_S
+from benchmarks.verdict_parts.worlds import OFF_TABLE_M, World
 from phyagentos.agent.judging.verifier import History
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.evidence import TRAJECTORY
@@ -56,13 +56,18 @@ class PerceivedSensing:
 
     def judge(self, right: np.ndarray, now: np.ndarray, lie: Lie, rng: np.random.Generator) -> Attempt:
         """The verdict; the bundle is that of the recorded session with other snapshots."""
-        world, belief = self._world, self._hold(self._before)
+        world, before = self._world, self._before
+        if lie is Lie.COVERED:
+            before = self._begin(np.random.default_rng(self._scene.seed), world.object)
+        belief = self._hold(before)
         world.restore(now)
         end_s = world.physics.time_s
         frames: tuple[Frame, ...] | None = None
-        if lie is not Lie.NONE:
+        if lie is Lie.COVERED:
+            self._take_away(world.object)
+        elif lie not in {Lie.NONE, Lie.MOVING}:
             world.restore(right)
-            last_s = end_s - float(rng.uniform(*AGE_S))
+            last_s = end_s - float(rng.uniform(*(SILENT_S if lie is Lie.SILENT else AGE_S)))
             frames = self._expose(last_s - LATENCY_S, rng)
             belief = self._sense(frames, last_s, belief)
             world.restore(now)
@@ -70,35 +75,42 @@ class PerceivedSensing:
             case Lie.STALE:
                 assert frames is not None
                 shown = frames
+            case Lie.SILENT:
+                shown = ()
             case Lie.FROZEN:
                 assert frames is not None
                 shown = tuple(msgspec.structs.replace(each, time_s=end_s - LATENCY_S) for each in frames)
             case _:
                 shown = self._expose(end_s - LATENCY_S, rng)
         after = self._sense(shown, end_s, belief)
-        attempt = self._ask(after)
-        for number in range(1, LOOKS_AGAIN + 1):
+        attempt = self._ask(before, after)
+        for number in range(1, (0 if lie is Lie.MOVING else LOOKS_AGAIN) + 1):
             if not attempt.missing_evidence:
                 break
             time_s = end_s + number * AGAIN_S
-            if lie in {Lie.NONE, Lie.HIDDEN}:
+            if lie in {Lie.NONE, Lie.HIDDEN, Lie.COVERED}:
                 shown = self._expose(time_s - LATENCY_S, rng)
             elif lie is Lie.FROZEN:
                 shown = tuple(msgspec.structs.replace(each, time_s=time_s - LATENCY_S) for each in shown)
             after = self._sense(shown, time_s, after)
-            attempt = self._ask(after)
+            attempt = self._ask(before, after)
         return attempt
 
-    def _ask(self, after: Environment) -> Attempt:
+    def _take_away(self, thing: str) -> None:
+        self._world.put(thing, np.array(OFF_TABLE_M))
+
+    def _ask(self, before: Environment, after: Environment) -> Attempt:
         from benchmarks.verdict_parts.sensing import VERIFIER
 
-        bundle = msgspec.structs.replace(self._world.recorded.bundle, before=self._before, after=after)
+        bundle = msgspec.structs.replace(self._world.recorded.bundle, before=before, after=after)
         return VERIFIER.judge(bundle, History(max_replans=1))
 
-    def _begin(self, rng: np.random.Generator) -> Environment:
-        """What is believed when the session begins."""
+    def _begin(self, rng: np.random.Generator, covered: str = "") -> Environment:
+        """What is believed when the session begins; a covered thing was never seen."""
         world = self._world
         world.restore(world.recorded.before)
+        if covered:
+            self._take_away(covered)
         begin_s, belief = world.physics.time_s, None
         for number in range(LOOKS_BEFORE):
             time_s = begin_s - 0.1 * (LOOKS_BEFORE - 1 - number)

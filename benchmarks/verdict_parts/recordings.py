@@ -38,6 +38,7 @@ CUBES = "tabletop/cubes_and_trays"
 BLOCKS = "tabletop/stacking"
 CUP = "tabletop/cup_transport"
 DRAWER = "tabletop/drawer"
+COASTERS = "coasters"
 PUSHES_M = ((-0.06, -0.05), (-0.07, 0.02), (0.06, -0.04), (0.03, 0.07), (-0.02, -0.08), (0.08, 0.02))
 """Ways to push a thing, tried in this order until one is free."""
 
@@ -91,6 +92,7 @@ def list_jobs(number: int) -> tuple[Job, ...]:
     still = ("not moved(*)",)
     return (
         Job(name="home", scene=CUBES, skill="home", given={}, accept=still),
+        Job(name="survey", scene=CUBES, skill="home", given={}, accept=(f"not inside(*, {other}_tray)",)),
         Job(name="inspect", scene=CUBES, skill="inspect", given={"object": cube}, accept=still),
         Job(name="pick", scene=CUBES, skill="pick", given={"object": cube}),
         Job(
@@ -113,6 +115,13 @@ def list_jobs(number: int) -> tuple[Job, ...]:
             scene=BLOCKS,
             skill="stack",
             given={"object": "blue_block", "support": "red_block"},
+            accept=("not moved(red_block)",),
+        ),
+        Job(
+            name="stack_round",
+            scene=COASTERS,
+            skill="stack",
+            given={"object": "blue_block", "support": "coaster"},
             accept=("not moved(red_block)",),
         ),
         Job(

@@ -55,7 +55,8 @@ class TruthSensing:
         seen_right = truth_sensing.look(world)
         world.restore(now)
         after = truth_sensing.lie_about(truth_sensing.look(world), seen_right, world.object, lie, rng)
-        bundle = msgspec.structs.replace(world.recorded.bundle, before=self._before, after=after)
+        before = truth_sensing.cover(self._before, world.object) if lie is Lie.COVERED else self._before
+        bundle = msgspec.structs.replace(world.recorded.bundle, before=before, after=after)
         return VERIFIER.judge(bundle, History(max_replans=1))
 
 

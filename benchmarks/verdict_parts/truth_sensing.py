@@ -5,9 +5,10 @@ import numpy as np
 
 from benchmarks.verdict_parts.cases import Lie
 from benchmarks.verdict_parts.worlds import World
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.environment import Environment, Status
 
 AGE_S = (1.5, 8.0)  # of what is stale
+SILENT_S = (0.2, 0.9)
 SENSING = "truth"
 
 
@@ -35,11 +36,26 @@ def lie_about(now: Environment, right: Environment, thing: str, lie: Lie, rng: n
 
     The arm's own sensors never lie here. A frozen picture cannot be had of a simulator's state; its stamps are old.
     """
-    if lie is Lie.NONE:
+    if lie in {Lie.NONE, Lie.MOVING}:
         return now
+    if lie is Lie.COVERED:
+        return cover(now, thing)
+    if lie is Lie.SILENT:
+        seen_s = now.time_s - float(rng.uniform(*SILENT_S))
+        unseen = {
+            name: msgspec.structs.replace(each, observed_at_s=seen_s, status=Status.HIDDEN)
+            for name, each in right.entities.items()
+        }
+        return msgspec.structs.replace(now, entities=unseen)
     if lie is Lie.HIDDEN:
         hidden = msgspec.structs.replace(right.entities[thing], visible=False)
         return msgspec.structs.replace(now, entities={**now.entities, thing: hidden})
     seen_s = now.time_s - float(rng.uniform(*AGE_S))
     old = {name: msgspec.structs.replace(each, observed_at_s=seen_s) for name, each in right.entities.items()}
     return msgspec.structs.replace(now, entities=old)
+
+
+def cover(world: Environment, thing: str) -> Environment:
+    """The same without a thing that no look has ever shown."""
+    rest = {name: each for name, each in world.entities.items() if name != thing}
+    return msgspec.structs.replace(world, entities=rest, never_seen=(thing,))

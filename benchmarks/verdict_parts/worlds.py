@@ -105,6 +105,12 @@ class World:
             data.qvel[dof : dof + 6] = 0.0
         mujoco.mj_forward(model, data)
 
+    def push(self, name: str, velocity_m_s: np.ndarray) -> None:
+        """Give a free thing a linear velocity (3,)."""
+        dof = self.physics.model.body(name).dofadr[0]
+        self.physics.data.qvel[dof : dof + 3] = velocity_m_s
+        mujoco.mj_forward(self.physics.model, self.physics.data)
+
     def exchange(self, first: str, second: str) -> None:
         """Let two things change places, each at its own height above what the other stood on."""
         a, b = self._pose_of(first), self._pose_of(second)
