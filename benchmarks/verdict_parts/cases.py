@@ -28,6 +28,8 @@ class Lie(StrEnum):
     """They repeat an old picture with a new stamp."""
     SILENT = "silent"
     """They have said nothing since less than a second ago."""
+    BLIND = "blind"
+    """They have said nothing since the session began."""
     COVERED = "covered"
     """They show a world without the thing, and always did: it is under a cover."""
     MOVING = "moving"
@@ -257,7 +259,8 @@ FAILURES: Mapping[str, tuple[Kind, ...]] = {
         _ELSE, _HIDDEN, Kind("sensor stale", take_away, Lie.STALE), Kind("picture frozen", take_away, Lie.FROZEN),
     ),
     "pick": (
-        _AIR, _SLIP, _WRONG, _SWAPPED, _BACK, Kind("sensor stale", slip_late, Lie.STALE),
+        _AIR, _SLIP, _WRONG, _SWAPPED, _BACK, Kind("wrong object unseen", take_wrong, Lie.BLIND),
+        Kind("sensor stale", slip_late, Lie.STALE),
         Kind("picture frozen", slip_late, Lie.FROZEN),
     ),
     "survey": (Kind("under a cover", hide_in_tray, Lie.COVERED), Kind("in the tray", hide_in_tray)),

@@ -65,7 +65,7 @@ class PerceivedSensing:
         frames: tuple[Frame, ...] | None = None
         if lie is Lie.COVERED:
             self._take_away(world.object)
-        elif lie not in {Lie.NONE, Lie.MOVING}:
+        elif lie not in {Lie.NONE, Lie.MOVING, Lie.BLIND}:
             world.restore(right)
             last_s = end_s - float(rng.uniform(*(SILENT_S if lie is Lie.SILENT else AGE_S)))
             frames = self._expose(last_s - LATENCY_S, rng)
@@ -75,7 +75,7 @@ class PerceivedSensing:
             case Lie.STALE:
                 assert frames is not None
                 shown = frames
-            case Lie.SILENT:
+            case Lie.SILENT | Lie.BLIND:
                 shown = ()
             case Lie.FROZEN:
                 assert frames is not None

@@ -40,7 +40,7 @@ def lie_about(now: Environment, right: Environment, thing: str, lie: Lie, rng: n
         return now
     if lie is Lie.COVERED:
         return cover(now, thing)
-    if lie is Lie.SILENT:
+    if lie in {Lie.SILENT, Lie.BLIND}:
         seen_s = now.time_s - float(rng.uniform(*SILENT_S))
         unseen = {
             name: msgspec.structs.replace(each, observed_at_s=seen_s, status=Status.HIDDEN)

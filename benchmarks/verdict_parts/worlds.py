@@ -51,7 +51,8 @@ class World:
     def object(self) -> str:
         """What the session is about, a drawer too; the first cube where it is about nothing."""
         given = self.recorded.job.given
-        return str(given.get("object") or given.get("drawer") or self.movables[0])
+        first = next((name for name in self.movables if name.endswith("_cube")), self.movables[0])
+        return str(given.get("object") or given.get("drawer") or first)
 
     @property
     def destination(self) -> str:
