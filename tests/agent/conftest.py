@@ -226,7 +226,7 @@ class ScriptedRuntime:
         workspace: Where the bundles go.
         world: As it stands at the beginning.
         script: Session id without its goal (`red.r1`) -> what happens; anything else succeeds.
-        refuse: Node -> problem for which preflight rejects its sessions.
+        refuse: Node, or session id without its goal -> problem for which preflight rejects it.
     """
 
     def __init__(
@@ -259,14 +259,14 @@ class ScriptedRuntime:
         id = session.id
         unmet = [text for text in session.requires if not self._is_true(text, self.world)]
         problems = [make_unmet(text) for text in unmet]
-        if problem := self.refuse.get(session.node):
+        key = id.removeprefix(f"{session.goal}.")
+        if problem := self.refuse.get(session.node) or self.refuse.get(key):
             problems = [problem]
         if problems:
             self._journal.commit([make_rejection(session, *problems)])
             return
         before = self.world
         self.ran.append(session)
-        key = id.removeprefix(f"{session.goal}.")
         play = self.script.get(key, succeed)(before, session)
         later = before.time_s + 10.0
         entities = {n: msgspec.structs.replace(e, observed_at_s=later) for n, e in play.world.entities.items()}

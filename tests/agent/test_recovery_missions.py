@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 
-from .conftest import Play, add_skills, hold, make_world, put, succeed
+from .conftest import Play, add_skills, hold, make_world, put, remove, succeed
 
 MORE_SKILLS = {
     "inspect": """
@@ -196,6 +196,21 @@ def test_what_the_goal_asks_and_two_looks_do_not_show_ends_it_with_the_cause(mak
     assert report.verdict == "failure"
     assert [session.purpose for session in stage.runtime.ran] == ["", "", "inspect", "inspect"]
     assert "EVIDENCE_MISSING" in {session.cause for session in report.sessions}
+
+
+def test_what_the_goal_asks_of_a_thing_that_was_never_perceived_stays_unknown_and_says_so(make_stage, write_graph):
+    accept = 'accept: ["upright(bottle)", '
+    graph = write_graph(GRAPH.replace("BUDGET", "").replace("accept: [", accept))
+    refused = Problem(code="UNKNOWN_ENTITY", address="parameters.object", found="bottle was never perceived")
+    stage = make_stage(world=remove(make_world(sensing="perceived"), "bottle"), refuse={"red.r1": refused})
+    report = stage.pursue(graph)
+    assert report.verdict == "failure"
+    assert "upright(bottle) is unknown" in report.reason
+    assert report.nodes == {"green": "done", "red": "done"}
+    assert [(s.id, s.state) for s in report.sessions if s.node == "red"] == [
+        ("two-7.red", "succeeded"),
+        ("two-7.red.r1", "rejected"),
+    ]
 
 
 def test_what_is_in_the_way_is_cleared_and_the_objective_is_pursued_again(make_stage, two):

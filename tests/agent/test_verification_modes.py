@@ -53,6 +53,12 @@ def test_the_mode_says_who_decides(mode, after, ended, verdict, found):
     assert (attempt.criteria == ()) == (mode == "off")
 
 
+def test_an_audit_that_fails_what_the_evidence_shows_as_met_names_how_the_execution_ended():
+    execution = {"ended": Ended.SKILL_FAILED, "code": "GRASP_LOST"}
+    attempt = SessionVerifier(mode=VerificationMode.AUDIT).judge(make_bundle(DONE, execution=execution), BUDGET)
+    assert (attempt.verdict, attempt.found, attempt.cause) == ("failure", "success", "GRASP_LOST")
+
+
 def test_an_audit_says_what_the_evidence_says():
     attempt = SessionVerifier(mode=VerificationMode.AUDIT).judge(make_bundle(MISSED), BUDGET)
     assert attempt.reason.startswith("audit: the execution ended completed, which decides; the evidence shows replan.")

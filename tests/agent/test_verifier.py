@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from phyagentos.agent.judging.causes import Cause
@@ -137,6 +138,18 @@ def test_the_cause_comes_from_evidence_and_decides_whether_another_attempt_is_wo
     assert (attempt.cause, attempt.verdict) == (cause.value, verdict)
     assert diagnose(bundle, attempt.criteria).layer is layer
     assert attempt.reason.startswith(f"{layer}: ")
+
+
+@pytest.mark.parametrize("verdict", [Verdict.FAILURE, Verdict.REPLAN])
+def test_a_miss_without_a_cause_cannot_be_made(verdict):
+    assert Attempt(verdict=verdict, criteria=()).cause == "UNKNOWN"
+    recorded = msgspec.json.encode({"verdict": verdict, "criteria": []})
+    assert msgspec.json.decode(recorded, type=Attempt).cause == "UNKNOWN"
+
+
+@pytest.mark.parametrize("verdict", [Verdict.SUCCESS, Verdict.UNVERIFIED])
+def test_what_missed_nothing_is_no_miss(verdict):
+    assert Miss.of_execution(make_bundle(make_world()), Attempt(verdict=verdict, criteria=())) is None
 
 
 def test_a_spent_budget_turns_a_replan_into_a_failure():

@@ -172,7 +172,10 @@ def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
     ended = bundle.execution.ended
     verdict = Verdict.SUCCESS if ended is Ended.COMPLETED else Verdict.FAILURE
     reason = f"audit: the execution ended {ended}, which decides; the evidence shows {attempt.found}. {attempt.reason}"
-    return msgspec.structs.replace(attempt, verdict=verdict, reason=reason)
+    cause = attempt.cause
+    if verdict.is_miss and not cause:
+        cause = diagnose(bundle, attempt.criteria).cause.value
+    return msgspec.structs.replace(attempt, verdict=verdict, cause=cause, reason=reason)
 
 
 def find_missing_evidence(criteria: Sequence[Criterion], after: Environment | None) -> tuple[str, ...]:

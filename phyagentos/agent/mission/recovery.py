@@ -65,17 +65,15 @@ class Recovery:
         node = status.contract.node
         if self.prepares(status):
             return self._follow_preparation(status, bundle, attempt)
+        miss = Miss.of_execution(bundle, attempt)
         may_look = attempt.mode is VerificationMode.RECOVERY and attempt.missing_evidence
-        if (
-            attempt.verdict is Verdict.FAILURE
-            and may_look
-            and (entries := self._look_once_more(node, Miss.of_execution(bundle, attempt)))
-        ):
+        is_over = attempt.verdict is Verdict.FAILURE
+        if miss is not None and is_over and may_look and (entries := self._look_once_more(node, miss)):
             why = f"{attempt.reason} To look again costs no replan."
             return msgspec.structs.replace(attempt, verdict=Verdict.REPLAN, reason=why), entries
-        if attempt.verdict is not Verdict.REPLAN:
+        if miss is None or is_over:
             return attempt, [self.drafter.note(node, GoalEvent.NODE_BLOCKED, attempt.reason)]
-        entries = self._repair(node, Miss.of_execution(bundle, attempt))
+        entries = self._repair(node, miss)
         if _is_end(entries):  # no revision is worth its budget
             why = str((entries[-1].body or {}).get("reason", ""))
             attempt = msgspec.structs.replace(attempt, verdict=Verdict.FAILURE, reason=f"{attempt.reason} {why}")
@@ -107,13 +105,14 @@ class Recovery:
         """Continue a node whose latest session is over: its restoration is done, or preflight refused it."""
         node = latest.contract.node
         subject = self.facts.find_subject(latest.contract)
-        miss = self._find_miss(subject)
-        if miss is None:
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, f"{latest.state}: {latest.reason}")]
+        miss, why = self._find_miss(subject), f"{latest.state}: {latest.reason}"
+        if miss is None:  # a look for the goal's sake changes nothing about a node that is done
+            is_done = subject.state == SessionState.SUCCEEDED
+            return [self.drafter.note(node, GoalEvent.NODE_DONE if is_done else GoalEvent.NODE_BLOCKED, why)]
         if latest.execution is not None and latest.contract.id != subject.contract.id:
             miss = miss.join(self.evidence.read(latest))
             if is_look(latest.contract) and latest.decision is not None and miss.bundle is not None:
-                miss = Miss.of_execution(miss.bundle, latest.decision)
+                miss = Miss.of_execution(miss.bundle, latest.decision) or miss
         return self._repair(node, miss, restores=latest.state != SessionState.REPLANNED)
 
     def find_regressions(self) -> dict[str, str]:

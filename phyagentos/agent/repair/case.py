@@ -11,6 +11,7 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.agent.repair.budget import Left
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
+from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import INTERRUPTED, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
@@ -40,8 +41,10 @@ class Miss:
     codes: frozenset[str] = frozenset()
 
     @classmethod
-    def of_execution(cls, bundle: Bundle, attempt: Attempt) -> "Miss":
-        """A judgement on this evidence."""
+    def of_execution(cls, bundle: Bundle, attempt: Attempt) -> "Miss | None":
+        """A judgement on this evidence; None when it misses nothing."""
+        if not attempt.verdict.is_miss:
+            return None
         return cls(
             session=bundle.session,
             cause=Cause(attempt.cause),
@@ -156,6 +159,14 @@ class Case:
 
     def find_prepared(self, purpose: str) -> list[Session]:
         """Sessions with this purpose since the judged one."""
+        return [status.contract for status in self._list_prepared(purpose)]
+
+    def find_refused(self, purpose: str) -> set[str]:
+        """Entities that preflight refused a session with this purpose for, since the judged one."""
+        refused = [s.contract for s in self._list_prepared(purpose) if s.state == SessionState.REJECTED]
+        return {value for each in refused for value in each.parameters.values() if isinstance(value, str)}
+
+    def _list_prepared(self, purpose: str) -> list[SessionStatus]:
         ids = [status.contract.id for status in self.lineage]
         since = ids.index(self.session.id) + 1 if self.session.id in ids else len(ids)
-        return [s.contract for s in self.lineage[since:] if s.contract.purpose == purpose]
+        return [status for status in self.lineage[since:] if status.contract.purpose == purpose]

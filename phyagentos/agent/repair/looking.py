@@ -26,7 +26,8 @@ def propose_looking(case: Case) -> Iterator[Alternative]:
     """One alternative, when an unknown entity can be looked at."""
     looks = len(case.find_prepared(PURPOSE))
     named = find_object(case.session, case.miss.initial, case.miss.criteria)
-    wanted = case.miss.missing_evidence or ((named,) if named else ())
+    refused = case.find_refused(PURPOSE)
+    wanted = [n for n in case.miss.missing_evidence or ((named,) if named else ()) if n not in refused]
     if case.cause not in _UNCERTAIN or looks >= LOOKS_MAX or not wanted:
         return
     name = wanted[looks % len(wanted)]

@@ -20,6 +20,14 @@ class Verdict(StrEnum):
     UNVERIFIED = "unverified"
     """Not judged, because verification is off; never a success."""
 
+    @property
+    def is_miss(self) -> bool:
+        """Whether an objective was judged as not met."""
+        return self in {Verdict.FAILURE, Verdict.REPLAN}
+
+
+CAUSE_UNKNOWN = "UNKNOWN"  # code of a miss that names no other cause
+
 
 class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     """One judged predicate.
@@ -77,7 +85,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         verdict: The decision.
         criteria: Each criterion with the evidence that it used.
-        cause: Coded cause of what went wrong, empty on success (`GRASP_LOST`, `OBJECT_GONE`).
+        cause: Coded cause of what went wrong (`GRASP_LOST`); empty on success, never of a miss.
         reason: One sentence that names the layer, the leaf and the number that decided.
         sensing: `truth` or `perceived`.
         verifier: Name and version of the verifier.
@@ -105,3 +113,8 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     is_review: bool = False
     kind: str = ""
     support: tuple[Support, ...] = ()
+
+    def __post_init__(self) -> None:
+        """A miss has a cause; records of before may hold none."""
+        if self.verdict.is_miss and not self.cause:
+            msgspec.structs.force_setattr(self, "cause", CAUSE_UNKNOWN)

@@ -168,6 +168,33 @@ SABOTAGES = (
         tests=("tests/agent/test_recovery_missions.py::test_nothing_is_submitted_beyond_the_budget_of_the_goal",),
     ),
     Sabotage(
+        name="miss_without_a_cause",
+        lie="What was not met is recorded without a cause.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.sessions.verdicts",
+                "if self.verdict.is_miss and not self.cause:",
+                "if False:",
+            ),
+        ),
+        tests=("tests/agent/test_verifier.py::test_a_miss_without_a_cause_cannot_be_made",),
+    ),
+    Sabotage(
+        name="done_node_is_missed",
+        lie="A node that is done counts as missed, because a look for the goal's sake was refused.",
+        edits=(
+            Edit(
+                "phyagentos.agent.mission.recovery",
+                "GoalEvent.NODE_DONE if is_done else GoalEvent.NODE_BLOCKED",
+                "GoalEvent.NODE_BLOCKED",
+            ),
+        ),
+        tests=(
+            "tests/agent/test_recovery_missions.py::"
+            "test_what_the_goal_asks_of_a_thing_that_was_never_perceived_stays_unknown_and_says_so",
+        ),
+    ),
+    Sabotage(
         name="looked_at_for_ever",
         lie="What cannot be told is looked at once more, however often that was done.",
         edits=(
