@@ -276,6 +276,33 @@ def test_no_session_begins_once_the_simulated_time_is_spent(make_stage, write_gr
     assert "BUDGET: the simulated time" in report.reason
 
 
+def test_a_session_may_take_no_more_than_what_is_left_of_the_simulated_time(make_stage, write_graph):
+    stage = make_stage()
+    report = stage.pursue(write_graph(GRAPH.replace("BUDGET", "budget: {sim_time_s: 14.0}")))
+    assert report.verdict == "success"
+    assert [session.execution_s for session in stage.runtime.ran] == [14.0, 4.0]
+    assert [session.limits.timeout_s for session in stage.runtime.ran] == [60.0, 60.0]
+    assert stage.runtime.ran[1].explain_time() == "BUDGET: the goal's budget leaves 4 s of simulated time"
+
+
+def test_sessions_begin_side_by_side_only_while_each_has_its_whole_time(make_stage, write_graph):
+    graph = GRAPH.replace("after: [green]", "after: []")
+    stage = make_stage()
+    submitted = []
+
+    class Watcher:
+        def on_change(self, goal, ledger):
+            waiting = [status.contract.node for status in ledger.sessions.values() if status.execution is None]
+            submitted.append(tuple(waiting))
+
+    tight = write_graph(graph.replace("BUDGET", "budget: {sim_time_s: 100.0}"))
+    mission = stage.make_mission(observers=[Watcher(), stage.runtime])
+    report = mission.run(tight, seed=7)
+    assert report.verdict == "success"
+    assert max(map(len, submitted)) == 1
+    assert [session.execution_s for session in stage.runtime.ran] == [60.0, 60.0]
+
+
 @pytest.mark.parametrize(
     ("policy", "verdict", "ran"),
     [

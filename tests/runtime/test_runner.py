@@ -267,6 +267,20 @@ def test_the_contracts_time_limit_counts_simulated_time(build_bench, session, pl
     assert len(bench.target.commands()) == 25
 
 
+@pytest.mark.parametrize(
+    ("timeout_s", "goal_left_s", "named"),
+    [(0.5, 9.0, "the contract allows 0.5 s"), (60.0, 0.5, "BUDGET: the goal's budget leaves 0.5 s")],
+)
+def test_the_limit_that_decides_ends_a_session_and_is_named(build_bench, session, plant, timeout_s, goal_left_s, named):
+    bench = build_bench(library=plant(["wait: {seconds: 100}"]))
+    limits = Limits(timeout_s=timeout_s)
+    execution = bench.run(msgspec.structs.replace(session, limits=limits, goal_left_s=goal_left_s))
+
+    assert execution.ended is Ended.TIMED_OUT
+    assert execution.message.startswith(named)
+    assert len(bench.target.commands()) == 25
+
+
 def test_a_tree_that_neither_moves_nor_thinks_is_stalled(build_bench, session, plant, registry):
     registry.register("idle", Idle)
     execution = build_bench(library=plant(["idle"])).run(session)

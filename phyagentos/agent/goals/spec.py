@@ -66,7 +66,7 @@ class Budget(Authored):
 
     Attributes:
         sessions: Sessions that may be submitted.
-        sim_time_s: Simulated time of all executions, after which no other session begins [s].
+        sim_time_s: Simulated time of all executions; none begins, and none goes on, beyond it [s].
     """
 
     sessions: int | None = pydantic.Field(default=None, ge=1)

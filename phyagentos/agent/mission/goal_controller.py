@@ -4,6 +4,7 @@ Worklist and graph can be made anew from the records, so a killed agent continue
 recorded whole or not at all. A step costs what has changed, however large the graph is.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -23,7 +24,7 @@ from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
-from phyagentos.protocol.sessions.session import Ended, SessionStatus
+from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
@@ -227,22 +228,36 @@ class GoalController:
         return entries
 
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
-        """The records without the sessions beyond the goal's budget; these block their nodes."""
+        """The records without the sessions beyond the goal's budget; these block their nodes, or wait.
+
+        Each session may take what is left of the simulated time. A first attempt that would have less than its own
+        limit, because others still run, waits for their end; what else would begin beside them shares the rest.
+        """
         if self.graph.spec.budget.is_endless or not any(entry.ev == "submit" for entry in entries):
             return entries
         left = self._facts.compute_left()
+        granted_s = sum(status.contract.execution_s for status in self.iter_live() if status.execution is None)
+        is_alone = not self.worklist.has_live()
         kept: list[Entry] = []
-        submitted = 0
         for entry in entries:
-            why = replace(left, sessions=left.sessions - submitted).find_end() if entry.ev == "submit" else ""
-            if not why:
+            if entry.ev != "submit":
                 kept.append(entry)
-                submitted += entry.ev == "submit"
                 continue
-            node = str((entry.body or {}).get("node"))
-            id = f"node:{self.goal}/{node}"
-            kept = [each for each in kept if each.id != id or each.ev not in {GoalEvent.NODE_READY, GoalEvent.CHILD_OF}]
-            kept.append(self._drafter.note(node, GoalEvent.NODE_BLOCKED, why))
+            session = msgspec.convert(entry.body, Session)
+            rest_s = left.sim_time_s - granted_s
+            node, id = session.node, f"node:{self.goal}/{session.node}"
+            why = left.find_end() or ("" if rest_s > 0.0 else replace(left, sim_time_s=0.0).find_end())
+            if not is_alone and session.parent is None and rest_s < session.limits.timeout_s:
+                kept = [each for each in kept if each.id != id or each.ev != GoalEvent.NODE_READY]
+            elif why:
+                begun = {GoalEvent.NODE_READY, GoalEvent.CHILD_OF}
+                kept = [each for each in kept if each.id != id or each.ev not in begun]
+                kept.append(self._drafter.note(node, GoalEvent.NODE_BLOCKED, why))
+            else:
+                session = msgspec.structs.replace(session, goal_left_s=rest_s if math.isfinite(rest_s) else None)
+                kept.append(msgspec.structs.replace(entry, body=dict(msgspec.to_builtins(session))))
+                left, granted_s = replace(left, sessions=left.sessions - 1), granted_s + session.execution_s
+                is_alone = False
         return kept
 
     def _finish(self) -> list[Entry]:

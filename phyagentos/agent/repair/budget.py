@@ -37,7 +37,7 @@ class Left:
         if self.sessions < 1:
             return f"{BUDGET}: every session of the goal's budget is spent"
         if self.sim_time_s <= 0.0:
-            return f"{BUDGET}: the simulated time of the goal's budget is spent"
+            return f"{BUDGET}: the simulated time of the goal's budget is spent, or granted to sessions that run"
         return ""
 
 

@@ -132,6 +132,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         advice: What memory advised for the strategy, one sentence each.
         advised_by: Ids of the entries of memory that this rests on.
         lookahead: What is to be simulated before it starts; None for nothing.
+        goal_left_s: Simulated time that the goal's budget left for it [s]; None where that bounds nothing.
     """
 
     id: SessionId
@@ -157,6 +158,19 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     advice: tuple[str, ...] = ()
     advised_by: tuple[str, ...] = ()
     lookahead: LookaheadRequest | None = None
+    goal_left_s: float | None = None
+
+    @property
+    def execution_s(self) -> float:
+        """Longest execution in the target's own time [s]: its own limit, or what the goal's budget left."""
+        own_s = self.limits.timeout_s
+        return own_s if self.goal_left_s is None else min(own_s, self.goal_left_s)
+
+    def explain_time(self) -> str:
+        """`the contract allows 60.0 s of simulated time`: the limit that decides."""
+        if self.execution_s < self.limits.timeout_s:
+            return f"BUDGET: the goal's budget leaves {self.execution_s:g} s of simulated time"
+        return f"the contract allows {self.limits.timeout_s} s of simulated time"
 
 
 class Amendment(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):

@@ -86,8 +86,9 @@ class SessionLoop:
             self._account_for_rest()
 
     def _run(self) -> Outcome:
-        now_s, limits = self.clock.now_s, self.context.session.limits
-        deadline_s = self.context.time_s + limits.timeout_s - TIME_TOLERANCE_S
+        now_s, session = self.clock.now_s, self.context.session
+        limits = session.limits
+        deadline_s = self.context.time_s + session.execution_s - TIME_TOLERANCE_S
         wall_deadline_s = now_s() + limits.wall_timeout_s
         while True:
             if reason := self.cancel():
@@ -107,7 +108,7 @@ class SessionLoop:
                 self.skill.wait(WAIT_S)
                 self.ms["think"] += 1e3 * (now_s() - began_s)
             if self.context.time_s >= deadline_s:
-                message = f"the contract allows {limits.timeout_s} s of simulated time"
+                message = session.explain_time()
                 return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
             if now_s() > wall_deadline_s:
                 message = f"the contract allows {limits.wall_timeout_s} s by the wall clock"

@@ -168,6 +168,36 @@ SABOTAGES = (
         tests=("tests/agent/test_recovery_missions.py::test_nothing_is_submitted_beyond_the_budget_of_the_goal",),
     ),
     Sabotage(
+        name="goal_time_bounds_nothing",
+        lie="A session runs on when the simulated time of its goal is spent.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.sessions.session",
+                "return own_s if self.goal_left_s is None else min(own_s, self.goal_left_s)",
+                "return own_s",
+            ),
+        ),
+        tests=(
+            "tests/agent/test_recovery_missions.py::"
+            "test_a_session_may_take_no_more_than_what_is_left_of_the_simulated_time",
+            "tests/runtime/test_runner.py::test_the_limit_that_decides_ends_a_session_and_is_named",
+        ),
+    ),
+    Sabotage(
+        name="goal_time_granted_twice",
+        lie="Sessions side by side may each take all that is left of the goal's simulated time.",
+        edits=(
+            Edit(
+                "phyagentos.agent.mission.goal_controller",
+                "if not is_alone and session.parent is None and rest_s < session.limits.timeout_s:",
+                "if False:",
+            ),
+        ),
+        tests=(
+            "tests/agent/test_recovery_missions.py::test_sessions_begin_side_by_side_only_while_each_has_its_whole_time",
+        ),
+    ),
+    Sabotage(
         name="miss_without_a_cause",
         lie="What was not met is recorded without a cause.",
         edits=(
