@@ -114,10 +114,11 @@ def judge_collisions(robot: Robot, recordings: Sequence[Recording]) -> tuple[int
     stage = PostureCollision(robot.profile, robot.folder, min(as_numbers(limit)) if limit is not None else 0.0)
     found, costs = Counter[str](), list[float]()
     for recording in recordings:
-        stage.update(recording.entities, np.asarray(recording.q_rad))
+        open_m = robot.profile.gripper.max_width_m
+        stage.update(recording.entities, np.asarray(recording.q_rad), open_m)
         for command, _ in recording.commands:
             began = time.perf_counter()
-            contact = stage.find_contact(command.q_rad[-1])
+            contact = stage.find_contact(command.q_rad[-1], float(command.gripper_width_m[-1]))
             costs.append(1e6 * (time.perf_counter() - began))
             found[contact] += bool(contact)
     for pair, count in found.items():

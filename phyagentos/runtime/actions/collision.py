@@ -30,19 +30,25 @@ class PostureCollision:
         self._scene = self._scenes.get_scene(World(entities=()))
         self._touched: frozenset[Pair] = frozenset()
 
-    def update(self, entities: Iterable[Entity], q_rad: Array) -> None:
+    def update(self, entities: Iterable[Entity], q_rad: Array, width_m: float) -> None:
         """Replace the world; one with the same fixed solids costs no compilation.
 
-        Contacts of the present posture `q_rad` (n_joints,) stay allowed; entities that are not fixed are ignored.
+        Contacts of the present posture `q_rad` (n_joints,), the fingers `width_m` [m] apart, stay allowed; entities
+        that are not fixed are ignored.
         """
         entities = tuple(entities)
         jointed = {each.name for each in entities if each.joint is not None or each.mechanism is not None}
         fixed = (each for each in entities if not each.movable and jointed.isdisjoint((each.name, each.part_of)))
         self._scene = self._scenes.get_scene(World(entities=tuple(fixed)))
+        self._scene.spread_fingers(width_m, width_m)
         self._touched = frozenset(self._scene.find_contacts(q_rad))
 
-    def find_contact(self, q_rad: Array) -> str:
-        """`link5|wall` for the first pair that touches in a posture (n_joints,); empty when it is free."""
+    def find_contact(self, q_rad: Array, width_m: float) -> str:
+        """`link5|wall` for the first pair that touches in a posture (n_joints,) with the fingers `width_m` [m] apart.
+
+        Empty when it is free.
+        """
+        self._scene.spread_fingers(width_m, width_m)
         for pair in self._scene.find_contacts(q_rad, self._depth_max_m):
             if pair not in self._touched:
                 return name_pair(pair)

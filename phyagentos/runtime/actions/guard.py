@@ -45,7 +45,8 @@ class SafetyGuard:
         limits: What safety.yaml allows this target.
         description: The target's own; its joint range narrows the limits, never widens them.
         is_stopped: Whether the emergency stop is latched; called at every command.
-        find_contact: Names the contact of a posture (n_joints,), empty when free; an optional stage at its own cost.
+        find_contact: Names the contact of a posture (n_joints,) at an opening of the gripper [m], empty when free; an
+            optional stage at its own cost.
 
     Raises:
         ValueError: When a limit does not have one number per joint.
@@ -57,7 +58,7 @@ class SafetyGuard:
         description: Description,
         *,
         is_stopped: Callable[[], bool] | None = None,
-        find_contact: Callable[[Array], str] | None = None,
+        find_contact: Callable[[Array, float], str] | None = None,
     ) -> None:
         self._limits = bounds = GuardLimits.from_settings(limits, description)
         self._is_stopped = is_stopped
@@ -223,7 +224,7 @@ class SafetyGuard:
             for name, box in self._limits.keep_out.items():
                 if (depth_m := _measure_depth(point, box)) > 0.0:
                     return Violation(ViolationCode.KEEP_OUT, name, depth_m, 0.0, "m", row)
-        if self._find_contact is not None and (touched := self._find_contact(q_rad)):
+        if self._find_contact is not None and (touched := self._find_contact(q_rad, now.target.gripper_width_m)):
             return Violation(ViolationCode.COLLISION, touched, 1.0, 0.0, "contacts", self._limits.shape[0] - 1)
         return None
 

@@ -150,7 +150,9 @@ class TargetSessionHandle:
     def guard_against(self, world: Environment) -> None:
         """Check commanded postures against the fixed entities of this world from now on."""
         if self._collision is not None:
-            self._collision.update(world.entities.values(), np.asarray(self.step.target.q_rad, dtype=np.float64))
+            target = self.step.target
+            q_rad = np.asarray(target.q_rad, dtype=np.float64)
+            self._collision.update(world.entities.values(), q_rad, target.gripper_width_m)
 
     @property
     def step(self) -> wire.Step:

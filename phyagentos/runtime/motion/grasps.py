@@ -4,6 +4,7 @@ A box offers four yaws, which close on its faces; a round entity eight. Labels c
 survive a nudge. Where no upright grasp fits, the hand tilts about its closing axis; last, it closes on opposite edges.
 """
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +56,7 @@ def find_grasps(
 
 
 def compute_grasp_ways(
-    entity: Entity, profile: TargetProfile, fingers: frozenset[str], hover_m: float, *, corners: bool = False
+    entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float, *, corners: bool = False
 ) -> list[Way]:
     """Every tool pose that grasps an entity from above with the opening of the gripper.
 

@@ -1,11 +1,13 @@
 """Tool poses that put a held entity onto a free site.
 
 The entity keeps the attitude in which it is held. Eight yaws, counted from the destination, are tried at each site.
+The fingers open as far as they can; where a wall is in their way, a little further than around the entity.
 """
 
 from collections.abc import Iterator
 
 import numpy as np
+from msgspec.structs import replace
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity
@@ -20,6 +22,7 @@ from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Space, find_sites, find_space, measure_footprint
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
+RELEASE_M = 0.02  # further open than around the thing, where there is no room for more
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way
 
 
@@ -40,20 +43,25 @@ def find_placements(
         return job.fail("NO_FREE_SITE", f"There is no room for {held.name} in {request.destination}{near}.")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     found: list[Approach] = []
-    for name, site in sites:
-        if name in request.avoid:
-            continue
-        ways = [way for way in _ways_to(name, site, space, request, held) if way.label not in request.avoid]
-        found += find_approaches(
-            ways,
-            q_rad=request.q_rad,
-            seeds=seeds,
-            kinematics=kinematics,
-            scene=scene,
-            job=job,
-            count=request.count - len(found),
-        )
-        if len(found) >= request.count:
+    open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
+    for release_m in (open_m, min(open_m, held_m + RELEASE_M)):
+        scene.spread_fingers(held_m, release_m)
+        for name, site in sites:
+            ways = [way for way in _ways_to(name, site, space, request, held) if way.label not in request.avoid]
+            found += find_approaches(
+                ways if name not in request.avoid else (),
+                q_rad=request.q_rad,
+                seeds=seeds,
+                kinematics=kinematics,
+                scene=scene,
+                job=job,
+                count=request.count - len(found),
+            )
+            if len(found) >= request.count:
+                break
+        scene.spread_fingers(held_m, open_m)  # they are opened there before anything else is grasped
+        found = [replace(each, release_m=release_m) for each in found if scene.is_free(each.line_rad[0])]
+        if found:
             break
     if not found:
         return job.fail("NO_IK", f"None of {len(sites)} free sites in {request.destination} can be reached.")

@@ -2,7 +2,8 @@
 
 One compiled MuJoCo model serves all worlds with the same solids: entities are mocap bodies, so that a new pose costs no
 compilation. Contact bits exclude pairs of entities. Immovable entities are inflated by 4 mm, movable ones by 2 mm, the
-payload by 2 %. Base and first link ignore immovable entities, on which the robot stands.
+payload by 2 %. Base and first link ignore immovable entities, on which the robot stands. Fingers stand where they are
+commanded; around a payload they take every opening from that at which they hold it to that at which they let go.
 """
 
 from collections.abc import Iterable
@@ -24,7 +25,9 @@ FIXED_MARGIN_M = 0.004  # of walls and tables: calibration and tracking error
 MOVABLE_MARGIN_M = 0.002  # smaller, since fingers must pass beside a neighbour
 PAYLOAD_SCALE = 1.02
 PARKED_M = (0.0, 0.0, -10.0)
+SWEEP = 4  # openings that stand for a range: at most 13 mm apart, as thick as a finger; walls are inflated
 _CACHE_SIZE = 8
+_COPY = "/opening"  # in the name of a body that stands for a finger
 _GEOM_TYPES = {
     ShapeKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
     ShapeKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -50,7 +53,13 @@ class PlanningScene:
         self._data = mujoco.MjData(self._model)
         self._mocap = {name: int(self._model.body(name).mocapid[0]) for name, _, _ in entities}
         self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
-        self._owner = [self._model.body(int(body)).name for body in self._model.geom_bodyid]
+        self._owner = [self._model.body(int(body)).name.partition(_COPY)[0] for body in self._model.geom_bodyid]
+        self._fingers = [  # body, which opening it stands for, its place when open, its way for a metre
+            (int(body.id), index, np.array(body.pos), way)
+            for name, way in robot.fingers.items()
+            for index in range(SWEEP if payload_shapes else 1)
+            for body in (self._model.body(_name_copy(name, index)),)
+        ]
         self.obstacles: list[Entity] = []
         self.tcp_T_payload = np.eye(4)
 
@@ -73,7 +82,16 @@ class PlanningScene:
             tool_T_payload = tool_T_tcp @ self.tcp_T_payload
             self._model.body_pos[self._payload_body] = tool_T_payload[:3, 3]
             self._model.body_quat[self._payload_body] = compute_quaternion(tool_T_payload[:3, :3])
+        most_m = self.robot.profile.gripper.max_width_m
+        self.spread_fingers(most_m if payload is None else payload.width_m, most_m)
         self.checks = 0
+
+    def spread_fingers(self, low_m: float, high_m: float) -> None:
+        """Let the fingers stand at an opening `high_m` [m]; with a payload also at those down to `low_m` [m]."""
+        most_m = self.robot.profile.gripper.max_width_m
+        openings = np.linspace(high_m, min(low_m, high_m), SWEEP)
+        for body, index, open_m, way in self._fingers:
+            self._model.body_pos[body] = open_m + way * (openings[index] - most_m)
 
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing; exact."""
@@ -151,6 +169,7 @@ def _compile(robot: RobotModel, structure: Structure) -> mujoco.MjModel:
         body = spec.body(robot.tool).add_body(name=PAYLOAD)
         for shape in payload_shapes:
             _add_geom(body, shape, 0.0, PAYLOAD_SCALE, ROBOT_BIT, ROBOT_BIT | WORLD_BIT)
+        _copy_fingers(spec, robot)
     for name, movable, shapes in entities:
         body = spec.worldbody.add_body(name=name, mocap=True)
         margin_m = MOVABLE_MARGIN_M if movable else FIXED_MARGIN_M
@@ -160,6 +179,24 @@ def _compile(robot: RobotModel, structure: Structure) -> mujoco.MjModel:
             for part in sorted(robot.mounting):
                 spec.add_exclude(name=f"mount:{part}|{name}", bodyname1=part, bodyname2=name)
     return spec.compile()
+
+
+def _copy_fingers(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """Bodies with the solids of the fingers, which stand for their other openings."""
+    for finger in map(spec.body, robot.fingers):
+        for index in range(1, SWEEP):
+            body = finger.parent.add_body(name=_name_copy(finger.name, index), pos=finger.pos, quat=finger.quat)
+            for geom in finger.geoms:
+                same = {key: getattr(geom, key) for key in ("type", "size", "pos", "quat", "meshname")}
+                body.add_geom(**same, contype=geom.contype, conaffinity=geom.conaffinity, condim=1, mass=0.001)
+            for pair in list(spec.excludes):
+                if finger.name in (names := (pair.bodyname1, pair.bodyname2)):
+                    other = names[names[0] == finger.name]
+                    spec.add_exclude(name=f"{body.name}|{other}", bodyname1=body.name, bodyname2=other)
+
+
+def _name_copy(finger: str, index: int) -> str:
+    return f"{finger}{_COPY}{index}" if index else finger
 
 
 def _add_geom(

@@ -20,10 +20,11 @@ class World(msgspec.Struct, frozen=True):
 
 
 class Payload(msgspec.Struct, frozen=True):
-    """A held entity, by name, and its pose in the hand."""
+    """A held entity, by name, and its pose in the hand; `width_m` is the opening of the fingers around it [m]."""
 
     entity: str
     tcp_T_entity: Pose
+    width_m: float = 0.0
 
 
 class Approach(msgspec.Struct, frozen=True):
@@ -34,12 +35,14 @@ class Approach(msgspec.Struct, frozen=True):
         tcp_end: `world_T_tcp` at the end of the line.
         line_rad: (k, n_joints) joint positions from the hover pose (row 0) to the end (row k-1).
         site: Pose of the entity after a place.
+        release_m: Opening for which the way back after a place was checked [m].
     """
 
     label: str
     tcp_end: Pose
     line_rad: Array
     site: Pose | None = None
+    release_m: float | None = None
 
 
 class Trajectory(msgspec.Struct, frozen=True):

@@ -1,8 +1,9 @@
-"""The robot as planning sees it: collision solids only, fingers frozen open, the arm's joints its only freedom.
+"""The robot as planning sees it: collision solids only, the arm's joints its only freedom, each finger at an opening.
 
 It is compiled apart from the simulated robot: two MuJoCo calls on it cost half of those on the full model.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +29,7 @@ class RobotModel:
         model: `spec` compiled.
         q_min_rad: (n_joints,) lower joint limits; `q_max_rad` likewise.
         mounting: The base and the first moving link, which stand on the mounting.
-        fingers: Bodies that the gripper moves.
+        fingers: Bodies that the gripper moves, open in `spec` -> way (3,) of each in the hand, for a metre of opening.
         hand: Bodies that move as one with the tool centre point.
         tool: Body that carries the tool centre point.
     """
@@ -40,7 +41,7 @@ class RobotModel:
     q_max_rad: Array
     bodies: frozenset[str]
     mounting: frozenset[str]
-    fingers: frozenset[str]
+    fingers: Mapping[str, Array]
     hand: frozenset[str]
     tool: str
 
@@ -60,8 +61,7 @@ def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
     spec = read_robot(profile, folder)
     _check_types(spec, profile, path)
     _strip(spec)
-    fingers = frozenset(spec.joint(name).parent.name for name in profile.gripper.joints)
-    _freeze_fingers(spec, profile)
+    fingers = _freeze_fingers(spec, profile)
     for geom in spec.geoms:
         geom.contype, geom.conaffinity, geom.condim = ROBOT_BIT, ROBOT_BIT | WORLD_BIT, 1
     model = spec.compile()
@@ -118,12 +118,14 @@ def _strip(spec: mujoco.MjSpec) -> None:
     spec.discard_visual()  # meshes and materials that no geom uses any more cost 95 % of a compilation
 
 
-def _freeze_fingers(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
-    """Move each finger to its share of the full opening and delete its joint."""
-    opening_m = profile.gripper.max_width_m / len(profile.gripper.joints)
+def _freeze_fingers(spec: mujoco.MjSpec, profile: TargetProfile) -> dict[str, Array]:
+    """Move each finger to its share of the full opening and delete its joint; the way of each a metre."""
+    ways = {}
     for name in profile.gripper.joints:
         joint = spec.joint(name)
         finger = joint.parent
         axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-        finger.pos = np.array(finger.pos) + compute_rotation(finger.quat) @ axis * opening_m
+        ways[finger.name] = compute_rotation(finger.quat) @ axis / len(profile.gripper.joints)
+        finger.pos = np.array(finger.pos) + ways[finger.name] * profile.gripper.max_width_m
         spec.delete(joint)
+    return ways

@@ -19,6 +19,7 @@ from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, re
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import STILL, Role
 from phyagentos.protocol.world.environment import Entity, Environment
+from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
@@ -177,7 +178,9 @@ class DryRun:
                     answer, ms = self._ask(request)
                     trials.append(_judge(f"path to {motion.object}", answer, ms, proves=False))
                 inverse = compute_inverse(compute_matrix(way.tcp_end))
-                grasped = Payload(motion.object, compute_pose(inverse @ compute_matrix(entity.pose)))
+                in_hand = inverse @ compute_matrix(entity.pose)
+                low_m, high_m = compute_extent(entity, tuple(in_hand[1, :3].tolist()))
+                grasped = Payload(motion.object, compute_pose(in_hand), high_m - low_m)
                 q_rad = way.line_rad[-1]
             elif grasped is not None:
                 trials.append(self._try_place(session, motion, grasped, now, world, q_rad))

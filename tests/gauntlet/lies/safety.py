@@ -119,4 +119,20 @@ SABOTAGES = (
         ),
         tests=("tests/store/test_journal.py::test_a_claimant_of_an_earlier_epoch_is_fenced",),
     ),
+    Sabotage(
+        name="fingers_are_always_open",
+        lie="A place is planned as if the fingers around the thing stood wide open.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.motion.planning_scene",
+                "openings = np.linspace(high_m, min(low_m, high_m), SWEEP)",
+                "openings = np.full(SWEEP, most_m)",
+            ),
+        ),
+        tests=(
+            "tests/runtime/motion/test_planner.py::"
+            "test_fingers_around_a_small_thing_and_on_their_way_open_touch_no_wall_of_a_tray",
+            "tests/runtime/actions/test_collision.py::test_fingers_that_are_closed_pass_where_open_ones_would_touch",
+        ),
+    ),
 )

@@ -190,7 +190,7 @@ def test_the_tool_point_does_not_enter_a_keep_out_volume(make_guard):
 
 
 def test_a_commanded_posture_that_touches_something_is_refused_with_its_name(make_guard):
-    guard = make_guard(find_contact=lambda q: "link5|wall" if q[0] > 0.0 else "")
+    guard = make_guard(find_contact=lambda q, width: "link5|wall" if q[0] > 0.0 else "")
     assert guard.check(build_command(), build_step()) is None
     q, qd = integrate(np.full((N, 7), 5.0))
     ruling = guard.judge(build_command(q, qd, expires_at_s=0.08), build_step(time_s=0.02))

@@ -275,3 +275,29 @@ def test_a_lift_may_begin_in_contact_but_not_run_into_another_thing(planner, bui
     assert planner._chain.compute_tcp(line[-1])[2, 3] == pytest.approx(z + 0.05, abs=2e-4)
     assert planner.answer(blocked).code == "IN_COLLISION"
     assert any(reason.endswith("|pillar") for reason in planner.answer(blocked).rejected)
+
+
+@pytest.mark.parametrize("half_m", [0.01, 0.0125, 0.015, 0.02])
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.6])
+def test_fingers_around_a_small_thing_and_on_their_way_open_touch_no_wall_of_a_tray(
+    planner, build, home, half_m, yaw_rad
+):
+    """A wall between a finger that holds and the same finger opened is in its way, though both are beside it."""
+    tray = msgspec.structs.replace(
+        build.tray("tray", 0.5, 0.3, 0.05, 0.06), pose=turn_about_z((0.5, 0.3, 0.0), yaw_rad)
+    )
+    floor = build.fixed("table", (0.45, 0.05, -0.02), build.box((0, 0, 0), (0.45, 0.65, 0.02)))
+    world = World((floor, tray, build.cube("cube0", 0.4, -0.2, half=half_m)))
+    held = Payload("cube0", Pose((0.0, 0.0, 0.0)), width_m=2.0 * half_m)
+    request = FindPlacements(world=world, payload=held, destination="tray", q_rad=home, seed=1)
+    answer = planner.answer(request)
+    assert isinstance(answer, Approaches), answer
+    bare = PlanningScenes(planner.robot).get_scene(World((floor, tray)))
+    for approach in answer.approaches:
+        for opening_m in np.linspace(held.width_m, approach.release_m, 20):
+            bare.spread_fingers(opening_m, opening_m)
+            assert bare.find_contacts(approach.line_rad[-1]) == [], (approach.label, opening_m)
+
+
+def turn_about_z(position_m, yaw_rad):
+    return Pose(position_m, (float(np.cos(yaw_rad / 2)), 0.0, 0.0, float(np.sin(yaw_rad / 2))))

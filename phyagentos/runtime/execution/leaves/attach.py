@@ -24,5 +24,6 @@ class Attach(Leaf):
             return self.fail(FailureCode.GRASP_MISSED, f"{name} is not between the fingers", object=name)
         world_T_tcp = compute_matrix(self.context.step.target.tcp)
         tcp_T_entity = compute_pose(compute_inverse(world_T_tcp) @ compute_matrix(entity.pose))
-        self.write("payload", Payload(entity=name, tcp_T_entity=tcp_T_entity))
+        width_m = self.context.step.target.gripper_width_m
+        self.write("payload", Payload(entity=name, tcp_T_entity=tcp_T_entity, width_m=width_m))
         return self.succeed("", object=name, in_hand_m=list(tcp_T_entity.position_m))

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.motion.requests import Approach
 
 OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
 
@@ -48,13 +49,17 @@ class OpenGripper(_GripperLeaf):
         "width_m": PortInformation(
             data_type=float, required=False, description="Opening [m]; as wide as it goes if unset."
         ),
+        "approach": PortInformation(
+            data_type=Approach, required=False, description="A place: its own opening, where it was planned for one."
+        ),
         "seconds": PortInformation(data_type=float, default_value=0.3, description="Time for it, simulated [s]."),
     }
 
     def on_start(self) -> Status:
         """Begin to open."""
-        wanted_m = self.find("width_m")
-        width_m = self.context.profile.gripper.max_width_m if wanted_m is None else wanted_m
+        approach, widths = self.find("approach"), [self.find("width_m")]
+        widths += [] if approach is None else [approach.release_m]
+        width_m = next((each for each in widths if each is not None), self.context.profile.gripper.max_width_m)
         now_m = self.context.step.target.gripper_width_m
         if abs(now_m - width_m) < OPEN_TOLERANCE_M and abs(self.context.commands.gripper_width_m - width_m) < 1e-9:
             return self.succeed("already open", width_m=now_m)

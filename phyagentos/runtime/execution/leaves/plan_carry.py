@@ -1,5 +1,7 @@
 """Ask for a way that keeps a held vessel level: straight tool lines, turning about the vertical only."""
 
+from msgspec.structs import replace
+
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
@@ -43,7 +45,7 @@ class PlanCarry(CandidatePlanningLeaf):
     def on_found(self, answer: Approaches) -> Status:
         """Write the way."""
         approach, over_m = self._list_candidates()[self.tried]
-        self.write("approach", answer.approaches[0])
+        self.write("approach", replace(answer.approaches[0], release_m=approach.release_m))
         return self.succeed("", label=approach.label, over_m=over_m, tried=self.tried + 1)
 
     def _list_candidates(self) -> list[tuple[Approach, float]]:
