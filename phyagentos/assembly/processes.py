@@ -66,15 +66,15 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
     is_supervisor = partial(is_held_by, workspace.root / WATCHDOG_LOCK)
     tokens = {site.profile.target: Tokens(is_supervisor=is_supervisor) for site in sites}
 
-    def renew_token(line: bytes) -> None:
-        name, token = line.decode().split()
+    def renew_key(line: bytes) -> None:
+        name, key = line.decode().split()
         if name in tokens:
-            tokens[name].renew(bytes.fromhex(token))
+            tokens[name].renew(bytes.fromhex(key))
 
     if outlives:
-        end_when_unwatched(workspace.root, clock, renew_token)
+        end_when_unwatched(workspace.root, clock, renew_key)
     else:
-        end_with_parent(renew_token)
+        end_with_parent(renew_key)
     from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
 
     pace_by = clock if read_runtime_contract(workspace.runtime_contract).world_mode is WorldMode.REALTIME else None
@@ -112,7 +112,9 @@ def serve_one(site: "DriverSite", socket: str, tokens: "Tokens", pace_by: Clock 
     driver = build_driver_registry().get(site.profile, f"{target}/target.yaml").open(site)
     stops = StopListener(workspace.signals.parent, site.clock)
     log, truth = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", site.clock), reads_truth(workspace)
-    served = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
+    served = ServedTarget(
+        driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth, permits=tokens.permits
+    )
     if pace_by is not None:
         serve_realtime(served, open_door(socket, spin_s=0.0), tokens, pace_by)
     else:
@@ -137,8 +139,10 @@ def serve_shared(
     members: list[SharedTarget] = []
     for robot in robots:
         log = ReceiveLog(workspace.logs / f"receive-{robot.profile.target}.jsonl", sites[0].clock)
-        truth = reads_truth(workspace)
-        SharedTarget(robot, log, members, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
+        truth, permits = reads_truth(workspace), tokens[robot.profile.target].permits
+        SharedTarget(
+            robot, log, members, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth, permits=permits
+        )
     lock = robots[0].world.simulation.lock
     threading.Thread(target=agreement.wake, args=(lock,), daemon=True, name="hear-what-runs").start()
 

@@ -130,10 +130,10 @@ class TargetSessionHandle:
         self._loaded = None if snapshot else (scene, loaded)
         return loaded
 
-    def begin(self, session: str, epoch: int) -> wire.Observation:
-        """Take authority for one session and observe once, with a snapshot."""
+    def begin(self, session: str, epoch: int, token: bytes = b"") -> wire.Observation:
+        """Take authority for one session by the token of its epoch, and observe once, with a snapshot."""
         description = self.describe()
-        self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
+        self._ask(wire.Begin(session=session, epoch=epoch, token=token), wire.Ack)
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
         self._sent.clear()
         self._reports.clear()

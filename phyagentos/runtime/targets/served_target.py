@@ -26,6 +26,7 @@ class ServedTarget:
         is_estopped: Whether the emergency stop is latched.
         keep_stop: Makes the latch durable; called once the target is at rest, since a disk may be slow.
         truth: Whether the driver's ground truth may be read here, where it has one.
+        permits: Whether a token is that of a session's epoch (`Tokens.permits`); any is within one process.
     """
 
     def __init__(
@@ -36,8 +37,9 @@ class ServedTarget:
         is_estopped: Callable[[], bool] = lambda: False,
         keep_stop: Callable[[], None] = lambda: None,
         truth: bool = True,
+        permits: Callable[[str, int, bytes], bool] = lambda _session, _epoch, _token: True,
     ) -> None:
-        self.driver = driver
+        self.driver, self._permits = driver, permits
         self._log, self._is_estopped, self._keep_stop, self._truth = log, is_estopped, keep_stop, truth
         self._authority = Authority()
         self._scene: wire.LoadScene | None = None
@@ -193,6 +195,9 @@ class ServedTarget:
 
     def _begin(self, request: wire.Begin) -> wire.Reply:
         self._refuse_unlogged()
+        if not self._permits(request.session, request.epoch, request.token):
+            message = f"the token is not that of epoch {request.epoch} of {request.session}"
+            return wire.Refused("BAD_TOKEN", message)
         if self._scene is None:
             return wire.Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():

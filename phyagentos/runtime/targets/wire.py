@@ -59,10 +59,15 @@ class LoadScene(msgspec.Struct, frozen=True, tag=True):
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
-    """Give one session authority over the target. Reply: `Ack`. The epoch is a fencing token: it never decreases."""
+    """Give one session authority over the target. Reply: `Ack`. The epoch is a fencing token: it never decreases.
+
+    Attributes:
+        token: Of this epoch of the session, minted by the supervisor (see `handshake`); empty within one process.
+    """
 
     session: str
     epoch: int
+    token: bytes = b""
 
 
 class Command(msgspec.Struct, frozen=True, tag=True):

@@ -26,6 +26,7 @@ from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import RecordedFault, Step
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
+from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
@@ -84,7 +85,15 @@ class SessionRunner:
         self._open_criteria: tuple[str, ...] = ()
 
     def run(
-        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
+        self,
+        session: Session,
+        epoch: int,
+        plan: Mapping[str, Any],
+        *,
+        evidence: str,
+        cancel: Cancel,
+        beat: Beat,
+        token: bytes = b"",
     ) -> Execution:
         """Carry out one session and leave its bundle.
 
@@ -95,6 +104,7 @@ class SessionRunner:
             evidence: Folder of the bundle, relative to the workspace.
             cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
             beat: Called in every turn.
+            token: Of the epoch, for the target.
 
         Returns:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
@@ -103,7 +113,7 @@ class SessionRunner:
         recorder = self._bundles.open(evidence)
         recorder.write_contract(session, epoch, plan, self._bundles.settings_sha256)
         try:
-            run = self._open(session, epoch, plan, recorder, cancel, beat)
+            run = self._open(session, epoch, plan, recorder, cancel, beat, token)
         except (DefinitionError, ExecutionError) as error:
             return self._give_up(session, error, recorder, evidence)
         run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
@@ -129,30 +139,35 @@ class SessionRunner:
             msgspec.structs.replace(report, open_criteria=self._open_criteria, driver=driver)
         )
 
-    def observe_only(
-        self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str, code: str = ""
-    ) -> Execution:
+    def observe_only(self, order: Reconcile, epoch: int, token: bytes) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
 
-        The files of the bundle at `evidence` stay. The session ends under `code`, else under that of `ended`.
+        The files of the bundle stay.
 
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
         """
-        recorder = self._bundles.open(evidence)
-        self._handle.begin(session.id, epoch)
+        recorder = self._bundles.open(order.evidence)
+        self._handle.begin(order.session.id, epoch, token)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
-        self._world.enter(session.scene)
-        outcome = Outcome(ended=ended, code=code or ended.upper(), message=reason)
-        return self._close_unmoved(session, outcome, recorder, evidence)
+        self._world.enter(order.session.scene)
+        outcome = Outcome(ended=order.ended, code=order.code or order.ended.upper(), message=order.reason)
+        return self._close_unmoved(order.session, outcome, recorder, order.evidence)
 
     def _open(
-        self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
+        self,
+        session: Session,
+        epoch: int,
+        plan: Mapping[str, Any],
+        recorder: Recorder,
+        cancel: Cancel,
+        beat: Beat,
+        token: bytes,
     ) -> _Run:
         """Take authority, observe, record, build the skill."""
         handle = self._handle
-        observation = handle.begin(session.id, epoch)
+        observation = handle.begin(session.id, epoch, token)
         self._world.enter(session.scene)
         initial = self._world.observe(WORLD)
         handle.guard_against(initial)

@@ -50,7 +50,6 @@ from phyagentos.runtime.worker.runner import SessionRunner
 from phyagentos.store.views.environment import render_environment
 
 REST_S = 0.05  # without an order for so long, there is time for housekeeping
-OBSERVERS = 20  # at most, lost in a row while they observe what one session left
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
 
@@ -118,6 +117,7 @@ class WorkerLoop:
                         order.session,
                         order.epoch,
                         checked.plan,
+                        token=order.token,
                         evidence=order.evidence,
                         cancel=self._find_stop_reason,
                         beat=self._heartbeat.beat,
@@ -252,17 +252,14 @@ class WorkerLoop:
         if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
             self._world.restore(belief, _read_looks(self._workspace.root / order.evidence))
 
-    def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
+    def _observe(self, order: Reconcile, number: int = 0) -> Execution:
         """Under an epoch that is new to the target: an earlier observer may have been lost too."""
-        epoch = epoch or order.epoch
         try:
-            return self._runner.observe_only(
-                order.session, epoch, ended=order.ended, evidence=order.evidence, reason=order.reason, code=order.code
-            )
+            return self._runner.observe_only(order, order.epoch + number, order.tokens[number])
         except CommandRefused as refused:
-            if refused.code != "STALE_TOKEN" or epoch >= order.epoch + OBSERVERS:
+            if refused.code != "STALE_TOKEN" or number + 1 == len(order.tokens):
                 raise
-            return self._observe(order, epoch + 1)
+            return self._observe(order, number + 1)
 
 
 def _read_belief(restore: str) -> Environment | None:

@@ -23,7 +23,8 @@ LATE_SHARE = 0.25  # of a control period, by which a command may be late that wa
 class SharedTarget(ServedTarget):
     """One robot of a world that it shares with `members`, this target included.
 
-    `keep_stop` makes the latch durable; it is called once every robot is at rest. `truth` permits the ground truth.
+    `keep_stop` makes the latch durable; it is called once every robot is at rest. `truth` permits the ground truth,
+    `permits` a session's epoch by its token.
     """
 
     def __init__(
@@ -35,8 +36,9 @@ class SharedTarget(ServedTarget):
         is_estopped: Callable[[], bool] = lambda: False,
         keep_stop: Callable[[], None] = lambda: None,
         truth: bool = True,
+        permits: Callable[[str, int, bytes], bool] = lambda _session, _epoch, _token: True,
     ) -> None:
-        super().__init__(driver, log, is_estopped=is_estopped, keep_stop=keep_stop, truth=truth)
+        super().__init__(driver, log, is_estopped=is_estopped, keep_stop=keep_stop, truth=truth, permits=permits)
         self.robot, self._members = driver, members
         members.append(self)
 
