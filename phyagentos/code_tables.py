@@ -262,6 +262,7 @@ OBJECT_GONE             The object is not in the believed world.
 """
 
 SAFETY = """
+ABORTED             A command that waited for other targets of its world, when its session was to end.
 CLAMPED             A value was projected into its range, as the contract declares.
 CLAMPED_GRIPPER     An opening was projected into the gripper's range, as safety.yaml allows.
 CLAMPED_JOINT       A joint set-point was projected into its range, as safety.yaml allows.

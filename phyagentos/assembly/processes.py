@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
@@ -207,7 +207,6 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         workspace,
         profile_path,
         sees_truth=sees_truth,
-        on_wait=lambda: heartbeat.beat_again("paused"),
     )
     world = open_world_model(workspace, target, profile, handle, settings)
     embodiment = Embodiment(handle=handle, world=world, profile=profile, limits=settings.limits)
@@ -336,7 +335,6 @@ def open_handle(
     description: Path,
     *,
     sees_truth: bool = False,
-    on_wait: Callable[[], None] = lambda: None,
 ) -> "TargetSessionHandle":
     """The worker's access to its target; its guard checks the emergency stop before every command.
 
@@ -356,7 +354,6 @@ def open_handle(
         is_stopped=lambda: is_latched(signals),
         collision=collision,
         sees_truth=sees_truth,
-        on_wait=on_wait,
     )
 
 

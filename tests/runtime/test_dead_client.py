@@ -29,6 +29,8 @@ class BusyTarget:
         self.may_go_on.wait(PATIENCE_S)
         return wire.Ack()
 
+    def listen(self, is_called) -> None: ...
+
     def withdraw(self) -> None:
         self.withdrawn.set()
 

@@ -14,6 +14,7 @@ from phyagentos.protocol.world.environment import Environment, Interior
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.worker.orders import Reconcile
 
 
 class Boast(Leaf):

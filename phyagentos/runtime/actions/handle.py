@@ -62,7 +62,10 @@ class TargetSessionHandle:
         is_stopped: Whether the emergency stop is latched; called before every command.
         collision: The guard's stage for contacts of a posture.
         sees_truth: Whether observations come with the ground truth (`sensing: truth`).
-        on_wait: Called several times a second while a motion waits for other targets of a shared world.
+
+    Attributes:
+        is_ending: Called several times a second while a motion waits for other targets of a shared world; whether the
+            session is to end.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
@@ -76,9 +79,8 @@ class TargetSessionHandle:
         is_stopped: Callable[[], bool] | None = None,
         collision: PostureCollision | None = None,
         sees_truth: bool = False,
-        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
-        self._on_wait = on_wait
+        self.is_ending: Callable[[], bool] = lambda: False
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
         self._connection = connection
@@ -195,7 +197,7 @@ class TargetSessionHandle:
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
         description = self.describe()
-        if self._rests and description.mode == WorldMode.REALTIME:  # time went on while nothing was commanded
+        if self._rests and (description.mode == WorldMode.REALTIME or description.shares_time):  # time may have gone on
             self.settle(0.0)
         period_s = description.physics_step_s * description.steps_per_command
         now = self.step
@@ -319,7 +321,7 @@ class TargetSessionHandle:
         if self._local is not None:
             return self._local.ask(request)
         if self._shares_time and isinstance(request, wire.MOTIONS):
-            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self._on_wait)
+            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self._find_abort)
         return wire.await_reply(self._connection, timeout_s)
 
     def _expect(self, request: wire.Request, reply: wire.Reply, expected: type[ReplyT]) -> ReplyT:
@@ -327,6 +329,9 @@ class TargetSessionHandle:
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
         return wire.require(request, reply, expected)
+
+    def _find_abort(self) -> wire.Abort | None:
+        return wire.Abort(session=self._session, epoch=self._epoch) if self.is_ending() else None
 
     def _check_permitted(self, operation: str) -> None:
         if operation not in self._permitted:

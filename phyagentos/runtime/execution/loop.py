@@ -75,7 +75,8 @@ class SessionLoop:
         try:
             return self._run()
         except CommandRefused as refusal:
-            return self._describe_refusal(refusal)
+            reason = self.cancel() if refusal.code == "ABORTED" else None
+            return describe_request(reason) if reason else self._describe_refusal(refusal)
         except LeafError as error:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"

@@ -66,6 +66,12 @@ class ServedTarget:
         """Whether the latest command left the body in motion."""
         return self.driver.is_moving
 
+    def listen(self, is_called: Callable[[], bool]) -> None:
+        """A client was admitted; `is_called` tells, while its request is carried out, whether it wants something else.
+
+        That is an `Abort`, or its end. Only a target that waits for others asks.
+        """
+
     def withdraw(self) -> None:
         """Halt when the client disconnects; its authority ends."""
         if self._authority.session:
@@ -148,9 +154,14 @@ class ServedTarget:
             step = msgspec.structs.replace(step, stopped=stopped)
         return step
 
-    def _bring_to_rest(self, request: wire.Halt | wire.Settle | wire.End) -> wire.Step | wire.Ended:
+    def _bring_to_rest(
+        self, request: wire.Halt | wire.Settle | wire.End | wire.Abort
+    ) -> wire.Step | wire.Ended | wire.Ack:
         """Requests that only the session in authority may send, even after a stop."""
         match request:
+            case wire.Abort():
+                self.driver.abort()
+                return wire.Ack()
             case wire.Halt():
                 self.driver.halt(request.category)
                 if request.category == 1 and not self._authority.stopped:

@@ -85,6 +85,7 @@ class WorkerLoop:
     ) -> None:
         self._control, self._gate = control, gate
         self._handle, self._world = target.handle, target.world
+        self._handle.is_ending = self._is_ending
         self._examiner, self._runner, self._heartbeat = examiner, runner, heartbeat
         self._workspace, self._sealer = workspace, Sealer(workspace.evidence)
         self._clock = clock
@@ -223,6 +224,13 @@ class WorkerLoop:
             return LEASE_LOST
         return self._stop_reason
 
+    def _is_ending(self) -> bool:
+        """Whether the session has to end, while a motion of it waits for other targets."""
+        self._heartbeat.beat_again("paused")
+        while self._stop_reason is None and self._control.poll():
+            self._obey(receive_order(self._control))
+        return self._stop_reason is not None or self._clock.now_s() > self._lease_until_s
+
     def _obey(self, order: ToWorker) -> None:
         if isinstance(order, Stop):
             self._stop_reason = order.reason
@@ -234,7 +242,8 @@ class WorkerLoop:
             self._waiting.append(order)
 
     def _reconcile(self, order: Reconcile) -> Finished:
-        """Observe the world that a lost runner left behind."""
+        """Observe the world that a lost runner left behind; what brings it to rest waits for no other target."""
+        self._stop_reason = order.ended
         try:
             self._handle.load(order.session.scene)
             self._remember(order)

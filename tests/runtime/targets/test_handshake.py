@@ -38,6 +38,9 @@ class Acknowledging:
         self.asked.append(request)
         return wire.Ack()
 
+    def listen(self, is_called):
+        pass
+
     def withdraw(self):
         self.withdrawn.set()
 

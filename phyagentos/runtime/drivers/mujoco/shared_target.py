@@ -50,6 +50,14 @@ class SharedTarget(ServedTarget):
             return super().handle(request)
 
     @override
+    def listen(self, is_called: Callable[[], bool]) -> None:
+        def is_wanted() -> bool:
+            self.look_for_stops()
+            return is_called()
+
+        self.robot.world.simulation.listeners[self.robot.profile.target] = is_wanted
+
+    @override
     def withdraw(self) -> None:
         with self.robot.world.simulation.lock:
             super().withdraw()

@@ -230,7 +230,9 @@ class MujocoDriver(TargetDriver):
     def begin(self, session: str, epoch: int) -> None:
         present, self.session = self._get_present(), session
         if self.is_moving:
+            self.world.simulation.abort(self.profile.target)
             self.world.simulation.carry_out(self.profile.target, present.controller.halt())
+        self.world.simulation.aborted.discard(self.profile.target)
         present.controller.begin()
         present.controller.activations = list(present.faults.on_session(session))
 
@@ -244,10 +246,15 @@ class MujocoDriver(TargetDriver):
     def apply(self, command: wire.Command) -> str:
         if refused := self.controller.check(command):
             raise ExecutionError(refused.code, refused.message)
-        stopped = self.world.simulation.carry_out(self.profile.target, self.controller.follow(command))
+        motion = self.controller.follow(command)
+        stopped = self.world.simulation.carry_out(self.profile.target, motion, may_abort=True)
         if stopped in BROKEN_OFF:
             raise ExecutionError(stopped, "the command was broken off; the robot has come to rest")
         return stopped
+
+    @override
+    def abort(self) -> None:
+        self.world.simulation.abort(self.profile.target)
 
     @override
     def halt(self, category: int = 2) -> None:
