@@ -330,6 +330,44 @@ def test_an_emergency_stop_brings_both_to_rest_and_both_logs_say_so(library, tmp
         assert '"kind":"EStop"' in (tmp_path / f"{name}.jsonl").read_text()
 
 
+def test_what_one_arm_takes_a_picture_of_takes_no_time_from_the_other(library, monkeypatch):
+    table, may_end, is_looking = Table(library), threading.Event(), threading.Event()
+    table.begin(table.right)
+
+    def look(*_):
+        is_looking.set()
+        may_end.wait(30.0)
+        return wire.Frames(())
+
+    monkeypatch.setattr(table.left.robot._get_present().rig, "capture", look)
+    looks = threading.Thread(target=table.left.handle, args=(wire.Capture(),), daemon=True)
+    looks.start()
+    assert is_looking.wait(30.0)
+
+    assert all(reply.stopped == "" for reply in table.swing(table.right))
+    may_end.set()
+    looks.join(30.0)
+
+
+def test_in_real_time_no_picture_for_people_is_taken_while_another_arm_is_at_work(library):
+    table = Table(library)
+    scene = table.left.robot.physics.scene
+    monitor = wire.InvokeTool(wire.RENDER, {"camera": "overview", "width": 0})
+    table.simulation.is_paced = True
+
+    assert table.left.handle(monitor).code == "MALFORMED"
+    monitor = wire.InvokeTool(wire.RENDER, {"camera": "overview", "width": 64, "height": 48})
+    table.begin(table.right)
+    drawn = table.left.handle(monitor)
+    assert (drawn.artefacts, drawn.reason) == (
+        {},
+        "in real time, a picture would make right_arm late, which runs a session",
+    )
+    assert scene._files  # the model was written before either began
+    files = [target.handle(wire.InvokeTool(wire.SCENE_MODEL)).artefacts for target in table.targets]
+    assert files[0]["scene.mjb"].data is files[1]["scene.mjb"].data
+
+
 class SlowClock(SystemClock):
     """A fifth as fast as the machine's, so that a machine with much to do is in time."""
 

@@ -15,7 +15,7 @@ from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 from phyagentos.runtime.targets.realtime import AHEAD_PERIODS, Pace
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.wire import Reply, Request
+from phyagentos.runtime.targets.wire import Capture, InvokeTool, Reply, Request
 
 LATE_SHARE = 0.25  # of a control period, by which a command may be late that was sent in time
 
@@ -47,7 +47,9 @@ class SharedTarget(ServedTarget):
         with self.robot.world.simulation.lock:
             if self._scene is not None and self._scene.episode != self.robot.world.episode:  # another robot began it
                 self._scene = self._loaded = self._description = None
-            return super().handle(request)
+            if not isinstance(request, Capture | InvokeTool):
+                return super().handle(request)
+        return super().handle(request)  # pictures take longer than a period; the driver locks what it reads
 
     @override
     def listen(self, is_called: Callable[[], bool]) -> None:
