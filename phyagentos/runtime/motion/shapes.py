@@ -1,11 +1,13 @@
 """Boxes around an entity and its solids, posed in the world."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from math import sqrt
 
 import numpy as np
 
 from phyagentos.geometry import compute_matrix
-from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array
 
@@ -31,16 +33,24 @@ class Box:
 
     def compute_distance(self, point_m: Array) -> float:
         """Distance from a world point to the box [m]; 0 inside."""
-        local = self.pose[:3, :3].T @ (point_m - self.pose[:3, 3])
-        return float(np.linalg.norm(np.maximum(np.abs(local) - self.half_m, 0.0)))
+        outside = np.maximum(np.abs(self.pose[:3, :3].T @ (point_m - self.pose[:3, 3])) - self.half_m, 0.0)
+        return sqrt(outside @ outside)
 
 
 def compute_shape_boxes(entity: Entity) -> list[Box]:
     """One oriented box for each solid of an entity."""
     world_T_entity = compute_matrix(entity.pose)
     return [
-        Box(world_T_entity @ compute_matrix(shape.pose), np.array(compute_half_box(shape))) for shape in entity.shapes
+        Box(world_T_entity @ _compute_frame(shape.pose), np.array(compute_half_box(shape))) for shape in entity.shapes
     ]
+
+
+@lru_cache(maxsize=256)
+def _compute_frame(entity_T_shape: Pose) -> Array:
+    """The matrix of a shape's pose, which seldom changes; read-only."""
+    frame = compute_matrix(entity_T_shape)
+    frame.flags.writeable = False
+    return frame
 
 
 def compute_bounds(shapes: tuple[Shape, ...]) -> tuple[Array, Array]:
