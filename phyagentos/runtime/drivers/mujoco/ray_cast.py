@@ -6,6 +6,8 @@ shadows, no gloss, and a texture counts with its mean.
 
 import mujoco
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
     Hits,
@@ -22,6 +24,7 @@ from phyagentos.runtime.models.camera_model import Array, Lens
 KEPT_PX = 4096  # a smaller window is cast as fast
 CACHES_KEPT = 8  # of some megabytes each
 SKY = np.array([0.7, 0.76, 0.82], dtype=np.float32)  # where nothing is hit
+DIRECTIONAL, SPOT = int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL), int(mujoco.mjtLightType.mjLIGHT_SPOT)
 
 
 class RayCaster:
@@ -30,7 +33,10 @@ class RayCaster:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._colors = _read_colors(model)  # (n_geoms + 1, 3), the last one for nothing
-        self._lights = [light for light in range(model.nlight) if model.light_active[light]]
+        self._lights = np.flatnonzero(model.light_active)
+        self._kinds = model.light_type[self._lights].astype(np.intp)
+        openings = np.cos(np.radians(model.light_cutoff[self._lights].astype(np.float64)))
+        self._shine = openings, model.light_diffuse[self._lights], model.light_ambient[self._lights]
         head = model.vis.headlight
         self._ambient, self._head = np.array(head.ambient, np.float32), np.array(head.diffuse, np.float32)
         self._rays: dict[Lens, tuple[Array, Array]] = {}
@@ -49,17 +55,12 @@ class RayCaster:
 
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
         """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
-        hit = hits.geoms >= 0
-        rays32, facing = rays.directions.astype(np.float32), hits.normals.astype(np.float32)
-        along = np.where(hit, hits.distances_m, 0.0).astype(np.float32)
-        cosines = np.where(hit, -_dot(rays32, facing), np.float32(0.0))
-        facing *= np.where(cosines < 0.0, np.float32(-1.0), np.float32(1.0))[:, None]  # a ray that starts in a solid
-        cosines = np.abs(cosines)
-        points = rays.viewpoint.position_m.astype(np.float32) + rays32 * along[:, None]
-        rgb = np.minimum(self._colors[hits.geoms] * self._light(data, points, facing, cosines), np.float32(1.0))
-        rgb[~hit] = SKY
-        depth = np.where(hit, along / lengths.astype(np.float32), np.float32(np.inf))
-        return Picture(rgb, depth, cosines)
+        lamps = (self._kinds, *(part[self._lights].astype(np.float32) for part in (data.light_xpos, data.light_xdir)), *self._shine)
+        found = _paint(
+            rays.viewpoint.position_m, rays.directions, lengths, (hits.geoms, hits.distances_m, hits.normals),
+            self._colors, self._ambient, self._head, lamps,
+        )  # fmt: skip
+        return Picture(*found)
 
     def _get_cache(self, data: mujoco.MjData, shot: Shot) -> StaticDepthCache:
         """A fixed camera's view of the fixed solids; cast anew where those were moved after all."""
@@ -101,30 +102,58 @@ class RayCaster:
             self._rays[lens] = _normalise(lens.compute_rays())
         return self._rays[lens]
 
-    def _light(self, data: mujoco.MjData, points: Single, normals: Single, facing: Single) -> Single:
-        """(n, 3) light of each point: ambient, a lamp at the camera, and the scene's lamps."""
-        model = self._model
-        light: Single = self._ambient + self._head * facing[:, None]
-        for index in self._lights:
-            direction = data.light_xdir[index].astype(np.float32)
-            if model.light_type[index] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
-                cosines = -_dot(normals, direction)
+
+@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
+def _dot(x: np.float32, y: np.float32, z: np.float32, a: np.float32, b: np.float32, c: np.float32) -> np.float32:
+    return x * a + y * b + z * c
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _paint(
+    eye: Array,
+    rays: Array,
+    lengths: Array,
+    hits: tuple[NDArray[np.int32], Array, Array],
+    colors: Single,
+    ambient: Single,
+    head: Single,
+    lamps: tuple[NDArray[np.intp], Single, Single, Array, Single, Single],
+) -> tuple[Single, Single, Single]:
+    """Pixel by pixel, in single precision: the bits of a pixel do not depend on the others."""
+    n, zero, one = len(rays), np.float32(0.0), np.float32(1.0)
+    rgb, depth, incidence = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    kinds, places, directions, openings, diffuse, dim = lamps
+    light = np.empty(3, np.float32)
+    for i in range(n):
+        geom = hits[0][i]
+        if geom < 0:
+            rgb[i], depth[i], incidence[i] = SKY, np.float32(np.inf), zero
+            continue
+        along = np.float32(hits[1][i])
+        x, y, z = np.float32(rays[i, 0]), np.float32(rays[i, 1]), np.float32(rays[i, 2])
+        a, b, c = np.float32(hits[2][i, 0]), np.float32(hits[2][i, 1]), np.float32(hits[2][i, 2])
+        cosine = -_dot(x, y, z, a, b, c)
+        if cosine < zero:  # a ray that starts in a solid
+            a, b, c, cosine = -a, -b, -c, -cosine
+        x, y, z = np.float32(eye[0]) + x * along, np.float32(eye[1]) + y * along, np.float32(eye[2]) + z * along
+        for channel in range(3):
+            light[channel] = ambient[channel] + head[channel] * cosine
+        for lamp in range(len(kinds)):
+            p, q, r = directions[lamp, 0], directions[lamp, 1], directions[lamp, 2]
+            if kinds[lamp] == DIRECTIONAL:
+                shining = -_dot(a, b, c, p, q, r)
             else:
-                towards = data.light_xpos[index].astype(np.float32) - points
-                distances: Single = np.sqrt(_dot(towards, towards))
-                cosines = _dot(normals, towards) / distances
-                if model.light_type[index] == mujoco.mjtLightType.mjLIGHT_SPOT:
-                    beam = np.cos(np.radians(float(model.light_cutoff[index])))
-                    cosines[-_dot(towards, direction) < beam * distances] = 0.0
-            light += np.maximum(cosines, np.float32(0.0))[:, None] * model.light_diffuse[index]
-            light += model.light_ambient[index]
-        return light
-
-
-def _dot(a: Single, b: Single) -> Single:
-    """(n,) products of vectors (n, 3) with (n, 3) or (3,); each row alone, so that subsets have the same bits."""
-    product: Single = a[:, 0] * b[..., 0] + a[:, 1] * b[..., 1] + a[:, 2] * b[..., 2]
-    return product
+                u, v, w = places[lamp, 0] - x, places[lamp, 1] - y, places[lamp, 2] - z
+                distance = np.sqrt(_dot(u, v, w, u, v, w))
+                shining = _dot(a, b, c, u, v, w) / distance
+                if kinds[lamp] == SPOT and np.float64(-_dot(u, v, w, p, q, r)) < openings[lamp] * distance:
+                    shining = zero
+            for channel in range(3):
+                light[channel] = light[channel] + max(shining, zero) * diffuse[lamp, channel] + dim[lamp, channel]
+        for channel in range(3):
+            rgb[i, channel] = min(colors[geom, channel] * light[channel], one)
+        depth[i], incidence[i] = along / np.float32(lengths[i]), cosine
+    return rgb, depth, incidence
 
 
 def _normalise(rays: Array) -> tuple[Array, Array]:
