@@ -96,11 +96,12 @@ class RayCaster:
 
     def _get_rays(self, lens: Lens) -> tuple[Array, Array]:
         """(n, 3) unit vectors and (n,) lengths of the rays with z = 1, cached by lens."""
-        if lens not in self._rays:
+        kept = self._rays.get(lens)
+        if kept is None:
             if len(self._rays) > 32:  # windows that follow a thing are all different
                 self._rays.clear()
-            self._rays[lens] = _normalise(lens.compute_rays())
-        return self._rays[lens]
+            kept = self._rays[lens] = _normalise(lens.compute_rays())
+        return kept
 
 
 @njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
@@ -108,7 +109,7 @@ def _dot(x: np.float32, y: np.float32, z: np.float32, a: np.float32, b: np.float
     return x * a + y * b + z * c
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _paint(
     eye: Array,
     rays: Array,
