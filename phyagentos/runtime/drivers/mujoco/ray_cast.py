@@ -21,7 +21,7 @@ from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
 )
 from phyagentos.runtime.models.camera_model import Array, Lens
 
-KEPT_PX = 4096  # a smaller window is cast as fast
+KEPT_PX = 4096  # a smaller picture is cast as fast
 CACHES_KEPT = 8  # of some megabytes each
 SKY = np.array([0.7, 0.76, 0.82], dtype=np.float32)  # where nothing is hit
 DIRECTIONAL, SPOT = int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL), int(mujoco.mjtLightType.mjLIGHT_SPOT)
@@ -46,29 +46,40 @@ class RayCaster:
     def cast(self, data: mujoco.MjData, shot: Shot) -> Picture:
         """One picture of a state with computed poses."""
         lens, pixels = shot.lens, shot.pixels
+        shape = (lens.height, lens.width) if pixels is None else (1, len(pixels[0]))
+        if shot.still and (cache := self._get_cache(data, shot)) is not None:
+            return self._cover(cache, data, shot).reshape(shape)
         rays, lengths = self._get_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
-        shape = (lens.height, lens.width) if pixels is None else (1, len(rays))
-        if shot.still and pixels is None and len(rays) >= KEPT_PX:
-            return self._cover(self._get_cache(data, shot), data).reshape(shape)
         beam = Rays(shot.viewpoint, rays @ shot.viewpoint.rotation.T, shot.far_m * float(lengths.max()))
         return self._paint(data, beam, lengths, shoot(self._model, data, beam)).reshape(shape)
 
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
         """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
-        lamps = (self._kinds, *(part[self._lights].astype(np.float32) for part in (data.light_xpos, data.light_xdir)), *self._shine)
-        found = _paint(
-            rays.viewpoint.position_m, rays.directions, lengths, (hits.geoms, hits.distances_m, hits.normals),
-            self._colors, self._ambient, self._head, lamps,
-        )  # fmt: skip
-        return Picture(*found)
+        n = len(lengths)
+        picture = Picture(np.tile(SKY, (n, 1)), np.full(n, np.inf, np.float32), np.zeros(n, np.float32))
+        self._paint_on(picture, np.arange(n), data, rays, lengths, hits)
+        return picture
 
-    def _get_cache(self, data: mujoco.MjData, shot: Shot) -> StaticDepthCache:
-        """A fixed camera's view of the fixed solids; cast anew where those were moved after all."""
-        lens, viewpoint = shot.lens, shot.viewpoint
+    def _paint_on(
+        self, picture: Picture, places: NDArray[np.intp], data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits
+    ) -> None:
+        """Paints what n rays hit on these pixels (n,) of a picture of one row."""
+        where, towards = (part[self._lights].astype(np.float32) for part in (data.light_xpos, data.light_xdir))
+        _paint(
+            (picture.rgb, picture.depth_m, picture.incidence), places, rays.viewpoint.position_m, rays.directions,
+            lengths, (hits.geoms, hits.distances_m, hits.normals), self._colors, self._ambient, self._head,
+            (self._kinds, where, towards, *self._shine),
+        )  # fmt: skip
+
+    def _get_cache(self, data: mujoco.MjData, shot: Shot) -> StaticDepthCache | None:
+        """A fixed camera's view of the fixed solids; cast anew by a whole picture where those were moved after all."""
+        lens, viewpoint = shot.whole or shot.lens, shot.viewpoint
         key = (lens, viewpoint.position_m.tobytes(), viewpoint.rotation.tobytes(), shot.far_m)
         signature = self._moving.sign_fixed(data)
         kept = self._static_caches.get(key)
         if kept is None or kept.signature != signature:
+            if shot.pixels is not None or shot.lens != lens or lens.width * lens.height < KEPT_PX:
+                return None
             if len(self._static_caches) >= CACHES_KEPT:
                 self._static_caches.clear()
             rays, lengths = self._get_rays(lens)
@@ -79,20 +90,18 @@ class RayCaster:
             self._static_caches[key] = kept
         return kept
 
-    def _cover(self, cache: StaticDepthCache, data: mujoco.MjData) -> Picture:
+    def _cover(self, cache: StaticDepthCache, data: mujoco.MjData, shot: Shot) -> Picture:
         """The fixed solids, with the moving ones in front."""
-        rays, behind, picture = cache.rays, cache.hits, cache.picture
-        where = self._moving.find_pixels(data, cache.lens, rays.viewpoint)
-        beam = Rays(rays.viewpoint, rays.directions[where], rays.cutoff_m)
-        hits = shoot(self._model, data, beam, fixed=False)
-        far_m, geoms = behind.distances_m[where], behind.geoms[where]
-        nearer = (geoms < 0) | (hits.distances_m < far_m) | ((hits.distances_m == far_m) & (hits.geoms < geoms))
-        nearer &= hits.geoms >= 0
-        where, hits = where[nearer], hits.take(nearer)
-        front = self._paint(data, Rays(beam.viewpoint, beam.directions[nearer], 0.0), cache.lengths[where], hits)
-        rgb, depth, incidence = picture.rgb.copy(), picture.depth_m.copy(), picture.incidence.copy()
-        rgb[where], depth[where], incidence[where] = front.rgb, front.depth_m, front.incidence
-        return Picture(rgb, depth, incidence)
+        rays, behind, wanted = cache.rays, cache.hits, shot.find_pixels()
+        picture = cache.picture.take(wanted)
+        near = self._moving.find_near(data, cache.lens, rays, wanted, shot.window)
+        if len(near):
+            where = wanted[near]
+            beam = Rays(rays.viewpoint, rays.directions.take(where, axis=0), rays.cutoff_m)
+            hits = shoot(self._model, data, beam, fixed=False)
+            _hide(hits.geoms, hits.distances_m, behind.geoms, behind.distances_m, where)
+            self._paint_on(picture, near, data, beam, cache.lengths.take(where), hits)
+        return picture
 
     def _get_rays(self, lens: Lens) -> tuple[Array, Array]:
         """(n, 3) unit vectors and (n,) lengths of the rays with z = 1, cached by lens."""
@@ -110,7 +119,20 @@ def _dot(x: np.float32, y: np.float32, z: np.float32, a: np.float32, b: np.float
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _hide(
+    geoms: NDArray[np.int32], distances: Array, fixed: NDArray[np.int32], fixed_m: Array, where: NDArray[np.intp]
+) -> None:
+    """Removes hits behind fixed solids; of two at one distance, the solid of the lower number is hit."""
+    for k, i in enumerate(where):
+        is_behind = fixed[i] >= 0 and distances[k] >= fixed_m[i]
+        if is_behind and (distances[k] > fixed_m[i] or fixed[i] < geoms[k]):
+            geoms[k] = -1
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _paint(
+    picture: tuple[Single, Single, Single],
+    wanted: NDArray[np.intp],
     eye: Array,
     rays: Array,
     lengths: Array,
@@ -119,16 +141,14 @@ def _paint(
     ambient: Single,
     head: Single,
     lamps: tuple[NDArray[np.intp], Single, Single, Array, Single, Single],
-) -> tuple[Single, Single, Single]:
+) -> None:
     """Pixel by pixel, in single precision: the bits of a pixel do not depend on the others."""
-    n, zero, one = len(rays), np.float32(0.0), np.float32(1.0)
-    rgb, depth, incidence = np.empty((n, 3), np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    (rgb, depth, incidence), zero, one = picture, np.float32(0.0), np.float32(1.0)
     kinds, places, directions, openings, diffuse, dim = lamps
     light = np.empty(3, np.float32)
-    for i in range(n):
+    for i, pixel in enumerate(wanted):
         geom = hits[0][i]
         if geom < 0:
-            rgb[i], depth[i], incidence[i] = SKY, np.float32(np.inf), zero
             continue
         along = np.float32(hits[1][i])
         x, y, z = np.float32(rays[i, 0]), np.float32(rays[i, 1]), np.float32(rays[i, 2])
@@ -152,9 +172,8 @@ def _paint(
             for channel in range(3):
                 light[channel] = light[channel] + max(shining, zero) * diffuse[lamp, channel] + dim[lamp, channel]
         for channel in range(3):
-            rgb[i, channel] = min(colors[geom, channel] * light[channel], one)
-        depth[i], incidence[i] = along / np.float32(lengths[i]), cosine
-    return rgb, depth, incidence
+            rgb[pixel, channel] = min(colors[geom, channel] * light[channel], one)
+        depth[pixel], incidence[pixel] = along / np.float32(lengths[i]), cosine
 
 
 def _normalise(rays: Array) -> tuple[Array, Array]:
