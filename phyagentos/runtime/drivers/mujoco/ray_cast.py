@@ -65,7 +65,7 @@ class RayCaster:
     ) -> None:
         """Paints what n rays hit on these pixels (n,) of a picture of one row."""
         where, towards = (part[self._lights].astype(np.float32) for part in (data.light_xpos, data.light_xdir))
-        _paint(
+        _light_up(
             (picture.rgb, picture.depth_m, picture.incidence), places, rays.viewpoint.position_m, rays.directions,
             lengths, (hits.geoms, hits.distances_m, hits.normals), self._colors, self._ambient, self._head,
             (self._kinds, where, towards, *self._shine),
@@ -94,7 +94,7 @@ class RayCaster:
         """The fixed solids, with the moving ones in front."""
         rays, behind, wanted = cache.rays, cache.hits, shot.find_pixels()
         picture = cache.picture.take(wanted)
-        near = self._moving.find_near(data, cache.lens, rays, wanted, shot.window)
+        near = self._moving.find_near(data, cache.lens, rays, wanted)
         if len(near):
             where = wanted[near]
             beam = Rays(rays.viewpoint, rays.directions.take(where, axis=0), rays.cutoff_m)
@@ -113,15 +113,13 @@ class RayCaster:
         return kept
 
 
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _dot(x: np.float32, y: np.float32, z: np.float32, a: np.float32, b: np.float32, c: np.float32) -> np.float32:
+@njit(cache=True, inline="always")
+def _dot(x, y, z, a, b, c):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     return x * a + y * b + z * c
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _hide(
-    geoms: NDArray[np.int32], distances: Array, fixed: NDArray[np.int32], fixed_m: Array, where: NDArray[np.intp]
-) -> None:
+@njit(cache=True, nogil=True)
+def _hide(geoms, distances, fixed, fixed_m, where):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Removes hits behind fixed solids; of two at one distance, the solid of the lower number is hit."""
     for k, i in enumerate(where):
         is_behind = fixed[i] >= 0 and distances[k] >= fixed_m[i]
@@ -129,19 +127,8 @@ def _hide(
             geoms[k] = -1
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _paint(
-    picture: tuple[Single, Single, Single],
-    wanted: NDArray[np.intp],
-    eye: Array,
-    rays: Array,
-    lengths: Array,
-    hits: tuple[NDArray[np.int32], Array, Array],
-    colors: Single,
-    ambient: Single,
-    head: Single,
-    lamps: tuple[NDArray[np.intp], Single, Single, Array, Single, Single],
-) -> None:
+@njit(cache=True, nogil=True)
+def _light_up(picture, wanted, eye, rays, lengths, hits, colors, ambient, head, lamps):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Pixel by pixel, in single precision: the bits of a pixel do not depend on the others."""
     (rgb, depth, incidence), zero, one = picture, np.float32(0.0), np.float32(1.0)
     kinds, places, directions, openings, diffuse, dim = lamps

@@ -112,9 +112,7 @@ class SimulatedCamera:
             depth_m=depth,
         )
 
-    def _cast_some(
-        self, data: mujoco.MjData, shot: Shot, thin: Lens, every: int, rng: np.random.Generator
-    ) -> Picture:
+    def _cast_some(self, data: mujoco.MjData, shot: Shot, thin: Lens, every: int, rng: np.random.Generator) -> Picture:
         """The pixels of a thinned picture: colours at their centres, depths at their wavering places."""
         shape = (thin.height, thin.width)
         rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2

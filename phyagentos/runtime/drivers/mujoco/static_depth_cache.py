@@ -19,7 +19,7 @@ AWAY_M = 1e4  # nothing is seen so far off
 EDGE_PX = 1  # around the rectangle of a ball's picture, for rounding
 EDGE_M = 1e-4  # around a box, for rounding
 _LEAST = 1e-12  # of a direction: along a face
-Window = tuple[int, int, int, int]  # left, top, and the right and bottom that are not in it
+FLAT_RAD = 1.57  # beyond, a ball reaches out of any picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,18 +43,11 @@ class Shot:
     whole: Lens | None = None
     corner: tuple[int, int] = (0, 0)
 
-    @property
-    def window(self) -> Window:
-        """In the whole picture."""
-        left, top = self.corner
-        return left, top, left + self.lens.width, top + self.lens.height
-
     def find_pixels(self) -> NDArray[np.intp]:
         """(n,) pixels of the whole picture, counted row by row."""
-        width, (left, top, right, bottom) = (self.whole or self.lens).width, self.window
-        if self.pixels is None:
-            return (np.arange(top, bottom)[:, None] * width + np.arange(left, right)).ravel()
-        return (self.pixels[0] + top) * width + (self.pixels[1] + left)
+        width, (left, top) = (self.whole or self.lens).width, self.corner
+        rows, columns = self.pixels or (np.arange(self.lens.height)[:, None], np.arange(self.lens.width))
+        return np.ravel((rows + top) * width + (columns + left))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,72 +136,45 @@ class MovingSolids:
         emptied.geom_xpos[self._moving] = AWAY_M
         return emptied
 
-    def find_near(
-        self, data: mujoco.MjData, lens: Lens, rays: Rays, wanted: NDArray[np.intp], window: Window
-    ) -> NDArray[np.intp]:
-        """Indices of the `wanted` pixels, within a window of the whole picture, whose rays may hit a movable solid."""
-        view, focal = (rays.viewpoint.position_m, rays.viewpoint.rotation), (lens.fx, lens.fy, lens.cx, lens.cy)
+    def find_near(self, data: mujoco.MjData, lens: Lens, rays: Rays, wanted: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Indices of those of the `wanted` pixels of the whole picture whose rays may hit a movable solid."""
+        view = rays.viewpoint.position_m, rays.viewpoint.rotation
         solids = (self._shown, self._radii_m, self._boxes, data.geom_xpos, data.geom_xmat)
-        found: NDArray[np.intp] = _find_near(wanted, lens.width, window, rays.directions, focal, view, solids)
+        form = (lens.fx, lens.fy, lens.cx, lens.cy, lens.height)
+        found: NDArray[np.intp] = _find_near(wanted, lens.width, rays.directions, form, view, solids)
         return found
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _find_span(
-    across: float, ahead: float, radius: float, focal: float, middle: float, low: int, high: int
-) -> tuple[int, int]:
+@njit(cache=True, nogil=True)
+def _find_span(across, ahead, radius, focal, middle, size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """First and last-but-one pixel of the picture of a ball, along one side of a window from `low` to `high`."""
-    away = hypot(across, ahead)
-    angle, half = atan2(across, ahead), asin(radius / away) if away > radius else pi  # pi: inside
-    first, last = max(angle - half, -1.57), min(angle + half, 1.57)  # beyond, the ball reaches out of any picture
-    start = min(max(focal * tan(min(first, 1.57)) + middle, -1e6), 1e6)
-    end = min(max(focal * tan(max(last, -1.57)) + middle, -1e6), 1e6)
-    return max(int(floor(start)) - EDGE_PX, low), min(int(ceil(end)) + EDGE_PX, high)
+    away, angle = hypot(across, ahead), atan2(across, ahead)
+    half = asin(radius / away) if away > radius else pi  # pi: inside
+    low, high = max(angle - half, -FLAT_RAD), min(angle + half, FLAT_RAD)
+    first, last = focal * tan(min(low, FLAT_RAD)) + middle, focal * tan(max(high, -FLAT_RAD)) + middle
+    return max(floor(first) - EDGE_PX, 0), min(ceil(last) + EDGE_PX, size)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _find_near(
-    wanted: NDArray[np.intp],
-    width: int,
-    window: Window,
-    rays: Array,
-    focal: tuple[float, float, float, float],
-    view: tuple[Array, Array],
-    solids: tuple[NDArray[np.intp], Array, Array, Array, Array],
-) -> NDArray[np.intp]:
+@njit(cache=True, nogil=True)
+def _find_near(wanted, width, rays, lens, view, solids):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """A ray is near where its pixel is in the rectangle of a solid's ball, and the ray meets the solid's box."""
-    shown, radii, boxes, places, rotations = solids
-    spans, kept, n = np.empty((len(shown), 4), np.intp), np.empty(len(shown), np.intp), 0
-    towards, local = np.empty((len(shown), 3)), np.empty(3)
-    for k in range(len(shown)):
-        for axis in range(3):
-            towards[k, axis] = places[shown[k], axis] - view[0][axis]
-        for axis in range(3):
-            local[axis] = (
-                towards[k, 0] * view[1][0, axis] + towards[k, 1] * view[1][1, axis] + towards[k, 2] * view[1][2, axis]
-            )
-        left, right = _find_span(local[0], local[2], radii[k], focal[0], focal[2], window[0], window[2])
-        top, bottom = _find_span(local[1], local[2], radii[k], focal[1], focal[3], window[1], window[3])
+    (shown, radii, boxes, places, rotations), (eye, frame) = solids, view
+    fx, fy, cx, cy, height = lens
+    rows, columns, found = wanted // width, wanted % width, np.zeros(len(wanted), np.bool_)
+    for k, geom in enumerate(shown):
+        towards = places[geom] - eye
+        x, y, z = towards[0] * frame[0] + towards[1] * frame[1] + towards[2] * frame[2]
+        left, right = _find_span(x, z, radii[k], fx, cx, width)
+        top, bottom = _find_span(y, z, radii[k], fy, cy, height)
         if left < right and top < bottom:
-            spans[n, 0], spans[n, 1], spans[n, 2], spans[n, 3], kept[n] = left, top, right, bottom, k
-            n += 1
-    found, m = np.empty(len(wanted), np.intp), 0
-    for i in range(len(wanted)):
-        row, column = wanted[i] // width, wanted[i] % width
-        for each in range(n):
-            k = kept[each]
-            if (
-                spans[each, 0] <= column < spans[each, 2]
-                and spans[each, 1] <= row < spans[each, 3]
-                and (radii[k] == inf or _meets(rays[wanted[i]], boxes[k], towards[k], rotations[shown[k]]))
-            ):
-                found[m], m = i, m + 1
-                break
-    return found[:m]
+            for i in range(len(wanted)):
+                if not found[i] and left <= columns[i] < right and top <= rows[i] < bottom:
+                    found[i] = radii[k] == inf or _meets(rays[wanted[i]], boxes[k], towards, rotations[geom])
+    return np.flatnonzero(found)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _meets(ray: Array, box: Array, place: Array, rotation: Array) -> bool:
+@njit(cache=True, nogil=True)
+def _meets(ray, box, place, rotation):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Whether a ray from the origin meets a box, grown by `EDGE_M`."""
     enter, leave = 0.0, inf
     for axis in range(3):
