@@ -26,7 +26,7 @@ from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 MAX_LOST = 16  # frames in a row, before a camera has none to give
 LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
 _PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
-_THREADS = ThreadPoolExecutor(2, "camera")  # a ray caster waits for no interpreter
+_THREADS = ThreadPoolExecutor(2, "camera")  # rays are cast without the lock of the interpreter
 _UNCORRUPTED: tuple[FaultActivation, ...] = ()
 
 FindCorruption = Callable[[str], tuple[FaultActivation, ...]]
@@ -97,7 +97,7 @@ class CameraRig:
                     raise
                 return error.code
 
-        at_once = self._sensors.backend == "ray" and len(shown) > len(request.crops)  # graphics are of one thread
+        at_once = self._sensors.backend == "ray" and len(shown) > max(1, len(request.crops))  # one thread draws
         frames = list((_THREADS.map if at_once else map)(expose, shown))
         codes = zip(shown, frames, strict=True)
         missing |= {camera.name: found for (camera, *_), found in codes if isinstance(found, str)}
