@@ -29,7 +29,7 @@ class BusyTarget:
         self.may_go_on.wait(PATIENCE_S)
         return wire.Ack()
 
-    def listen(self, is_called) -> None: ...
+    def listen(self, client, tokens) -> None: ...
 
     def withdraw(self) -> None:
         self.withdrawn.set()

@@ -140,7 +140,7 @@ class Standing:
         if isinstance(request, wire.Command):
             self.is_waiting.set()
             return
-        if isinstance(request, wire.Abort):
+        if isinstance(request, wire.Describe) and self.is_waiting.is_set():
             self.replies.append(wire.Refused("ABORTED", "the session is to end"))
         self.replies.append(self.target.handle(request))
 

@@ -386,7 +386,7 @@ def test_after_a_lost_runner_the_target_is_halted_and_the_world_observed(build_b
     bench = build_bench()
     bench.handle.load(build_session().scene)
     order = Reconcile(session=build_session(), epoch=2, evidence="evidence/x", reason="the worker died")
-    execution = bench.runner.observe_only(order, 2, b"")
+    execution = bench.runner.observe_only(order, 2)
 
     assert (execution.ended, execution.message, execution.ticks) == (Ended.RUNNER_LOST, "the worker died", 0)
     assert (bench.workspace / "evidence" / "x" / evidence.AFTER).exists()

@@ -72,7 +72,7 @@ class Steps:
     def restore(self, belief, looks) -> None:
         self.told.append(f"believe {sorted(belief.entities)}")
 
-    def observe_only(self, order, epoch, token) -> Execution:
+    def observe_only(self, order, epoch) -> Execution:
         self.told.append(f"look {order.session.id}")
         return Execution(ended=order.ended, evidence=order.evidence)
 

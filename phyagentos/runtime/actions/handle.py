@@ -64,8 +64,8 @@ class TargetSessionHandle:
         sees_truth: Whether observations come with the ground truth (`sensing: truth`).
 
     Attributes:
-        is_ending: Called several times a second while a motion waits for other targets of a shared world; whether the
-            session is to end.
+        is_ending: Whether the session is to end; called while a motion waits for other targets of a shared world.
+        token: Of the epoch that begins next.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
@@ -81,6 +81,7 @@ class TargetSessionHandle:
         sees_truth: bool = False,
     ) -> None:
         self.is_ending: Callable[[], bool] = lambda: False
+        self.token = b""
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
         self._connection = connection
@@ -132,10 +133,10 @@ class TargetSessionHandle:
         self._loaded = None if snapshot else (scene, loaded)
         return loaded
 
-    def begin(self, session: str, epoch: int, token: bytes = b"") -> wire.Observation:
-        """Take authority for one session by the token of its epoch, and observe once, with a snapshot."""
+    def begin(self, session: str, epoch: int) -> wire.Observation:
+        """Take authority for one session, and observe once, with a snapshot."""
         description = self.describe()
-        self._ask(wire.Begin(session=session, epoch=epoch, token=token), wire.Ack)
+        self._ask(wire.Begin(session=session, epoch=epoch, token=self.token), wire.Ack)
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
         self._sent.clear()
         self._reports.clear()
@@ -321,7 +322,7 @@ class TargetSessionHandle:
         if self._local is not None:
             return self._local.ask(request)
         if self._shares_time and isinstance(request, wire.MOTIONS):
-            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self._find_abort)
+            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self.is_ending)
         return wire.await_reply(self._connection, timeout_s)
 
     def _expect(self, request: wire.Request, reply: wire.Reply, expected: type[ReplyT]) -> ReplyT:
@@ -329,9 +330,6 @@ class TargetSessionHandle:
             message = f"the target refused {type(request).__name__}: {reply.message}"
             raise CommandRefused(reply.code, message, "target")
         return wire.require(request, reply, expected)
-
-    def _find_abort(self) -> wire.Abort | None:
-        return wire.Abort(session=self._session, epoch=self._epoch) if self.is_ending() else None
 
     def _check_permitted(self, operation: str) -> None:
         if operation not in self._permitted:

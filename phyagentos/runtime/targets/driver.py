@@ -90,9 +90,6 @@ class TargetDriver(ABC):
     def halt(self, category: int = 2) -> None:
         """Come to rest within the limits, by its own means, and hold; stop category of IEC 60204-1, 9.2.2."""
 
-    def abort(self) -> None:  # noqa: B027 - most drivers wait for no other target
-        """The session is to end: its motions wait no longer for other targets, see `wire.Abort`."""
-
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
         """Use one of the described tools; raises ExecutionError `MALFORMED` for wrong arguments."""
         raise ExecutionError("UNKNOWN_TOOL", f"the target has no tool {name!r}")

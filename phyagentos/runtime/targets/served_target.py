@@ -11,9 +11,11 @@ from collections.abc import Callable
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError, format_names
+from phyagentos.runtime.channel import PeerChannel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.authority import Authority
 from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
 
 SETTLE_MAX_S = 60.0
@@ -66,11 +68,8 @@ class ServedTarget:
         """Whether the latest command left the body in motion."""
         return self.driver.is_moving
 
-    def listen(self, is_called: Callable[[], bool]) -> None:
-        """A client was admitted; `is_called` tells, while its request is carried out, whether it wants something else.
-
-        That is an `Abort`, or its end. Only a target that waits for others asks.
-        """
+    def listen(self, client: PeerChannel, tokens: Tokens) -> None:
+        """A client was admitted; a target that waits for others looks at both meanwhile."""
 
     def withdraw(self) -> None:
         """Halt when the client disconnects; its authority ends."""
@@ -154,14 +153,9 @@ class ServedTarget:
             step = msgspec.structs.replace(step, stopped=stopped)
         return step
 
-    def _bring_to_rest(
-        self, request: wire.Halt | wire.Settle | wire.End | wire.Abort
-    ) -> wire.Step | wire.Ended | wire.Ack:
+    def _bring_to_rest(self, request: wire.Halt | wire.Settle | wire.End) -> wire.Step | wire.Ended:
         """Requests that only the session in authority may send, even after a stop."""
         match request:
-            case wire.Abort():
-                self.driver.abort()
-                return wire.Ack()
             case wire.Halt():
                 self.driver.halt(request.category)
                 if request.category == 1 and not self._authority.stopped:

@@ -6,7 +6,6 @@ A client that disconnects loses its authority and the target halts; the next cli
 import contextlib
 from collections import deque
 from collections.abc import Callable
-from functools import partial
 from multiprocessing.connection import Listener, wait
 from pathlib import Path
 from typing import Protocol
@@ -66,7 +65,7 @@ def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable
                     if not client.poll(GREETING_S):
                         continue
                     tokens.admit(client)
-                    target.listen(partial(_is_called, client, tokens))
+                    target.listen(client, tokens)
                     while True:
                         while not client.poll(LOOK_S):
                             if tokens.is_stale:
@@ -75,11 +74,6 @@ def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable
                             return
                 except (EOFError, OSError):
                     target.withdraw()
-
-
-def _is_called(client: PeerChannel, tokens: Tokens) -> bool:
-    """Whether a client has sent more than the request that is carried out, is gone, or was replaced."""
-    return tokens.is_stale or client.poll()
 
 
 def answer(

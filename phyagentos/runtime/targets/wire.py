@@ -117,17 +117,6 @@ class End(msgspec.Struct, frozen=True, tag=True):
     epoch: int
 
 
-class Abort(msgspec.Struct, frozen=True, tag=True):
-    """The session is to end: what it asked for waits no longer for other targets of the world. Reply: `Ack`.
-
-    It may be sent while a request waits for its reply. A waiting command is refused with `ABORTED`; a halt or settling
-    is carried out, now and later, as soon as no other target is in the middle of a motion.
-    """
-
-    session: str
-    epoch: int
-
-
 class Observe(msgspec.Struct, frozen=True, tag=True):
     """Ask for an observation without moving time. Reply: `Observation`.
 
@@ -339,9 +328,7 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
 
 
 MOTIONS = (Begin, Command, Halt, Settle, End)  # simulated time may move in these requests
-Request = (
-    Describe | LoadScene | Begin | Command | Halt | Settle | End | Abort | Observe | Capture | InvokeTool | Shutdown
-)
+Request = Describe | LoadScene | Begin | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
 Reply = Ack | Refused | Description | Loaded | Step | Observation | Ended | ToolResult | Frames
 ReplyT = TypeVar("ReplyT", bound=Reply)
 
@@ -350,7 +337,7 @@ REPLIES = Codec[Reply](Reply, "reply")
 
 
 def exchange(
-    connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], Abort | None] | None = None
+    connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], bool] | None = None
 ) -> Reply:
     """One request and its reply; see `await_reply`."""
     send_request(connection, request)
@@ -369,24 +356,26 @@ def send_request(connection: Channel, request: Request) -> None:
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
 
 
-def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], Abort | None] | None = None) -> Reply:
+def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None) -> Reply:
     """The next reply, within `timeout_s` [s]; without one the connection is closed, so none is mistaken.
 
-    `on_wait` is called every `WAIT_SLICE_S` meanwhile; the first `Abort` that it returns is sent.
+    `on_wait` is called every `WAIT_SLICE_S` meanwhile. When it says that the session is to end, one more request tells
+    the target. It refuses a command that waits for other targets with `ABORTED`, and carries out a halt or settling as
+    soon as none of them is in the middle of a motion.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
     """
-    waited_s, is_aborted = 0.0, False
+    waited_s, is_ending = 0.0, False
     try:
         while on_wait is not None and waited_s < timeout_s and not connection.poll(WAIT_SLICE_S):
-            if (abort := on_wait()) is not None and not is_aborted:
-                connection.send_bytes(REQUESTS.encode(abort))
-                is_aborted = True
+            if on_wait() and not is_ending:
+                is_ending = True
+                connection.send_bytes(REQUESTS.encode(Describe()))
             waited_s += WAIT_SLICE_S
         reply = receive_reply(connection, timeout_s - waited_s)
-        if is_aborted:
-            receive_reply(connection, timeout_s - waited_s)  # to the abort
+        if is_ending:
+            receive_reply(connection, timeout_s)
         return reply
     except (ExecutionError, OSError) as error:
         connection.close()

@@ -85,15 +85,7 @@ class SessionRunner:
         self._open_criteria: tuple[str, ...] = ()
 
     def run(
-        self,
-        session: Session,
-        epoch: int,
-        plan: Mapping[str, Any],
-        *,
-        evidence: str,
-        cancel: Cancel,
-        beat: Beat,
-        token: bytes = b"",
+        self, session: Session, epoch: int, plan: Mapping[str, Any], *, evidence: str, cancel: Cancel, beat: Beat
     ) -> Execution:
         """Carry out one session and leave its bundle.
 
@@ -104,7 +96,6 @@ class SessionRunner:
             evidence: Folder of the bundle, relative to the workspace.
             cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
             beat: Called in every turn.
-            token: Of the epoch, for the target.
 
         Returns:
             How the execution ended. Never raises for what the world, a leaf or a tree did.
@@ -113,7 +104,7 @@ class SessionRunner:
         recorder = self._bundles.open(evidence)
         recorder.write_contract(session, epoch, plan, self._bundles.settings_sha256)
         try:
-            run = self._open(session, epoch, plan, recorder, cancel, beat, token)
+            run = self._open(session, epoch, plan, recorder, cancel, beat)
         except (DefinitionError, ExecutionError) as error:
             return self._give_up(session, error, recorder, evidence)
         run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
@@ -139,7 +130,7 @@ class SessionRunner:
             msgspec.structs.replace(report, open_criteria=self._open_criteria, driver=driver)
         )
 
-    def observe_only(self, order: Reconcile, epoch: int, token: bytes) -> Execution:
+    def observe_only(self, order: Reconcile, epoch: int) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
 
         The files of the bundle stay.
@@ -148,7 +139,7 @@ class SessionRunner:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
         """
         recorder = self._bundles.open(order.evidence)
-        self._handle.begin(order.session.id, epoch, token)
+        self._handle.begin(order.session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
         self._world.enter(order.session.scene)
@@ -156,18 +147,11 @@ class SessionRunner:
         return self._close_unmoved(order.session, outcome, recorder, order.evidence)
 
     def _open(
-        self,
-        session: Session,
-        epoch: int,
-        plan: Mapping[str, Any],
-        recorder: Recorder,
-        cancel: Cancel,
-        beat: Beat,
-        token: bytes,
+        self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat
     ) -> _Run:
         """Take authority, observe, record, build the skill."""
         handle = self._handle
-        observation = handle.begin(session.id, epoch, token)
+        observation = handle.begin(session.id, epoch)
         self._world.enter(session.scene)
         initial = self._world.observe(WORLD)
         handle.guard_against(initial)

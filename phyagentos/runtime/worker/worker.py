@@ -113,12 +113,12 @@ class WorkerLoop:
                 self._control.send_bytes(encode(self._check(order)))
             elif isinstance(order, Run):
                 checked, self._checked, self._lease_until_s = self._checked, None, order.until_s
+                self._handle.token = order.token
                 if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
                     done = self._runner.run(
                         order.session,
                         order.epoch,
                         checked.plan,
-                        token=order.token,
                         evidence=order.evidence,
                         cancel=self._find_stop_reason,
                         beat=self._heartbeat.beat,
@@ -264,7 +264,8 @@ class WorkerLoop:
     def _observe(self, order: Reconcile, number: int = 0) -> Execution:
         """Under an epoch that is new to the target: an earlier observer may have been lost too."""
         try:
-            return self._runner.observe_only(order, order.epoch + number, order.tokens[number])
+            self._handle.token = order.tokens[number]
+            return self._runner.observe_only(order, order.epoch + number)
         except CommandRefused as refused:
             if refused.code != "STALE_TOKEN" or number + 1 == len(order.tokens):
                 raise

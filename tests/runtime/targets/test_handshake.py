@@ -38,7 +38,7 @@ class Acknowledging:
         self.asked.append(request)
         return wire.Ack()
 
-    def listen(self, is_called):
+    def listen(self, client, tokens):
         pass
 
     def withdraw(self):

@@ -18,7 +18,7 @@ class Recording:
         self.handled.append(request)
         return Ack()
 
-    def listen(self, is_called):
+    def listen(self, client, tokens):
         pass
 
     def withdraw(self):

@@ -1,6 +1,7 @@
 """Two arms at one table: one model and one time, but each its own authority, limits, stops and log."""
 
 import threading
+from multiprocessing import Pipe
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, keep_pace
 from phyagentos.runtime.drivers.mujoco.simulation import POLL_S
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
@@ -256,16 +258,16 @@ def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_oth
     command = wire.Command("s", 1, 2, table.simulation.time_s + 1.0, q, qd, np.full(10, 0.08))
     time_s, left_rad, looks = table.simulation.time_s, table.left.robot.physics.q_rad, []
 
-    def abort():
+    def is_ending():
         looks.append(SystemClock().now_s())
-        return wire.Abort("s", 1)
+        return True
 
-    refused = wire.exchange(channel, command, 30.0, abort)
+    refused = wire.exchange(channel, command, 30.0, is_ending)
     assert refused.code == "ABORTED"
     assert SystemClock().now_s() - looks[0] < 5 * POLL_S
     assert table.simulation.time_s == time_s
-    assert isinstance(wire.exchange(channel, wire.Halt("s", 1), 30.0), wire.Step)
-    assert isinstance(wire.exchange(channel, wire.Settle("s", 1, 0.3), 30.0), wire.Step)
+    assert isinstance(wire.exchange(channel, wire.Halt("s", 1), 30.0, is_ending), wire.Step)
+    assert isinstance(wire.exchange(channel, wire.Settle("s", 1, 0.3), 30.0, is_ending), wire.Step)
     assert isinstance(wire.exchange(channel, wire.End("s", 1), 30.0), wire.Ended)
 
     assert not table.right.is_moving
@@ -282,7 +284,7 @@ def test_an_aborted_arm_waits_for_one_in_mid_motion(library):
     for target in table.targets:
         table.begin(target)
     set_in_motion(table)
-    table.left.handle(wire.Abort("s", 1))
+    table.simulation.ending.add("left_arm")
 
     settles = threading.Thread(target=table.left.handle, args=(wire.Settle("s", 1, 0.1),), daemon=True)
     settles.start()
@@ -299,7 +301,8 @@ def test_an_emergency_stop_is_heard_by_a_command_that_waits(library):
     for target in table.targets:
         table.begin(target)
     q, qd = set_in_motion(table)
-    table.right.listen(lambda: False)
+    ours, theirs = Pipe()
+    table.right.listen(Link(ours), Tokens())
     replies = []
     waits = threading.Thread(target=lambda: replies.append(table.command(table.right, q, qd)), daemon=True)
     waits.start()
@@ -311,6 +314,7 @@ def test_an_emergency_stop_is_heard_by_a_command_that_waits(library):
     assert replies[0].code == "ESTOPPED"
     assert not table.right.is_moving
     assert isinstance(table.right.handle(wire.Settle("s", 1, 0.1)), wire.Step)  # though the left arm stands
+    theirs.close()
 
 
 def test_an_emergency_stop_brings_both_to_rest_and_both_logs_say_so(library, tmp_path):

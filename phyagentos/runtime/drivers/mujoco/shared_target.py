@@ -10,8 +10,10 @@ from collections.abc import Callable, Sequence
 from typing_extensions import override
 
 from phyagentos.clock import Clock
+from phyagentos.runtime.channel import PeerChannel
 from phyagentos.runtime.drivers.mujoco.simulation import ESTOPPED
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.realtime import AHEAD_PERIODS, Pace
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -52,12 +54,10 @@ class SharedTarget(ServedTarget):
         return super().handle(request)  # pictures take longer than a period; the driver locks what it reads
 
     @override
-    def listen(self, is_called: Callable[[], bool]) -> None:
-        def is_wanted() -> bool:
-            self.look_for_stops()
-            return is_called()
-
-        self.robot.world.simulation.listeners[self.robot.profile.target] = is_wanted
+    def listen(self, client: PeerChannel, tokens: Tokens) -> None:
+        self.robot.world.simulation.listeners[self.robot.profile.target] = lambda: (
+            self.look_for_stops() or tokens.is_stale or client.poll()
+        )
 
     @override
     def withdraw(self) -> None:

@@ -23,9 +23,7 @@ ReadAgreement = Callable[[], Mapping[str, str] | None]
 POLL_S = 0.1  # between two reads of the runtime plane's state, without an event
 PATIENCE = 10  # such looks, until a motion of a session that the runtime plane has given up is given up too
 SESSION_LOST, ESTOPPED, ABORTED = "SESSION_LOST", "ESTOPPED", "ABORTED"
-BROKEN_OFF = frozenset(
-    {SESSION_LOST, ESTOPPED, ABORTED}
-)  # codes of motions that were given up from outside, while they waited
+BROKEN_OFF = frozenset({SESSION_LOST, ESTOPPED, ABORTED})  # motions that were given up from outside, while they waited
 
 
 class Body(Protocol):
@@ -62,8 +60,8 @@ class Simulation:
         control_period_s: Of all robots [s].
         is_paced: Whether `pass_period` alone moves time, by the wall clock.
         lock: Guards a shared world.
-        listeners: Asked by a motion that waits, by its robot: stops are looked for, and whether it is to end.
-        aborted: Robots whose session is to end; they bring themselves to rest while the others stand.
+        listeners: Called by a motion that waits, by robot: whether its session is to end.
+        ending: Robots whose session is to end; they come to rest while the others stand.
     """
 
     read_agreement: ReadAgreement | None = None
@@ -73,7 +71,7 @@ class Simulation:
     is_paced: bool = False
     lock: threading.Condition = field(default_factory=threading.Condition)
     listeners: dict[str, Callable[[], bool]] = field(default_factory=dict)
-    aborted: set[str] = field(default_factory=set)
+    ending: set[str] = field(default_factory=set)
     _moves: dict[str, _Move] = field(default_factory=dict)
     _standing: dict[str, Motion] = field(default_factory=dict)
     _primed: set[str] = field(default_factory=set)
@@ -120,34 +118,22 @@ class Simulation:
                 self.lock.notify_all()
             elif not self.lock.wait(POLL_S):
                 if name in self.listeners and self.listeners[name]():
-                    self.abort(name)
-                if may_abort and name in self.aborted:
-                    self._give_up(name, move, ABORTED)
-                elif agreed is not None:
+                    self.ending.add(name)
+                if agreed is not None:
                     patience = PATIENCE if agreed.get(name, "") == self.bodies[name].session else patience - 1
-                    if not patience:
-                        self._give_up(name, move, SESSION_LOST)
+                if name in self.find_commanded() and (not patience or (may_abort and name in self.ending)):
+                    self._primed.discard(name)
+                    move.ended = ABORTED if patience else SESSION_LOST
         if self._moves.get(name) is move:
             del self._moves[name]
         return move.ended
-
-    def abort(self, name: str) -> None:
-        """A robot's session is to end: time moves for its halts whatever else time stands for."""
-        with self.lock:
-            self.aborted.add(name)
-            self.lock.notify_all()
-
-    def _give_up(self, name: str, move: _Move, code: str) -> None:
-        if move.ended is None:
-            self._primed.discard(name)
-            move.ended = code
 
     def let_stand(self, name: str) -> None:
         """End a robot's session: it comes to rest as time passes, at once where no other session runs."""
         with self.lock:
             self._moves.pop(name, None)
             self._primed.discard(name)
-            self.aborted.discard(name)
+            self.ending.discard(name)
             if not any(body.session for body in self.bodies.values()):
                 self.rest("")
             self.lock.notify_all()
@@ -173,7 +159,7 @@ class Simulation:
             for move in waited.values():
                 move.ended = code
             if code:
-                self.aborted.update(name for name, body in self.bodies.items() if body.session)
+                self.ending.update(name for name, body in self.bodies.items() if body.session)
             self._moves.clear()
             self.lock.notify_all()
 
@@ -204,7 +190,7 @@ class Simulation:
     def _may_move(self, agreed: Mapping[str, str] | None) -> bool:
         """Whether every running robot has a motion, and the runtime plane agrees on the running sessions."""
         commanded = self.find_commanded()
-        if not self.aborted.isdisjoint(commanded):
+        if not self.ending.isdisjoint(commanded):
             bodies = self.bodies.items()
             return all(name in commanded or not (body.session and body.controller.is_moving) for name, body in bodies)
         running = {name: body.session for name, body in self.bodies.items() if body.session}

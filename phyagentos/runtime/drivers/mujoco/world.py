@@ -233,9 +233,9 @@ class MujocoDriver(TargetDriver):
     def begin(self, session: str, epoch: int) -> None:
         present, self.session = self._get_present(), session
         if self.is_moving:
-            self.world.simulation.abort(self.profile.target)
+            self.world.simulation.ending.add(self.profile.target)
             self.world.simulation.carry_out(self.profile.target, present.controller.halt())
-        self.world.simulation.aborted.discard(self.profile.target)
+        self.world.simulation.ending.discard(self.profile.target)
         present.controller.begin()
         present.controller.activations = list(present.faults.on_session(session))
 
@@ -254,10 +254,6 @@ class MujocoDriver(TargetDriver):
         if stopped in BROKEN_OFF:
             raise ExecutionError(stopped, "the command was broken off; the robot has come to rest")
         return stopped
-
-    @override
-    def abort(self) -> None:
-        self.world.simulation.abort(self.profile.target)
 
     @override
     def halt(self, category: int = 2) -> None:
