@@ -10,13 +10,16 @@ DEMO_SEED   ?= 7
 DEMO_FAULTS ?= faults/slip.yaml
 DEMO_SPACE  := workspaces/demo
 
-FAST := fast
+FAST     := fast
+JOURNEYS := build/journeys
+PEERS    := build/peers
+PEERS_OF := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["peers"])
 
 .DEFAULT_GOAL := help
-.PHONY: help setup pictures demo test check static format schemas wheel clean
+.PHONY: help setup pictures demo test test-extras check static format schemas wheel clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
 
 setup: $(STAMP) pictures  ## create .venv and install the project in it
 
@@ -41,10 +44,20 @@ test: setup  ## every test, the fast ones first
 	@echo "test: motion and simulation"
 	@$(BIN)/pytest -q -n 2 -m "(sim or motion) and not journey and not alone"
 	@echo "test: what keeps real time, alone on the machine"
-	@$(BIN)/pytest -q -m "alone and not journey"
+	@$(BIN)/pytest -q -m alone
 	@echo "test: journeys"
-	@$(BIN)/pytest -q -n 2 -m journey --ignore tests/journeys
-	@$(BIN)/pytest -q -m journey tests/journeys
+	@mkdir -p $(JOURNEYS)
+	@$(BIN)/pytest -q -n 2 --dist worksteal -m "journey and not alone" --basetemp $(JOURNEYS)
+	@$(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $(JOURNEYS)
+
+test-extras: setup $(PEERS)/.installed  ## tests beside systems of others, which it installs in build/peers
+	@$(BIN)/pytest -q -m extras --peers-python $(PEERS)/bin/python
+
+$(PEERS)/.installed: pyproject.toml | $(STAMP)
+	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
+	@echo "test-extras: installing the extra peers into $(PEERS) (a few minutes)"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(PEERS)/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(PEERS_OF)')
+	@touch $@
 
 check: static  ## formatting, lint, types, import contracts, fast tests
 	@$(BIN)/pytest -q -n 2 -m "$(FAST)"

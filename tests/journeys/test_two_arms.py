@@ -215,7 +215,7 @@ def test_at_one_table_an_arm_that_waits_for_a_paused_one_is_stopped_all_the_same
         assert arms.executions["left"]["ended"] == "completed"
 
 
-@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+@pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=pytest.mark.alone)])
 def test_at_one_table_an_emergency_stop_ends_both(one_table, mode):
     arms = one_table(mode)
     arms.signal("estop", "")
@@ -225,6 +225,7 @@ def test_at_one_table_an_emergency_stop_ends_both(one_table, mode):
     assert [arms.executions[name]["code"] for name in ("left", "right")] == ["ESTOPPED", "ESTOPPED"]
 
 
+@pytest.mark.alone
 def test_at_one_table_both_work_in_real_time(one_table):
     arms = one_table("realtime")
     arms.wait_for("left", "finish")
