@@ -19,6 +19,7 @@ from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
 
 SETTLE_MAX_S = 60.0
+_UNLOGGED = (wire.Observe, wire.Describe, wire.Capture, wire.Shutdown)
 
 
 class ServedTarget:
@@ -142,7 +143,7 @@ class ServedTarget:
         if isinstance(request, wire.InvokeTool):
             tools = self._description.tools if self._description is not None else ()
             return any(tool.moves and tool.name == request.name for tool in tools)
-        return not isinstance(request, wire.Observe | wire.Describe | wire.Capture | wire.Shutdown)
+        return not isinstance(request, _UNLOGGED)
 
     def _report(self, stopped: str) -> wire.Step:
         """The end of a command, with the code of the body's own stop."""
