@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import daqp
 import mink
-import mujoco
 import numpy as np
 
 from phyagentos.runtime.motion.chain import LIMIT_MARGIN_RAD, Chain
@@ -19,7 +18,6 @@ from phyagentos.runtime.motion.robot_model import RobotModel
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
 JUMP_MAX_RAD = 0.35  # a larger step between neighbours on a line is another branch of the inverse
-LIMIT_GAIN = 0.95  # of the way to a joint limit that one program may go
 _DT_S = 0.1  # scales the velocity limits of the program only; convergence does not depend on it
 
 
@@ -43,19 +41,6 @@ class Solution:
     solved: Differential
 
 
-class _HingeLimit(mink.ConfigurationLimit):  # type: ignore[misc]
-    """mink's limit of a robot of hinges alone: the same bounds for a quarter of its cost."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        super().__init__(model, gain=LIMIT_GAIN, min_distance_from_limits=LIMIT_MARGIN_RAD)
-        self._rows = np.vstack((self.projection_matrix, -self.projection_matrix))
-
-    def compute_qp_inequalities(self, configuration: mink.Configuration, dt: float) -> mink.Constraint:
-        q_rad = configuration.q
-        bounds = np.concatenate((self.gain * (self.upper - q_rad), self.gain * (q_rad - self.lower)))
-        return mink.Constraint(G=self._rows, h=bounds)
-
-
 class Kinematics:
     """The inverse kinematics of one robot."""
 
@@ -64,9 +49,12 @@ class Kinematics:
         self._configuration = mink.Configuration(robot.model)
         self._tool = mink.FrameTask(robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
         self._posture = mink.PostureTask(robot.model, cost=1e-4)
-        self._limits = [_HingeLimit(robot.model)]
+        self._limits = [mink.ConfigurationLimit(robot.model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
         bounds = 2 * robot.model.nv
-        self._unbounded, self._inequalities = np.full(bounds, -1e30), np.zeros(bounds, dtype=np.int32)
+        self._unbounded, self._inequalities = (
+            np.full(bounds, -1e30),
+            np.zeros(bounds, dtype=np.int32),
+        )  # as daqp takes them
 
     def solve(
         self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED, max_iterations: int = 60

@@ -7,11 +7,12 @@ from math import sqrt
 import numpy as np
 
 from phyagentos.geometry import compute_matrix
-from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array
 
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
+_compute_frame = lru_cache(maxsize=256)(compute_matrix)  # of a shape's pose, which seldom changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +44,6 @@ def compute_shape_boxes(entity: Entity) -> list[Box]:
     return [
         Box(world_T_entity @ _compute_frame(shape.pose), np.array(compute_half_box(shape))) for shape in entity.shapes
     ]
-
-
-@lru_cache(maxsize=256)
-def _compute_frame(entity_T_shape: Pose) -> Array:
-    """The matrix of a shape's pose, which seldom changes; read-only."""
-    frame = compute_matrix(entity_T_shape)
-    frame.flags.writeable = False
-    return frame
 
 
 def compute_bounds(shapes: tuple[Shape, ...]) -> tuple[Array, Array]:
