@@ -50,11 +50,8 @@ class Kinematics:
         self._tool = mink.FrameTask(robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
         self._posture = mink.PostureTask(robot.model, cost=1e-4)
         self._limits = [mink.ConfigurationLimit(robot.model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
-        bounds = 2 * robot.model.nv
-        self._unbounded, self._inequalities = (
-            np.full(bounds, -1e30),
-            np.zeros(bounds, dtype=np.int32),
-        )  # as daqp takes them
+        rows = 2 * robot.model.nv
+        self._unbounded, self._inequalities = np.full(rows, -1e30), np.zeros(rows, dtype=np.int32)  # in daqp's words
 
     def solve(
         self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED, max_iterations: int = 60
