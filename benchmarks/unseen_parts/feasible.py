@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from benchmarks.unseen_parts.goals import Case, Node
+from benchmarks.unseen_parts.cases import Case, Node
 from benchmarks.unseen_parts.rooms import Room, Thing
 
 REACH_M = 0.90  # level distance of a fingertip from the base: 0.70 to the wrist, then flange and hand laid flat

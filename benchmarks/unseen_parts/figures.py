@@ -47,17 +47,21 @@ class Tally:
         return [goal for goal in self.goals if goal.feasible == "no"]
 
     @property
+    def met(self) -> list[SessionRecord]:
+        """Sessions that met their objective in truth, but for those that only asked to look again."""
+        return [session for session in self.sessions if session.truth == "met" and not session.is_open]
+
+    @property
     def false_successes(self) -> int:
         """Verdicts of sessions and of goals that say success of what is not so."""
         return sum(s.is_false_success for s in self.sessions) + sum(goal.is_false_success for goal in self.goals)
 
     def build_figures(self) -> dict[str, float]:
         """The numbers of the closing line."""
-        met = [session for session in self.sessions if session.truth == "met"]
         rates = {
             "feasible_goals_met": (sum(goal.is_met for goal in self.feasible), len(self.feasible)),
             "feasible_nodes_first_attempt": (sum(n.first for n in self.first_attempts), len(self.first_attempts)),
-            "false_failures": (sum(session.is_false_failure for session in met), len(met)),
+            "false_failures": (sum(s.is_false_failure for s in self.met), len(self.met)),
             "infeasible_refused": (sum(goal.is_refused for goal in self.infeasible), len(self.infeasible)),
         }
         figures = {name: ok / count if count else float("nan") for name, (ok, count) in rates.items()}
@@ -82,10 +86,7 @@ class Tally:
             ("feasible goals met", [goal.is_met for goal in self.feasible]),
             ("feasible nodes met at first attempt, no fault", [node.first for node in self.first_attempts]),
             ("false successes of judged sessions and goals", [True] * self.false_successes),
-            (
-                "false failures of sessions met in truth",
-                [s.is_false_failure for s in self.sessions if s.truth == "met"],
-            ),
+            ("false failures of sessions met in truth", [session.is_false_failure for session in self.met]),
             ("infeasible goals refused before motion", [goal.is_refused for goal in self.infeasible]),
         )
         for name, values in rows:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from benchmarks.unseen_parts.goals import Case
+from benchmarks.unseen_parts.cases import Case
 from benchmarks.unseen_parts.rooms import TABLE_RGB, TABLE_X_M, TABLE_Y_M, Room, Thing
 
 FOLDER = "unseen"

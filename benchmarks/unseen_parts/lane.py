@@ -15,8 +15,9 @@ from pathlib import Path
 
 import msgspec
 
+from benchmarks.unseen_parts.cases import Case
 from benchmarks.unseen_parts.files import write_project
-from benchmarks.unseen_parts.goals import Case, draw_case
+from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.records import Recorder, begin_record
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
 from phyagentos.assembly.paths import open_project

@@ -1,17 +1,18 @@
 """One goal as it ended, judged: a line of the results file, from which every figure can be computed again."""
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
+from benchmarks.unseen_parts.cases import Case, Node
 from benchmarks.unseen_parts.feasible import find_contradiction, list_obstacles
-from benchmarks.unseen_parts.goals import Case, Node
 from benchmarks.unseen_parts.judge import Judge, open_judge, open_start
 
+LOOK_AGAIN = "EVIDENCE_MISSING"
 STILL_RAD = 0.02  # joints that turn less have not been commanded anywhere
 
 
@@ -23,6 +24,7 @@ class SessionRecord:
         truth: `met`, `unmet`, or `open` where two honest judges may differ; empty without a recorded end.
         against: What decided against it, as `predicate: value in tolerances`.
         moved: Whether the arm moved.
+        is_open: Whether it was unknown whether the objective was met, and a later session of the node looked or tried.
     """
 
     id: str
@@ -36,6 +38,7 @@ class SessionRecord:
     truth: str
     against: tuple[str, ...] = ()
     moved: bool = False
+    is_open: bool = False
 
     @property
     def is_judged(self) -> bool:
@@ -49,8 +52,8 @@ class SessionRecord:
 
     @property
     def is_false_failure(self) -> bool:
-        """Said not to be met, and it is."""
-        return self.is_judged and self.verdict != "success" and self.truth == "met"
+        """Said at last not to be met, or still not known, and it is met."""
+        return self.is_judged and self.verdict != "success" and self.truth == "met" and not self.is_open
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +80,7 @@ class GoalRecord:
     Attributes:
         kind: `plain`, `fault` or `impossible`; of a stress table with its name before it.
         ended: `over`, `crashed` or `hung`.
-        truth: Of its own acceptance at the end of its last session, as of a session.
+        truth: Of its own acceptance at the end of its last session, as of a session; empty where it has none.
         feasible: `yes`, `no`, or `open` where a false claim or a lasting fault spoils it.
         error: What a crash said.
     """
@@ -147,7 +150,7 @@ class Recorder:
 
     def record(self, wall_s: float) -> GoalRecord:
         """The line of this goal."""
-        sessions = tuple(self._record_session(each) for each in self.report["sessions"])
+        sessions = mark_open([self._record_session(each) for each in self.report["sessions"]])
         ended = [each["id"] for each in self.report["sessions"] if self._has_end(each["id"])]
         nodes = tuple(self._record_node(node, sessions, ended[:1]) for node in self.case.nodes)
         truth, against = "", tuple[str, ...]()
@@ -188,8 +191,7 @@ class Recorder:
     def _record_session(self, told: dict[str, Any]) -> SessionRecord:
         bundle, truth, against = self.folder / told["id"], "", tuple[str, ...]()
         if self._has_end(told["id"]):
-            contract = yaml.safe_load((bundle / "contract.yaml").read_text())["session"]
-            truth, against = decide(open_judge(self.case.room, bundle), contract.get("accept", []))
+            truth, against = decide(open_judge(self.case.room, bundle), list_asked(bundle, told))
         return SessionRecord(
             id=told["id"],
             node=told["node"],
@@ -215,6 +217,26 @@ class Recorder:
         return NodeRecord(name=node.name, skill=node.skill, feasible=feasible, why=why, first=met)
 
 
+def list_asked(bundle: Path, told: dict[str, Any]) -> list[str]:
+    """What a session was to meet: by its contract, and by the verdict, which a look gives about another session too.
+
+    `moved` of that other session counts from a beginning that this bundle does not hold, and is left out.
+    """
+    accept = yaml.safe_load((bundle / "contract.yaml").read_text())["session"].get("accept", [])
+    judged = [each["text"] for each in told["criteria"] if each["kind"] == "accept"]
+    return list(dict.fromkeys([*accept, *(text for text in judged if "moved(" not in text)]))
+
+
+def mark_open(sessions: list[SessionRecord]) -> tuple[SessionRecord, ...]:
+    """Mark each session that asked to look again and was followed by another one of its node."""
+    later: set[str] = set()
+    marked = []
+    for session in reversed(sessions):
+        marked.append(replace(session, is_open=session.cause == LOOK_AGAIN and session.node in later))
+        later |= {session.node} if session.truth else set()
+    return tuple(reversed(marked))
+
+
 def begin_record(case: Case, table: str, **rest: Any) -> GoalRecord:
     """A record with what is known of a case before it runs."""
     kind = "impossible" if case.detail else "fault" if case.faults else "plain"
@@ -227,10 +249,12 @@ def is_lasting(fault: dict[str, object]) -> bool:
     return fault["kind"] == "remove" or fault.get("camera") == "*"
 
 
-def decide(judge: Judge, accept: "list[str] | tuple[str, ...]") -> tuple[str, tuple[str, ...]]:
-    """`met`, `unmet` or `open`, with what decided against it."""
+def decide(judge: Judge, accept: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+    """`met`, `unmet` or `open`, with what decided against it; no truth where nothing is asked."""
+    if not accept:
+        return "", ()
     values = {text: judge.judge(text) for text in accept}
-    least = min(values.values(), default=0.0)
+    least = min(values.values())
     truth = "met" if least >= 1 else "unmet" if least <= -1 else "open"
     return truth, tuple(f"{text}: {value:.2f}" for text, value in values.items() if value < 1)
 

@@ -10,18 +10,19 @@ from pathlib import Path
 import pytest
 
 from benchmarks import unseen
+from benchmarks.unseen_parts.cases import Case, Node
 from benchmarks.unseen_parts.feasible import find_contradiction, list_obstacles
 from benchmarks.unseen_parts.figures import Tally, find_interval
 from benchmarks.unseen_parts.files import render_goal, render_scene, write_project
 from benchmarks.unseen_parts.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
-from benchmarks.unseen_parts.goals import Case, Node, draw_case
+from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.lanes import run_lanes
-from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, begin_record
+from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, begin_record, mark_open
 from benchmarks.unseen_parts.rooms import Room, Thing
 from phyagentos.cli.lint import lint_paths
 
 PARTS = Path(unseen.__file__).parent / "unseen_parts"
-PURE = ("forms", "rooms", "goals", "feasible", "judge", "records")
+PURE = ("forms", "rooms", "cases", "faults", "impossible", "goals", "feasible", "judge", "records")
 
 CASES = [draw_case(seed) for seed in range(160)]
 
@@ -179,6 +180,13 @@ def test_figures_count_verdicts_against_truth():
     assert figures["feasible_goals_met"] == 0.25
     assert figures["hung"] == 1
     assert figures["false_success_bound"] > 2 / 5
+
+
+def test_a_session_that_asks_to_look_again_is_no_false_failure_when_a_look_follows():
+    sessions = [make_session("replan", "met", cause="EVIDENCE_MISSING", id=id) for id in ("g.n1", "g.n1.r1")]
+    assert [session.is_false_failure for session in mark_open(sessions)] == [False, True]
+    other = make_session("success", "met", node="n2")
+    assert mark_open([sessions[0], other])[0].is_false_failure
 
 
 def test_interval_is_exact():
