@@ -31,7 +31,7 @@ def list_obstacles(case: Case, node: Node) -> list[str]:
         found += _iter_grasp(thing)
     place = case.room.things.get(str(node.arguments.get("destination", node.arguments.get("support", ""))))
     if place is not None and node.skill == "pick_and_place":
-        found += _iter_volume(case.room, thing, place)
+        found += _iter_volume(case, thing, place)
     if place is not None and node.skill == "stack" and place.form.kind in ROUND_TOPS:
         found.append(f"{place.name} has no level top: what stands on one point or line falls")
     return found + list(_iter_contradictions(node.accept))
@@ -40,6 +40,20 @@ def list_obstacles(case: Case, node: Node) -> list[str]:
 def find_contradiction(case: Case) -> str:
     """What makes the nodes that move something contradict each other, whatever is done; empty where nothing does."""
     return next(_iter_contradictions([text for node in case.nodes if not node.is_claim for text in node.accept]), "")
+
+
+def find_twin(case: Case, node: Node) -> str:
+    """A thing that nobody could tell from one that the node names: equal in form and colour; empty where there is none.
+
+    Whether such a node can be met is not decided here: no look tells which of the two the name means.
+    """
+    named = set(re.findall(r"\w+", " ".join((*node.accept, *map(str, node.arguments.values())))))
+    for name in sorted(named & set(case.room.things)):
+        one = case.room.things[name]
+        alike = (o for o in case.room.movable if o.name != name and (o.form, o.rgb) == (one.form, one.rgb))
+        if not one.fixed and (twin := next(alike, None)) is not None:
+            return f"{name} looks as {twin.name} does"
+    return ""
 
 
 def _iter_reach(room: Room, thing: Thing, node: Node) -> Iterator[str]:
@@ -65,7 +79,7 @@ def _iter_grasp(thing: Thing) -> Iterator[str]:
         yield f"{thing.name} weighs {weight_n:.1f} N, friction of both fingers bears {hold_n:.1f} N"
 
 
-def _iter_volume(room: Room, thing: Thing, vessel: Thing) -> Iterator[str]:
+def _iter_volume(case: Case, thing: Thing, vessel: Thing) -> Iterator[str]:
     if vessel.form.interior is None or thing.form.kind == "ball":  # a ball may sink between the walls
         return
     sides = sorted(float(side) for side in thing.form.span_m)
@@ -74,11 +88,23 @@ def _iter_volume(room: Room, thing: Thing, vessel: Thing) -> Iterator[str]:
         told = " x ".join(f"{1e3 * side:.0f}" for side in sides)
         free = " x ".join(f"{1e3 * side:.0f}" for side in inner)
         yield f"{thing.name} ({told} mm) does not go into {vessel.name} ({free} mm)"
-    for block in room.movable:
+    yield from _iter_crowd(case, vessel)
+    for block in case.room.movable:
         if block.on == vessel.name and block.form.grip_m > OPENING_M and block.name != thing.name:
             left = 2 * np.array(vessel.form.interior[1][:2]) - block.form.span_m[:2]
             if block.yaw_rad == vessel.yaw_rad and left.max() < sides[0]:
                 yield f"{vessel.name} is filled by {block.name}, which no hand takes out"
+
+
+def _iter_crowd(case: Case, vessel: Thing) -> Iterator[str]:
+    """Everything that is put into a vessel too shallow for two layers, each on its smallest face."""
+    assert vessel.form.interior is not None
+    _, (x, y, z) = vessel.form.interior
+    put = {str(n.arguments["object"]) for n in case.nodes if n.arguments.get("destination") == vessel.name}
+    sides = [sorted(float(side) for side in case.room.things[name].form.span_m) for name in sorted(put)]
+    area = sum(np.pi / 4 * each[0] * each[1] for each in sides)  # a round thing takes no more of its square
+    if all(each[0] > 2 * z for each in sides) and area > 4 * x * y:
+        yield f"{', '.join(sorted(put))} have no room in {vessel.name}: {1e4 * area:.0f} of {4e4 * x * y:.0f} cm2"
 
 
 def _iter_contradictions(texts: Sequence[str]) -> Iterator[str]:

@@ -49,10 +49,13 @@ class Judge:
         model: Of the bundle's `scene.mjb`.
         now: State vector (mjSTATE_INTEGRATION) that is judged.
         before: That from which `moved` counts.
+        broken: Names of cameras that something is wrong with; `*` means all.
     """
 
-    def __init__(self, room: Room, model: mujoco.MjModel, now: Array, before: Array) -> None:
-        self._room, self._model = room, model
+    def __init__(
+        self, room: Room, model: mujoco.MjModel, now: Array, before: Array, broken: frozenset[str] = frozenset()
+    ) -> None:
+        self._room, self._model, self._broken = room, model, broken
         self._now, self._before = mujoco.MjData(model), mujoco.MjData(model)
         for data, state in ((self._now, now), (self._before, before)):
             mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -144,9 +147,13 @@ class Judge:
         return SURE if mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_BODY, thing) >= 0 else -SURE
 
     def _is_visible(self, thing: str) -> float:
-        """Seen by a camera now; what could be seen when the session began is left open, since looks may be that old."""
-        now, then = (max(self._see(thing, camera, data) for camera in self._cameras()) for data in self._moments())
-        return SURE if now >= 0.15 else -SURE if max(now, then) <= 0.0 else 0.0
+        """Seen by a sound camera now; what a broken one has in view, or any had when the session began, is open."""
+        cameras = self._read_cameras()
+        sound = [camera for name, camera in cameras.items() if not self._broken & {name, "*"}]
+        if max((self._see(thing, camera, self._now) for camera in sound), default=0.0) >= 0.15:
+            return SURE
+        moments = (self._now, self._before)
+        return 0.0 if any(self._see(thing, each, data) for each in cameras.values() for data in moments) else -SURE
 
     # -- numbers -------------------------------------------------------------------------------------------------------
 
@@ -164,9 +171,6 @@ class Judge:
         return self._speed(thing), 0.005
 
     # -- geometry ------------------------------------------------------------------------------------------------------
-
-    def _moments(self) -> tuple[mujoco.MjData, mujoco.MjData]:
-        return self._now, self._before
 
     def _id(self, name: str) -> int:
         found = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_BODY, name)
@@ -296,9 +300,9 @@ class Judge:
 
     # -- sight ---------------------------------------------------------------------------------------------------------
 
-    def _cameras(self) -> list[dict[str, object]]:
+    def _read_cameras(self) -> dict[str, dict[str, object]]:
         sensors = yaml.safe_load(SENSORS.read_text())["sensors"]
-        return [sensor["camera"] for sensor in sensors.values() if sensor["modality"] == "rgbd"]
+        return {name: sensor["camera"] for name, sensor in sensors.items() if sensor["modality"] == "rgbd"}
 
     def _see(self, thing: str, camera: dict[str, object], data: mujoco.MjData) -> float:
         """Share of points of a thing that a camera has in its picture with nothing before them."""
@@ -347,10 +351,10 @@ def _compare(value: float, relation: ast.cmpop, bound: float, unit: float) -> fl
     raise ValueError(f"this judge cannot compare by {type(relation).__name__}")
 
 
-def open_judge(room: Room, bundle: Path, before: Path | None = None) -> Judge:
+def open_judge(room: Room, bundle: Path, before: Path | None = None, broken: frozenset[str] = frozenset()) -> Judge:
     """The end of a recorded session; `moved` counts from its own beginning, or from that of another bundle."""
     model = mujoco.MjModel.from_binary_path(str(bundle / "scene.mjb"))
-    return Judge(room, model, _load(bundle / "terminal.npz"), _load((before or bundle) / "initial.npz"))
+    return Judge(room, model, _load(bundle / "terminal.npz"), _load((before or bundle) / "initial.npz"), broken)
 
 
 def open_start(room: Room, bundle: Path) -> Judge:

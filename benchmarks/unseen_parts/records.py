@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.feasible import find_contradiction, list_obstacles
+from benchmarks.unseen_parts.feasible import find_contradiction, find_twin, list_obstacles
 from benchmarks.unseen_parts.judge import Judge, open_judge, open_start
 
 LOOK_AGAIN = "EVIDENCE_MISSING"
@@ -61,7 +61,7 @@ class NodeRecord:
     """One node.
 
     Attributes:
-        feasible: `yes`, `no`, or `open`: a claim that is false, or nearly so, before anything moves.
+        feasible: `yes`, `no`, or `open`: a claim that is false, or nearly so, before anything moves, or twins.
         why: What makes it infeasible.
         first: Whether its first session was judged a success and is one.
     """
@@ -81,7 +81,7 @@ class GoalRecord:
         kind: `plain`, `fault` or `impossible`; of a stress table with its name before it.
         ended: `over`, `crashed` or `hung`.
         truth: Of its own acceptance at the end of its last session, as of a session; empty where it has none.
-        feasible: `yes`, `no`, or `open` where a false claim or a lasting fault spoils it.
+        feasible: `yes`, `no`, or `open` where a false claim, a lasting fault or a twin spoils it.
         error: What a crash said.
     """
 
@@ -156,7 +156,8 @@ class Recorder:
         truth, against = "", tuple[str, ...]()
         if ended:
             last = max(ended, key=self._find_time)
-            truth, against = decide(open_judge(self.case.room, self.folder / last, self.folder / ended[0]), self._asked)
+            first = self.folder / ended[0]
+            truth, against = decide(open_judge(self.case.room, self.folder / last, first, self._broken), self._asked)
         return begin_record(
             self.case,
             self.table,
@@ -175,6 +176,10 @@ class Recorder:
     def _asked(self) -> tuple[str, ...]:
         return self.case.accept + tuple(text for text in self.case.constraints if "moved" not in text)
 
+    @property
+    def _broken(self) -> frozenset[str]:
+        return frozenset(str(fault["camera"]) for fault in self.case.faults if "camera" in fault)
+
     def _weigh(self, nodes: tuple[NodeRecord, ...]) -> str:
         if any(node.feasible == "no" for node in nodes) or find_contradiction(self.case):
             return "no"
@@ -191,7 +196,8 @@ class Recorder:
     def _record_session(self, told: dict[str, Any]) -> SessionRecord:
         bundle, truth, against = self.folder / told["id"], "", tuple[str, ...]()
         if self._has_end(told["id"]):
-            truth, against = decide(open_judge(self.case.room, bundle), list_asked(bundle, told))
+            judge = open_judge(self.case.room, bundle, broken=self._broken)
+            truth, against = decide(judge, list_asked(bundle, told))
         return SessionRecord(
             id=told["id"],
             node=told["node"],
@@ -209,9 +215,11 @@ class Recorder:
     def _record_node(self, node: Node, sessions: tuple[SessionRecord, ...], begun: list[str]) -> NodeRecord:
         why = "; ".join(list_obstacles(self.case, node))
         feasible = "no" if why else "yes"
+        if not why and (why := find_twin(self.case, node)):
+            feasible = "open"
         if node.is_claim and begun:
             truth, against = decide(open_start(self.case.room, self.folder / begun[0]), node.accept)
-            feasible, why = ("yes", "") if truth == "met" else ("open", "; ".join(against))
+            feasible, why = (feasible, why) if truth == "met" else ("open", "; ".join(against))
         first = next((s for s in sessions if s.node == node.name and s.attempt == 0), None)
         met = first is not None and first.verdict == "success" and first.truth != "unmet"
         return NodeRecord(name=node.name, skill=node.skill, feasible=feasible, why=why, first=met)

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import unseen
 from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.feasible import find_contradiction, list_obstacles
+from benchmarks.unseen_parts.feasible import find_contradiction, find_twin, list_obstacles
 from benchmarks.unseen_parts.figures import Tally, find_interval
 from benchmarks.unseen_parts.files import render_goal, render_scene, write_project
 from benchmarks.unseen_parts.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
@@ -140,6 +140,24 @@ def test_nothing_stands_on_a_ball():
     assert "no level top" in find_why(make_thing(), node, ball)[0]
 
 
+def test_four_things_that_cover_more_than_a_flat_tray_have_no_room():
+    things = [make_thing(f"box_{letter}", make_box(0.079, 0.079, 0.09), (0.4, 0.1)) for letter in "abcd"]
+    nodes = tuple(replace(PUT, arguments={"object": each.name, "destination": "tray"}) for each in things)
+    tray = make_thing("tray", make_vessel(0.12, 0.16, 0.02, "tray"), (0.5, 0.3), fixed=True)
+    room = Room(0, {each.name: each for each in (tray, *things)}, {}, ())
+    assert list_obstacles(Case(0, room, nodes[:2]), nodes[0]) == []
+    assert "have no room" in "".join(list_obstacles(Case(0, room, (*nodes, nodes[0])), nodes[0]))
+    deep = make_thing("tray", make_vessel(0.12, 0.16, 0.1, "bin"), (0.5, 0.3), fixed=True)
+    assert list_obstacles(Case(0, replace(room, things=room.things | {"tray": deep}), nodes), nodes[0]) == []
+
+
+def test_a_name_of_one_of_two_equal_things_is_left_open():
+    room = Room(0, {each.name: each for each in (make_thing("thing"), make_thing("other"))}, {}, ())
+    assert find_twin(Case(0, room, (PUT,)), PUT) == "thing looks as other does"
+    room = room.change("other", rgb=(0.1, 0.1, 0.8))
+    assert find_twin(Case(0, room, (PUT,)), PUT) == ""
+
+
 def test_one_thing_is_not_in_two_vessels():
     both = replace(PUT, accept=("inside(thing, tray)", "inside(thing, bin)"))
     assert "cannot be in" in find_contradiction(Case(0, Room(0, {}, {}, ()), (both,)))
@@ -187,6 +205,14 @@ def test_a_session_that_asks_to_look_again_is_no_false_failure_when_a_look_follo
     assert [session.is_false_failure for session in mark_open(sessions)] == [False, True]
     other = make_session("success", "met", node="n2")
     assert mark_open([sessions[0], other])[0].is_false_failure
+
+
+def test_where_every_camera_lies_no_false_failure_is_counted():
+    record = make_record(3, make_session("replan", "met"), make_session("success", "unmet"))
+    assert Tally([record]).build_figures()["false_failures"] == 1.0
+    blind = Tally([replace(record, faults=("blackout *",))]).build_figures()
+    assert blind["false_failures"] != blind["false_failures"]  # NaN: nothing to count
+    assert blind["false_successes"] == 1
 
 
 def test_interval_is_exact():

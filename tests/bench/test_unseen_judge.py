@@ -167,6 +167,11 @@ def test_what_two_honest_judges_may_differ_about_is_open():
     assert abs(judge("not moved(cube)", near)) < 1
 
 
+@pytest.mark.parametrize(("broken", "low", "high"), [((), 1, 99), (("left", "right"), 1, 99), (("*",), 0, 0)])
+def test_what_only_a_broken_camera_has_in_view_is_open(broken, low, high):
+    assert low <= Judge(ROOM, MODEL, START, START, frozenset(broken)).judge("visible(ball)") <= high
+
+
 def test_what_it_cannot_read_is_said():
     with pytest.raises(ValueError, match="cannot read"):
         judge("metric(ticks) <= 3")
