@@ -14,9 +14,10 @@ from benchmarks.unseen_parts.cases import Case, Draft, Node
 from benchmarks.unseen_parts.faults import draw_faults
 from benchmarks.unseen_parts.forms import Rng
 from benchmarks.unseen_parts.impossible import draw_impossible
-from benchmarks.unseen_parts.rooms import Room, Thing, draw_room
+from benchmarks.unseen_parts.rooms import Room, Thing, add_leaning, draw_room
 
-FAULT_SHARE, IMPOSSIBLE_SHARE = 0.26, 0.16
+FAULT_SHARE, IMPOSSIBLE_SHARE, LEANING_SHARE = 0.26, 0.16, 0.3
+NODES_MAX = 4
 
 
 def draw_case(seed: int, *, friction: tuple[float, float] = (0.2, 0.6)) -> Case:
@@ -27,12 +28,15 @@ def draw_case(seed: int, *, friction: tuple[float, float] = (0.2, 0.6)) -> Case:
         room, floor = draw_room(seed, rng, friction=friction)
         draft = Draft(room, floor, rng)
         detail = draw_impossible(draft) if mood < IMPOSSIBLE_SHARE else ""
-        wanted = int(rng.integers(1, 5))
+        wanted = int(rng.integers(1, NODES_MAX + 1))
         for _ in range(12):
             if len(draft.nodes) < wanted:
                 NODES[str(rng.choice(list(NODES), p=list(WEIGHTS)))](draft)
         if draft.nodes and (mood >= IMPOSSIBLE_SHARE or detail):
             break
+    leaning = np.random.default_rng([20_261_015, seed, 1])
+    if leaning.random() < LEANING_SHARE:
+        _claim_leaning(draft, leaning, friction)
     case = Case(seed, draft.room, tuple(_untangle(draft.nodes)), detail)
     moved = [str(node.arguments["object"]) for node in case.nodes if not node.is_claim]
     if IMPOSSIBLE_SHARE <= mood < IMPOSSIBLE_SHARE + FAULT_SHARE and moved:
@@ -137,6 +141,16 @@ def _claim(draft: Draft) -> None:
     number = int(draft.rng.integers(1, 3))
     accept = [said[index] for index in draft.rng.choice(len(said), size=number, replace=False)]
     draft.add("inspect", {"object": thing.name}, *accept, is_claim=True)
+
+
+def _claim_leaning(draft: Draft, rng: Rng, friction: tuple[float, float]) -> None:
+    """A thing that leans, and what is said of how it stands: near the limits of `upright` and of a tilt."""
+    if len(draft.nodes) == NODES_MAX:
+        return
+    draft.room, name = add_leaning(draft.room, draft.floor, rng, friction)
+    if name:
+        said = [f"upright({name})", f"not upright({name})", f"tilt({name}) <= 0.12", f"on({name}, table)"]
+        draft.add("inspect", {"object": name}, str(rng.choice(said)), is_claim=True)
 
 
 def iter_claims(room: Room, thing: Thing, rng: Rng) -> Iterator[str]:

@@ -217,18 +217,31 @@ def _draw_thing(
     friction: tuple[float, float],
 ) -> Iterator[Thing]:
     """One thing; or two alike; or one that leans on the edge of a slab."""
-    form = DRAWS[str(rng.choice(KINDS))](rng)
-    (color, rgb), mass = draw_color(rng, used), draw_mass(form, rng)
-    low = float(rng.uniform(friction[0], max(friction[0], friction[1] - 0.05)))
-    grip = (round(low, 3), round(min(low + 0.05, friction[1]), 3))
-    one = Thing("", form, (0.0, 0.0, 0.0), None, color, rgb, mass_kg=mass, grip=grip)
-    mood = rng.random()
-    if mood < 0.10 and form.kind in {"cube", "box"} and form.span_m[2] > 0.02:
+    one, mood = _draw_one(str(rng.choice(KINDS)), rng, used, friction), rng.random()
+    if mood < 0.10 and one.form.kind in {"cube", "box"} and one.form.span_m[2] > 0.02:
         yield from _lean(rng, floor, one)
         return
     for _ in range(2 if mood > 0.88 else 1):
         if (placed := _place(rng, floor, one, things)) is not None:
             yield placed
+
+
+def _draw_one(kind: str, rng: Rng, used: list[tuple[float, float, float]], friction: tuple[float, float]) -> Thing:
+    form = DRAWS[kind](rng)
+    (color, rgb), mass = draw_color(rng, used), draw_mass(form, rng)
+    low = float(rng.uniform(friction[0], max(friction[0], friction[1] - 0.05)))
+    grip = (round(low, 3), round(min(low + 0.05, friction[1]), 3))
+    return Thing("", form, (0.0, 0.0, 0.0), None, color, rgb, mass_kg=mass, grip=grip)
+
+
+def add_leaning(room: Room, floor: Floor, rng: Rng, friction: tuple[float, float]) -> tuple[Room, str]:
+    """The room with a small thing that leans on the edge of a slab, and its name; empty where there is no place."""
+    one, things = _draw_one("cube", rng, [], friction), dict(room.things)
+    for thing in _lean(rng, floor, one):
+        name = _name(things, f"{thing.color}_{thing.form.kind}")
+        things[name] = replace(thing, name=name)
+    found = next(reversed(things)) if len(things) > len(room.things) else ""
+    return replace(room, things=things), found
 
 
 def _place(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Thing | None:
@@ -255,7 +268,7 @@ def _lean(rng: Rng, floor: Floor, one: Thing) -> Iterator[Thing]:
         return
     yaw = float(rng.uniform(-np.pi, np.pi))
     color, rgb = draw_color(rng, [])
-    under = Thing("", slab, (*place, slab.bottom_m + 0.001), yaw, color, rgb, mass_kg=0.3, grip=(0.5, 0.5))
+    under = Thing("", slab, (*place, slab.bottom_m + 0.001), yaw, color, rgb, mass_kg=0.3, grip=one.grip)
     yield under
     past = slab.span_m[0] / 2 + rng.uniform(0.1, 0.4) * one.form.span_m[0]
     x, y = place[0] + past * np.cos(yaw), place[1] + past * np.sin(yaw)
