@@ -95,7 +95,7 @@ class TargetSessionHandle:
         self._epoch = 0
         self._sequence = 0
         self._step: wire.Step | None = None
-        self._sent: deque[wire.Command] = deque()  # whose reports were not collected
+        self._sent: deque[wire.Command | wire.Capture] = deque()  # whose replies were not collected
         self._reports: deque[wire.Reply] = deque()  # of the oldest of them, where another request followed
         self._rests = True
         self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
@@ -202,8 +202,8 @@ class TargetSessionHandle:
             self.settle(0.0)
         period_s = description.physics_step_s * description.steps_per_command
         now = self.step
-        if self._sent:
-            now = msgspec.structs.replace(now, time_s=now.time_s + len(self._sent) * period_s)
+        if ahead := sum(isinstance(each, wire.Command) for each in self._sent):
+            now = msgspec.structs.replace(now, time_s=now.time_s + ahead * period_s)
         command = wire.Command(
             session=self._session,
             epoch=self._epoch,
@@ -239,13 +239,22 @@ class TargetSessionHandle:
             raise
         return self._step
 
+    def request_frames(self, capture: wire.Capture) -> None:
+        """Request the frames at the end of the command that was sent last; `collect_frames` returns them."""
+        self._submit(capture)
+        self._sent.append(capture)
+
+    def collect_frames(self) -> wire.Frames:
+        """The frames that were requested behind the command whose report was collected last."""
+        return self._expect(self._sent[0], self._take_report(), wire.Frames)
+
     def _take_report(self) -> wire.Reply:
-        command = self._sent.popleft()
-        return self._reports.popleft() if self._reports else self._receive(command)
+        request = self._sent.popleft()
+        return self._reports.popleft() if self._reports else self._receive(request)
 
     @property
     def is_reporting(self) -> bool:
-        """Whether a command was sent whose report was not collected."""
+        """Whether something was sent whose reply was not collected."""
         return bool(self._sent)
 
     def take_interventions(self) -> list[Intervention]:
