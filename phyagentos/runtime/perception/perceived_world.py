@@ -124,7 +124,7 @@ class PerceivedWorld(WorldModel):
             return None
         window: Capture | None = None
         if things:
-            latest = self._handle.step
+            latest = self.step
             carried = self._get_pipeline().recall(belief, latest.target, latest.time_s)
             window = self._plan_window(carried, *self._find_regions(carried, things))
             if window is None:
