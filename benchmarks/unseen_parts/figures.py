@@ -48,12 +48,12 @@ class Tally:
 
     @property
     def met(self) -> list[SessionRecord]:
-        """Sessions that met their objective in truth, but for those that only asked to look again.
+        """Sessions that clearly met their objective in truth, but for those that only asked to look again.
 
         Where every camera lies or is dark, nothing can be known: those goals count for false successes alone.
         """
         seeing = [goal for goal in self.goals if not any(fault.endswith("*") for fault in goal.faults)]
-        return [s for goal in seeing for s in goal.sessions if s.is_judged and s.truth == "met" and not s.is_open]
+        return [s for goal in seeing for s in goal.sessions if s.is_judged and s.is_met]
 
     @property
     def false_successes(self) -> int:

@@ -4,6 +4,7 @@ The origin of a thing is the middle of its height; z points up as it stands. A s
 and a mug are rings of flat walls, an L is two boxes, and nothing is soft, hollow with a curved wall, or hinged.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
@@ -33,17 +34,17 @@ class Solid:
     def half_m(self) -> Array:
         """(3,) half extents of the box around it, in its own frame."""
         size = self.size_m
-        sides = {"box": size, "sphere": size * 3, "cylinder": (size[0], size[0], size[-1])}
-        sides["capsule"] = (size[0], size[0], size[0] + size[-1])
+        round_m = (size[0], size[0], size[-1])
+        sides = {"box": size, "sphere": size * 3, "cylinder": round_m, "capsule": (size[0], size[0], sum(size))}
         return np.array(sides[self.kind])
 
     @property
     def volume_m3(self) -> float:
         """Of the solid."""
         size = self.size_m
-        ball = 4 / 3 * np.pi * size[0] ** 3
-        tube = 2 * np.pi * size[0] ** 2 * size[-1]
-        return float({"box": 8 * np.prod(size), "sphere": ball, "cylinder": tube, "capsule": ball + tube}[self.kind])
+        ball, tube = 4 / 3 * math.pi * size[0] ** 3, 2 * math.pi * size[0] ** 2 * size[-1]
+        volumes = {"box": 8 * math.prod(size), "sphere": ball, "cylinder": tube, "capsule": ball + tube}
+        return volumes[self.kind]
 
     def list_corners(self) -> Array:
         """(8, 3) of that box, in the frame of the thing."""

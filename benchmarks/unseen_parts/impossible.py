@@ -31,7 +31,8 @@ def draw_impossible(draft: Draft) -> str:
 def _make_too_wide(draft: Draft, thing: Thing, vessel: Thing) -> bool:
     """Wider than the hand opens in every direction."""
     del vessel
-    form = make_box(*(float(draft.rng.uniform(0.088, 0.108)) for _ in range(3)))
+    x, y, z = draft.rng.uniform(0.088, 0.108, 3)
+    form = make_box(float(x), float(y), float(z))
     place = draft.floor.find(form.radius_m)
     if place is None:
         return False
@@ -63,7 +64,8 @@ def _make_far(draft: Draft, thing: Thing, vessel: Thing) -> bool:
 
 def _make_small_vessel(draft: Draft, thing: Thing, vessel: Thing) -> bool:
     """The thing is larger than what it shall be put into."""
-    form = make_box(*(float(draft.rng.uniform(0.060, 0.070)) for _ in range(3)))
+    x, y, z = draft.rng.uniform(0.060, 0.070, 3)
+    form = make_box(float(x), float(y), float(z))
     place = draft.floor.find(form.radius_m)
     if place is None:
         return False

@@ -118,7 +118,7 @@ class Judge:
 
     def _is_on(self, thing: str, support: str) -> float:
         weight = float(self._model.body_mass[self._id(thing)]) * 9.81
-        borne = (self._lift(thing, support) / weight - 0.5) / 0.25
+        borne = (self._lift(thing, support) / weight - 0.5) / 0.125
         return min(max(borne, -SURE), self._rests(thing))
 
     def _is_at(self, thing: str, place: str | Array, tol_m: float = 0.03) -> float:
@@ -126,19 +126,19 @@ class Judge:
 
     def _is_near(self, thing: str, other: str, tol_m: float = 0.10) -> float:
         values = [(float(tol_m) - far) / UNIT_M for far in self._list_distances(thing, other)]
-        return min(values, key=abs) if min(values) * max(values) > 0 else 0.0
+        return _agree(values)
 
     def _is_upright(self, thing: str) -> float:
-        return (UPRIGHT_RAD - self._tilt(thing)) / UNIT_RAD
+        return _agree([float((UPRIGHT_RAD - tilt) / UNIT_RAD) for tilt in self._list_tilts(thing)])
 
     def _is_fallen(self, thing: str) -> float:
-        return (self._tilt(thing) - FALLEN_RAD) / UNIT_RAD
+        return _agree([float((tilt - FALLEN_RAD) / UNIT_RAD) for tilt in self._list_tilts(thing)])
 
     def _is_moved(self, thing: str) -> float:
         now, then = self._pose(thing), self._pose(thing, self._before)
         way = float(np.linalg.norm(now.at_m - then.at_m))
         turn = float(np.arccos(np.clip((np.trace(now.turn.T @ then.turn) - 1) / 2, -1, 1)))
-        return max((way - MOVED_M) / UNIT_M, (turn - MOVED_RAD) / UNIT_RAD)
+        return float(max((way - MOVED_M) / UNIT_M, (turn - MOVED_RAD) / UNIT_RAD))
 
     def _is_holding(self, _target: str, thing: str) -> float:
         return SURE if self._is_held(thing) else -SURE
@@ -158,7 +158,8 @@ class Judge:
     # -- numbers -------------------------------------------------------------------------------------------------------
 
     def _measure_tilt(self, thing: str) -> tuple[float, float]:
-        return self._tilt(thing), UNIT_RAD
+        own, least = self._list_tilts(thing)
+        return (own + least) / 2, UNIT_RAD + (own - least) / 2
 
     def _measure_height(self, thing: str) -> tuple[float, float]:
         return -self._reach(thing, np.array([0.0, 0.0, -1.0])), UNIT_M
@@ -243,8 +244,18 @@ class Judge:
             found.append(float(direction @ self._now.geom_xpos[geom] + self._supports(geom, own[:, None])[0]))
         return max(found)
 
-    def _tilt(self, name: str) -> float:
-        return float(np.arccos(np.clip(self._pose(name).turn[2, 2], -1, 1)))
+    def _list_tilts(self, name: str) -> tuple[float, float]:
+        """Angle of its z axis to the vertical, and the least of all axes that look as this one does [rad]."""
+        pose, solids = self._pose(name), self._solids(name)
+        own = float(np.arccos(np.clip(pose.turn[2, 2], -1, 1)))
+        if len(solids) > 1:
+            return own, own
+        axes, half = self._now.geom_xmat[solids[0]].reshape(3, 3), self._half(solids[0])
+        along = int(np.argmax(abs(axes.T @ pose.turn[:, 2])))  # the axis of the solid that is the body's z
+        alike = abs(half - half[along]) < UNIT_M
+        is_round = self._model.geom_type[solids[0]] != GEOM.mjGEOM_BOX
+        rise = float(np.linalg.norm(axes[2, alike]) if is_round else abs(axes[2, alike]).max())
+        return own, min(own, float(np.arccos(min(1.0, rise))))
 
     def _distance(self, thing: str, place: str | Array) -> float:
         """From the middle of a thing to a point, or to the box of a place."""
@@ -338,6 +349,11 @@ def _has_each(formula: ast.expr) -> bool:
         for inner in ast.walk(node)
     }
     return any(isinstance(n, ast.Name) and n.id == "_each_" and id(n) not in counted for n in ast.walk(formula))
+
+
+def _agree(values: list[float]) -> float:
+    """Of several meanings of a word: what all say, or open."""
+    return min(values, key=abs) if min(values) * max(values) > 0 else 0.0
 
 
 def _compare(value: float, relation: ast.cmpop, bound: float, unit: float) -> float:

@@ -13,6 +13,7 @@ from benchmarks.unseen_parts.feasible import find_contradiction, find_twin, list
 from benchmarks.unseen_parts.judge import Judge, open_judge, open_start
 
 LOOK_AGAIN = "EVIDENCE_MISSING"
+CLEAR = 2.5  # tolerances of the judge: 2.5 mm, 2.5 degrees
 STILL_RAD = 0.02  # joints that turn less have not been commanded anywhere
 
 
@@ -25,6 +26,7 @@ class SessionRecord:
         against: What decided against it, as `predicate: value in tolerances`.
         moved: Whether the arm moved.
         is_open: Whether it was unknown whether the objective was met, and a later session of the node looked or tried.
+        is_clear: Whether the truth is farther from turning over than cameras may be off.
     """
 
     id: str
@@ -39,11 +41,17 @@ class SessionRecord:
     against: tuple[str, ...] = ()
     moved: bool = False
     is_open: bool = False
+    is_clear: bool = True
 
     @property
     def is_judged(self) -> bool:
         """Whether a verdict stands beside a recorded end."""
         return bool(self.verdict) and self.truth != ""
+
+    @property
+    def is_met(self) -> bool:
+        """Clearly met, and not one that only asked to look again."""
+        return self.truth == "met" and self.is_clear and not self.is_open
 
     @property
     def is_false_success(self) -> bool:
@@ -52,8 +60,8 @@ class SessionRecord:
 
     @property
     def is_false_failure(self) -> bool:
-        """Said at last not to be met, or still not known, and it is met."""
-        return self.is_judged and self.verdict != "success" and self.truth == "met" and not self.is_open
+        """Said at last not to be met, or still not known, and it clearly is met."""
+        return self.is_judged and self.verdict != "success" and self.is_met
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,10 +202,12 @@ class Recorder:
             return float(stored["time"])
 
     def _record_session(self, told: dict[str, Any]) -> SessionRecord:
-        bundle, truth, against = self.folder / told["id"], "", tuple[str, ...]()
+        bundle, truth, against, is_clear = self.folder / told["id"], "", tuple[str, ...](), False
         if self._has_end(told["id"]):
             judge = open_judge(self.case.room, bundle, broken=self._broken)
-            truth, against = decide(judge, list_asked(bundle, told))
+            asked = list_asked(bundle, told)
+            truth, against = decide(judge, asked)
+            is_clear = min((judge.judge(text) for text in asked), default=0.0) >= CLEAR
         return SessionRecord(
             id=told["id"],
             node=told["node"],
@@ -210,6 +220,7 @@ class Recorder:
             truth=truth,
             against=against,
             moved=has_moved(bundle),
+            is_clear=is_clear,
         )
 
     def _record_node(self, node: Node, sessions: tuple[SessionRecord, ...], begun: list[str]) -> NodeRecord:

@@ -207,6 +207,11 @@ def test_a_session_that_asks_to_look_again_is_no_false_failure_when_a_look_follo
     assert mark_open([sessions[0], other])[0].is_false_failure
 
 
+def test_what_is_met_by_less_than_cameras_can_tell_is_no_false_failure():
+    assert not make_session("replan", "met", is_clear=False).is_false_failure
+    assert make_session("success", "unmet", is_clear=False).is_false_success
+
+
 def test_where_every_camera_lies_no_false_failure_is_counted():
     record = make_record(3, make_session("replan", "met"), make_session("success", "unmet"))
     assert Tally([record]).build_figures()["false_failures"] == 1.0

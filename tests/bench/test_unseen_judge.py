@@ -17,12 +17,14 @@ FORMS = {
     "block": make_box(0.06, 0.06, 0.02),
     "can": CAN,
     "ball": Form("ball", (Solid("sphere", (0.02,)),), 0.04),
+    "rod": Form("rod", (Solid("capsule", (0.01, 0.03), euler_rad=(0, np.pi / 2, 0)),), 0.02),
 }
 
 
 def render(name, form, fixed=False):
     geoms = "".join(
-        f'<geom type="{s.kind}" size="{" ".join(map(str, s.size_m))}" pos="{" ".join(map(str, s.at_m))}" mass="0.05"/>'
+        f'<geom type="{s.kind}" size="{" ".join(map(str, s.size_m))}" pos="{" ".join(map(str, s.at_m))}" '
+        f'euler="{" ".join(map(str, s.euler_rad))}" mass="0.05"/>'
         for s in form.solids
     )
     return f'<body name="{name}" pos="0.5 0.3 0">{geoms}</body>' if fixed else (
@@ -31,7 +33,7 @@ def render(name, form, fixed=False):
 
 
 MODEL = mujoco.MjModel.from_xml_string(
-    "<mujoco><option timestep='0.002'/><worldbody>"
+    "<mujoco><compiler angle='radian' eulerseq='xyz'/><option timestep='0.002'/><worldbody>"
     "<body name='table' pos='0.4 0 -0.02'><geom type='box' size='0.6 0.7 0.02'/></body>"
     "<body name='hand' pos='-0.5 0 0.5'><geom type='box' size='0.01 0.01 0.01'/></body>"
     "<body name='left_finger' pos='-0.5 0 0.3'><joint name='l' type='slide' axis='0 1 0'/>"
@@ -45,7 +47,13 @@ MODEL = mujoco.MjModel.from_xml_string(
 THINGS = {name: Thing(name, form, (0, 0, 0), None, "red", (1, 0, 0)) for name, form in FORMS.items()}
 THINGS["tray"] = Thing("tray", TRAY, (0.5, 0.3, 0), 0.0, "blue", (0, 0, 1), fixed=True)
 ROOM = Room(0, THINGS, {"spot": Spot("spot", (0.5, -0.3, 0.06), (0.06, 0.06, 0.06))}, ())
-HOME = {"cube": (0.4, 0.0, 0.02), "block": (0.6, 0.0, 0.01), "can": (0.5, -0.1, 0.04), "ball": (0.3, 0.2, 0.02)}
+HOME = {
+    "cube": (0.4, 0.0, 0.02),
+    "block": (0.6, 0.0, 0.01),
+    "can": (0.5, -0.1, 0.04),
+    "ball": (0.3, 0.2, 0.02),
+    "rod": (0.3, -0.2, 0.01),
+}
 ON_SIDE = (np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0)
 
 
@@ -170,6 +178,21 @@ def test_what_two_honest_judges_may_differ_about_is_open():
 @pytest.mark.parametrize(("broken", "low", "high"), [((), 1, 99), (("left", "right"), 1, 99), (("*",), 0, 0)])
 def test_what_only_a_broken_camera_has_in_view_is_open(broken, low, high):
     assert low <= Judge(ROOM, MODEL, START, START, frozenset(broken)).judge("visible(ball)") <= high
+
+
+def test_how_a_cube_stands_is_open_where_another_of_its_faces_is_down():
+    turned = make_state(quats={"cube": ON_SIDE, "can": ON_SIDE}, can=(0.5, -0.1, 0.02))
+    assert judge("upright(cube)", turned) == judge("fallen(cube)", turned) == 0
+    assert abs(judge("tilt(cube) <= 0.2", turned)) < 1
+    assert judge("fallen(can)", turned) >= 1
+    assert judge("upright(cube)") >= 1
+
+
+def test_a_lying_rod_that_has_rolled_is_open_and_one_on_its_end_is_not_upright():
+    rolled = make_state(quats={"rod": (np.cos(0.6), np.sin(0.6), 0, 0)})
+    assert judge("upright(rod)", rolled) == 0
+    on_end = make_state(quats={"rod": ON_SIDE}, rod=(0.3, -0.2, 0.04), settles_s=0.01)
+    assert judge("upright(rod)", on_end) <= -1
 
 
 def test_what_it_cannot_read_is_said():
