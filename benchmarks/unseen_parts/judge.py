@@ -66,8 +66,8 @@ class Judge:
         """One predicate; raises ValueError for what this judge cannot read."""
         formula = ast.parse(text.replace("*", "_each_"), mode="eval").body
         if not _has_each(formula):
-            return self._judge(formula, "")
-        return min((self._judge(formula, name) for name in self._iter_range(formula)), default=0.0)
+            return float(self._judge(formula, ""))
+        return float(min((self._judge(formula, name) for name in self._iter_range(formula)), default=0.0))
 
     def _judge(self, formula: ast.expr, each: str) -> float:
         match formula:

@@ -120,6 +120,7 @@ def judge(text, now=None, before=None):
 )
 def test_what_is_so_is_true_and_its_negation_false(text, places, more):
     state = make_state(**places, **more)
+    assert type(judge(text, state)) is float
     assert judge(text, state) >= 1
     if "*" not in text:
         assert judge(f"not ({text})", state) <= -1
