@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.rooms import Room, Thing
+from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
 
 REACH_M = 0.90  # level distance of a fingertip from the base: 0.70 to the wrist, then flange and hand laid flat
 OPENING_M = 0.080
@@ -42,16 +42,14 @@ def find_contradiction(case: Case) -> str:
     return next(_iter_contradictions([text for node in case.nodes if not node.is_claim for text in node.accept]), "")
 
 
-def find_twin(case: Case, node: Node) -> str:
+def find_ambiguity(case: Case, node: Node) -> str:
     """A thing that nobody could tell from one that the node names: equal in form and colour; empty where there is none.
 
     Whether such a node can be met is not decided here: no look tells which of the two the name means.
     """
     named = set(re.findall(r"\w+", " ".join((*node.accept, *map(str, node.arguments.values())))))
     for name in sorted(named & set(case.room.things)):
-        one = case.room.things[name]
-        alike = (o for o in case.room.movable if o.name != name and (o.form, o.rgb) == (one.form, one.rgb))
-        if not one.fixed and (twin := next(alike, None)) is not None:
+        if (twin := find_twin(case.room, case.room.things[name])) is not None:
             return f"{name} looks as {twin.name} does"
     return ""
 

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.feasible import find_contradiction, find_twin, list_obstacles
+from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
 from benchmarks.unseen_parts.judge import Judge, open_judge, open_start
 
 LOOK_AGAIN = "EVIDENCE_MISSING"
@@ -226,7 +226,7 @@ class Recorder:
     def _record_node(self, node: Node, sessions: tuple[SessionRecord, ...], begun: list[str]) -> NodeRecord:
         why = "; ".join(list_obstacles(self.case, node))
         feasible = "no" if why else "yes"
-        if not why and (why := find_twin(self.case, node)):
+        if not why and (why := find_ambiguity(self.case, node)):
             feasible = "open"
         if node.is_claim and begun:
             truth, against = decide(open_start(self.case.room, self.folder / begun[0]), node.accept)

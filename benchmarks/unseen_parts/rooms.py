@@ -33,6 +33,7 @@ COLORS: dict[str, tuple[float, float, float]] = {
     "white": (0.90, 0.90, 0.87),
     "grey": (0.45, 0.46, 0.48),
 }
+TWINS_SHARE = 0.3  # of rooms in which two equal things may stand
 GAP_M = 0.022  # between what stands beside each other
 BAND_M = (0.36, 0.68)  # distance from the base of what is meant to be had
 SIDE_RAD = 1.15  # to either side of straight ahead
@@ -154,7 +155,28 @@ def draw_room(seed: int, rng: Rng, *, friction: tuple[float, float] = (0.2, 0.6)
             name = _name(things, f"{thing.color}_{thing.form.kind}")
             things[name] = replace(thing, name=name)
             used.append(thing.rgb)
-    return Room(seed, things, spots, tuple(_draw_prints(rng))), floor
+    room = Room(seed, things, spots, tuple(_draw_prints(rng)))
+    own = np.random.default_rng([20_261_015, seed, 2])
+    return room if own.random() < TWINS_SHARE else _distinguish(room, own), floor
+
+
+def find_twin(room: Room, thing: Thing) -> Thing | None:
+    """A movable thing that nobody could tell from this one: equal in form and colour."""
+    alike = (o for o in room.movable if o.name != thing.name and (o.form, o.rgb) == (thing.form, thing.rgb))
+    return None if thing.fixed else next(alike, None)
+
+
+def _distinguish(room: Room, rng: Rng) -> Room:
+    """The same room, in which the second of two equal things has a colour of its own."""
+    things = dict[str, Thing]()
+    for thing in room.things.values():
+        if find_twin(Room(0, things | {thing.name: thing}, {}, ()), thing):
+            others = [color for color in COLORS if color != thing.color]
+            color = others[int(rng.integers(len(others)))]
+            thing = replace(thing, color=color, rgb=COLORS[color])
+            thing = replace(thing, name=_name(things | room.things, f"{color}_{thing.form.kind}"))
+        things[thing.name] = thing
+    return replace(room, things=things)
 
 
 def _name(things: dict[str, Thing], wish: str) -> str:

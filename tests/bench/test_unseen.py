@@ -11,14 +11,14 @@ import pytest
 
 from benchmarks import unseen
 from benchmarks.unseen_parts.cases import Case, Node
-from benchmarks.unseen_parts.feasible import find_contradiction, find_twin, list_obstacles
+from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
 from benchmarks.unseen_parts.figures import Tally, find_interval
 from benchmarks.unseen_parts.files import render_goal, render_scene, write_project
 from benchmarks.unseen_parts.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
 from benchmarks.unseen_parts.goals import draw_case
 from benchmarks.unseen_parts.lanes import run_lanes
 from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, begin_record, mark_open
-from benchmarks.unseen_parts.rooms import Room, Thing
+from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
 from phyagentos.cli.lint import lint_paths
 
 PARTS = Path(unseen.__file__).parent / "unseen_parts"
@@ -58,6 +58,11 @@ def test_at_least_three_in_ten_goals_carry_a_fault_or_an_impossible_detail():
 
 def test_no_name_ends_as_the_numbered_solids_of_a_body_do():
     assert not [name for case in CASES for name in case.room.things if re.search(r"_\d+$", name)]
+
+
+def test_three_rooms_in_ten_may_hold_twins_and_the_others_hold_none():
+    with_twins = sum(any(find_twin(case.room, thing) for thing in case.room.movable) for case in CASES)
+    assert 0.05 < with_twins / len(CASES) < 0.3
 
 
 def test_sizes_and_masses_are_those_that_are_asked():
@@ -153,9 +158,9 @@ def test_four_things_that_cover_more_than_a_flat_tray_have_no_room():
 
 def test_a_name_of_one_of_two_equal_things_is_left_open():
     room = Room(0, {each.name: each for each in (make_thing("thing"), make_thing("other"))}, {}, ())
-    assert find_twin(Case(0, room, (PUT,)), PUT) == "thing looks as other does"
+    assert find_ambiguity(Case(0, room, (PUT,)), PUT) == "thing looks as other does"
     room = room.change("other", rgb=(0.1, 0.1, 0.8))
-    assert find_twin(Case(0, room, (PUT,)), PUT) == ""
+    assert find_ambiguity(Case(0, room, (PUT,)), PUT) == ""
 
 
 def test_one_thing_is_not_in_two_vessels():
