@@ -10,13 +10,16 @@ DEMO_SEED   ?= 7
 DEMO_FAULTS ?= faults/slip.yaml
 DEMO_SPACE  := workspaces/demo
 
-FAST := fast
+FAST  := fast
+BOTH  := -n 2 --dist worksteal
+PEERS := build/peers
+PEERS_OF := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["peers"])
 
 .DEFAULT_GOAL := help
-.PHONY: help setup pictures demo test check static format schemas wheel clean
+.PHONY: help setup pictures demo test test-extras check static format schemas wheel clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
 
 setup: $(STAMP) pictures  ## create .venv and install the project in it
 
@@ -37,17 +40,28 @@ demo: setup  ## tidy a table while a cube slips out of the fingers: verify, repl
 
 test: setup  ## every test, the fast ones first
 	@echo "test: fast"
-	@$(BIN)/pytest -q -n 2 -m "$(FAST)"
+	@$(BIN)/pytest -q $(BOTH) -m "$(FAST)"
 	@echo "test: motion and simulation"
-	@$(BIN)/pytest -q -n 2 -m "(sim or motion) and not journey and not alone"
+	@$(BIN)/pytest -q $(BOTH) -m "(sim or motion) and not journey and not alone"
 	@echo "test: what keeps real time, alone on the machine"
-	@$(BIN)/pytest -q -m "alone and not journey"
+	@$(BIN)/pytest -q -m alone
 	@echo "test: journeys"
-	@$(BIN)/pytest -q -n 2 -m journey --ignore tests/journeys
-	@$(BIN)/pytest -q -m journey tests/journeys
+	@left=$$(mktemp -d)/journeys \
+	&& $(BIN)/pytest -q $(BOTH) -m "journey and not alone" --basetemp $$left \
+	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left \
+	&& rm -rf $$left
+
+test-extras: setup $(PEERS)/.installed  ## tests beside systems of others, which it installs in build/peers
+	@$(BIN)/pytest -q -m extras --peers-python $(PEERS)/bin/python
+
+$(PEERS)/.installed: pyproject.toml | $(STAMP)
+	@test -x $(PEERS)/bin/python || $(PYTHON) -m venv $(PEERS)
+	@echo "test-extras: installing the extra peers into $(PEERS) (a few minutes)"
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(PEERS)/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(PEERS_OF)')
+	@touch $@
 
 check: static  ## formatting, lint, types, import contracts, fast tests
-	@$(BIN)/pytest -q -n 2 -m "$(FAST)"
+	@$(BIN)/pytest -q $(BOTH) -m "$(FAST)"
 
 static: $(STAMP)
 	@echo "check: ruff, mypy, import contracts"

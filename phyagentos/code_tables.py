@@ -149,7 +149,7 @@ LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
 LIMIT_UNENFORCEABLE      The live target does not declare what a limit of safety.yaml is compared with, or falsely.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
-NO_TOKEN                 The token of a target that is served elsewhere is missing, or others can read it.
+NO_TOKEN                 The key of a target that is served elsewhere is missing, or others can read it.
 NO_DRIVER                No driver moves a target of this kind, or none of the name that the profile gives.
 NOT_CHECKED              A session was to run without a preflight.
 OBSERVATION_DTYPE        A policy takes another element type than the sensor gives.
@@ -262,6 +262,7 @@ OBJECT_GONE             The object is not in the believed world.
 """
 
 SAFETY = """
+ABORTED             A command that waited for other targets of its world, when its session was to end.
 CLAMPED             A value was projected into its range, as the contract declares.
 CLAMPED_GRIPPER     An opening was projected into the gripper's range, as safety.yaml allows.
 CLAMPED_JOINT       A joint set-point was projected into its range, as safety.yaml allows.
@@ -293,7 +294,7 @@ WRONG_SHAPE         An array of a command has another shape or type than one con
 """
 
 TARGET = """
-BAD_TOKEN               A client of the target did not know the token of the present epoch.
+BAD_TOKEN               A client of the target has no token of the newest key, or not that of the epoch.
 CAMERA_SILENT           A camera gives no frames at all.
 DETECTOR_MALFORMED      A detector's answer is not of the form that was agreed.
 DETECTOR_REFUSED        A detector answered with an HTTP error.

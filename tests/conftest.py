@@ -20,13 +20,20 @@ SLOW = {"sim", "motion", "journey"}
 
 def pytest_addoption(parser):
     parser.addoption("--nightly", action="store_true", help="the large counts of tests/durability: hours, not seconds")
+    parser.addoption(
+        "--journeys", type=Path, help="what a run of all journeys has left, for journeys/test_statecharts.py"
+    )
+    parser.addoption("--peers-python", help="interpreter that has the extra `peers`, for tests marked `extras`")
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     for item in items:
-        if not SLOW & {marker.name for marker in item.iter_markers()}:
+        names = {marker.name for marker in item.iter_markers()}
+        if not SLOW & names:
             item.add_marker(pytest.mark.fast)
+        if "extras" in names and config.option.peers_python is None:
+            item.add_marker(pytest.mark.skip(reason="needs packages of others: `make test-extras`"))
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """The agent's graph of a goal beside the one that its records draw."""
 
+from functools import cache
 from pathlib import Path
 
 from phyagentos.agent.goals.catalogue import Catalogue
@@ -30,10 +31,11 @@ def assert_same_graph(dag: GoalDag, goal: GoalStatus) -> None:
 
 def check_recorded_graphs(base: Path) -> None:
     """Every goal of every workspace below a folder: the graph of an agent that starts anew is what its records draw."""
+    read = cache(read_ledger)
     for place in ("goals", "*/goals", "*/*/goals", "*/*/*/goals"):
         for file in {path.resolve() for path in base.glob(f"{place}/*.yaml")} - _checked:
             workspace = Workspace.open(file.parents[1])
-            ledger = read_ledger(workspace.root)
+            ledger = read(workspace.root)
             if (goal := ledger.goals.get(GoalId(file.stem))) is None:
                 continue  # the agent was killed before the first record
             graph = read_goal_graph(file, Catalogue.of_workspace(workspace))

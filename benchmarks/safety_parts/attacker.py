@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.handshake import greet, make_token
+from phyagentos.runtime.targets.handshake import greet, make_key, mint
 
 Array = NDArray[np.float64]
 
@@ -85,8 +85,8 @@ class Attacker:
         self.socket, self.record = str(folder / "world.sock"), folder / "record.npy"
         command = [sys.executable, str(EYE), self.socket, str(self.record), *options]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE)  # the pipe ends it with this process
-        self.token = make_token()
-        self.process.stdin.write(self.token.hex().encode() + b"\n")
+        self.key = make_key()
+        self.process.stdin.write(self.key.hex().encode() + b"\n")
         self.process.stdin.flush()
         self.count, self.sequence, self.session = 0, 0, ""
         self.connect()
@@ -97,7 +97,7 @@ class Attacker:
         for _ in range(1200):
             try:
                 self.link = Link(Client(self.socket, "AF_UNIX"))
-                greet(self.link, self.token)
+                greet(self.link, mint(self.key))
             except (FileNotFoundError, ConnectionRefusedError):
                 time.sleep(0.05)  # noqa: TID251 - waits for a process to listen
             else:

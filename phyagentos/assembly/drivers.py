@@ -13,7 +13,7 @@ from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_unshared
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
-from phyagentos.runtime.targets.handshake import TOKEN_BYTES
+from phyagentos.runtime.targets.handshake import KEY_BYTES
 
 if TYPE_CHECKING:
     from phyagentos.runtime.drivers.mujoco.simulation import ReadAgreement
@@ -111,36 +111,36 @@ def _open_world(workspace: Workspace, read_agreement: "ReadAgreement | None" = N
 
 def _open_remote(site: DriverSite) -> "TargetDriver":
     from phyagentos.runtime.drivers.remote import RemoteDriver
-    from phyagentos.runtime.targets.handshake import greet
+    from phyagentos.runtime.targets.handshake import greet, mint
     from phyagentos.runtime.targets.websocket import connect_websocket
 
     path = site.workspace.root / TOKENS / site.profile.target
-    token = read_secret(path)
+    key = read_secret(path)
     channel = connect_websocket(site.profile.endpoint)
     try:
-        greet(channel, token)
+        greet(channel, mint(key))
     except ExecutionError as error:
         channel.close()
         if error.code == "TARGET_LOST":
             raise
         raise DefinitionError(Problem(code=error.code, address=str(path), found=str(error))) from error
-    return RemoteDriver(site.profile, channel)
+    return RemoteDriver(site.profile, channel, key)
 
 
 def read_secret(path: Path) -> bytes:
-    """The token of a remote target, in hexadecimal digits, from a file that only this user can read.
+    """The key of a remote target, in hexadecimal digits, from a file that only this user can read.
 
     Raises:
-        DefinitionError: `NO_TOKEN` when the file is missing, holds no token, or can be read by others.
+        DefinitionError: `NO_TOKEN` when the file is missing, holds no key, or can be read by others.
     """
     try:
         is_private = not path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
-        token = bytes.fromhex(path.read_text(encoding="ascii").strip()) if is_private else b""
+        key = bytes.fromhex(path.read_text(encoding="ascii").strip()) if is_private else b""
     except (OSError, ValueError):
-        is_private, token = True, b""
-    if len(token) == TOKEN_BYTES:
-        return token
-    found = "no token" if is_private else "a file that other users can read"
-    hint = "Write the token that the serving side was started with there, with mode 0600."
-    expected = f"{2 * TOKEN_BYTES} hexadecimal digits"
+        is_private, key = True, b""
+    if len(key) == KEY_BYTES:
+        return key
+    found = "no key" if is_private else "a file that other users can read"
+    hint = "Write the key that the serving side was started with there, with mode 0600."
+    expected = f"{2 * KEY_BYTES} hexadecimal digits"
     raise DefinitionError(Problem(code="NO_TOKEN", address=str(path), found=found, expected=expected, hint=hint))

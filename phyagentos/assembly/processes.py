@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from multiprocessing.connection import Client, Connection
 from pathlib import Path
@@ -66,15 +66,15 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
     is_supervisor = partial(is_held_by, workspace.root / WATCHDOG_LOCK)
     tokens = {site.profile.target: Tokens(is_supervisor=is_supervisor) for site in sites}
 
-    def renew_token(line: bytes) -> None:
-        name, token = line.decode().split()
+    def renew_key(line: bytes) -> None:
+        name, key = line.decode().split()
         if name in tokens:
-            tokens[name].renew(bytes.fromhex(token))
+            tokens[name].renew(bytes.fromhex(key))
 
     if outlives:
-        end_when_unwatched(workspace.root, clock, renew_token)
+        end_when_unwatched(workspace.root, clock, renew_key)
     else:
-        end_with_parent(renew_token)
+        end_with_parent(renew_key)
     from phyagentos.protocol.settings.runtime_contract import WorldMode, read_runtime_contract
 
     pace_by = clock if read_runtime_contract(workspace.runtime_contract).world_mode is WorldMode.REALTIME else None
@@ -112,7 +112,9 @@ def serve_one(site: "DriverSite", socket: str, tokens: "Tokens", pace_by: Clock 
     driver = build_driver_registry().get(site.profile, f"{target}/target.yaml").open(site)
     stops = StopListener(workspace.signals.parent, site.clock)
     log, truth = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", site.clock), reads_truth(workspace)
-    served = ServedTarget(driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
+    served = ServedTarget(
+        driver, log, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth, permits=tokens.permits
+    )
     if pace_by is not None:
         serve_realtime(served, open_door(socket, spin_s=0.0), tokens, pace_by)
     else:
@@ -137,8 +139,10 @@ def serve_shared(
     members: list[SharedTarget] = []
     for robot in robots:
         log = ReceiveLog(workspace.logs / f"receive-{robot.profile.target}.jsonl", sites[0].clock)
-        truth = reads_truth(workspace)
-        SharedTarget(robot, log, members, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth)
+        truth, permits = reads_truth(workspace), tokens[robot.profile.target].permits
+        SharedTarget(
+            robot, log, members, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth, permits=permits
+        )
     lock = robots[0].world.simulation.lock
     threading.Thread(target=agreement.wake, args=(lock,), daemon=True, name="hear-what-runs").start()
 
@@ -203,7 +207,6 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
         workspace,
         profile_path,
         sees_truth=sees_truth,
-        on_wait=lambda: heartbeat.beat_again("paused"),
     )
     world = open_world_model(workspace, target, profile, handle, settings)
     embodiment = Embodiment(handle=handle, world=world, profile=profile, limits=settings.limits)
@@ -332,7 +335,6 @@ def open_handle(
     description: Path,
     *,
     sees_truth: bool = False,
-    on_wait: Callable[[], None] = lambda: None,
 ) -> "TargetSessionHandle":
     """The worker's access to its target; its guard checks the emergency stop before every command.
 
@@ -352,7 +354,6 @@ def open_handle(
         is_stopped=lambda: is_latched(signals),
         collision=collision,
         sees_truth=sees_truth,
-        on_wait=on_wait,
     )
 
 

@@ -25,6 +25,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.body_codec import prepare_body, render_body
 from phyagentos.protocol.sessions.lifecycle import Fenced, Side
 from phyagentos.store.admission import Entry, IllegalEvent
+from phyagentos.store.admission_cache import AdmissionCache, NotCached
 from phyagentos.store.checkpoint import (
     find_checkpoint,
     find_seen_seq,
@@ -35,7 +36,6 @@ from phyagentos.store.consumer_offset import ConsumerOffset
 from phyagentos.store.follower import Follower
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import Maintenance
-from phyagentos.store.memory import Cold, Memory
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_batch
 from phyagentos.store.segments import FileIO, SyncFailedError, SystemIO, choose_next_name, choose_partition, sync_folder
@@ -96,8 +96,8 @@ class Journal:
         checkpoint = find_checkpoint(self.folder)
         self._seen_seq = find_seen_seq(self.folder) if checkpoint is None else 0
         self._follower = Follower(self.folder, checkpoint.position if checkpoint else None)
-        self._memory = Memory(self.folder, checkpoint)
-        self._admission = self._memory.admission
+        self._cache = AdmissionCache(self.folder, checkpoint)
+        self._admission = self._cache.admission
         self._reading = ConsumerOffset(self.folder)
         self._maintenance = Maintenance(self.folder, clock, io, durable=durable)
         try:
@@ -156,10 +156,10 @@ class Journal:
                         self._writer.append(data := encode_batch(records), self._follower)
                         self._take_in(data, records)
                     break
-                except Cold:  # raised at most once: afterwards the memory is warm
-                    self._memory.warm_up()
-            if self._follower.segment != self._memory.segment:
-                self._memory.shrink(str(self._follower.segment))
+                except NotCached:  # raised at most once: afterwards the memory is warm
+                    self._cache.warm_up()
+            if self._follower.segment != self._cache.segment:
+                self._cache.shrink(str(self._follower.segment))
         if self._durable and durable:
             self._writer.sync(records[-1].seq, self._follower)
         return records
@@ -177,7 +177,7 @@ class Journal:
         """Whether a session or goal (`goal:<goal id>`) of this id was ever submitted, archived or not."""
         with self._mutex:
             self._note(self._follower.read_new())
-            return self._memory.knows(id)
+            return self._cache.knows(id)
 
     def read_new(self, *, looks: bool = True) -> list[Record]:
         """Every record since the last call, those of this object's own commits among them, each once and in order.
@@ -214,7 +214,7 @@ class Journal:
             self._writer.failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
 
     def _let_go(self) -> None:
-        for each in (self._writer, self._follower, self._reading, self._memory, self._lock):
+        for each in (self._writer, self._follower, self._reading, self._cache, self._lock):
             each.close()
 
     @contextlib.contextmanager

@@ -35,7 +35,7 @@ class Told(Evidence):
         )  # fmt: skip
 
 
-def judge(accept, *constraints, **heights_m):
+def judge(accept, *constraints, worlds=None, **heights_m):
     evidence = Told(heights_m)
     for id in heights_m:
         execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
@@ -43,7 +43,8 @@ def judge(accept, *constraints, **heights_m):
         evidence.read(SessionStatus(contract=contract, state="awaiting_verification", execution=execution))
     choices = {id: SimpleNamespace(target=f"{id}_arm") for id in heights_m}
     graph = SimpleNamespace(
-        spec=SimpleNamespace(accept=(accept,), constraints=constraints, targets={}), choices=choices
+        spec=SimpleNamespace(accept=(accept,), constraints=constraints, targets={}, worlds=worlds or {}),
+        choices=choices,
     )
     return judge_goal(graph, evidence, {})
 
@@ -73,6 +74,20 @@ def test_a_constraint_must_be_seen_true_at_the_end_of_the_goal():
 def test_worlds_that_agree_are_as_good_as_one():
     assert judge("height(mark) >= 0.15", left=0.19, right=0.2).verdict is Verdict.SUCCESS
     assert judge("height(mark) >= 0.15", left=0.09, right=0.1).criteria[0].truth is Truth.FALSE
+
+
+@pytest.mark.parametrize(("left", "right", "met"), [(0.19, 0.1, False), (0.1, 0.19, True)])
+def test_in_a_world_that_the_goal_names_the_latest_snapshot_counts(left, right, met):
+    outcome = judge("height(mark) >= 0.15", worlds={"table": ("left_arm", "right_arm")}, left=left, right=right)
+    assert (outcome.verdict is Verdict.SUCCESS) is met
+    assert outcome.criteria[0].evidence.startswith("evidence/right/")
+
+
+def test_a_target_beside_the_named_world_has_its_own():
+    criteria = judge(
+        "height(mark) >= 0.15", worlds={"table": ("left_arm", "right_arm")}, left=0.1, right=0.2, far=0.1
+    ).criteria
+    assert "false in the world of far_arm, true in the world of left_arm and right_arm" in criteria[0].because
 
 
 def test_what_names_a_target_is_asked_of_its_world():

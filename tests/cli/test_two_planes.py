@@ -1,20 +1,19 @@
 """Both planes by hand, in either order, and what Ctrl-C does to a run."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
-from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.store.ledger import Ledger
+from tests.following import wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAPH = ROOT / "examples/01_yaml_skill/goal_graphs/show.yaml"
@@ -97,12 +96,13 @@ def test_a_second_interrupt_ends_at_once(begin, tmp_path):
     ids=["the watch is gone", "asked twice"],
 )
 def test_an_agent_that_is_asked_to_end_waits_only_for_a_watch_that_holds_its_lock(begin, tmp_path, lost, asked, code):
-    place = ("--workspace", Workspace.create(tmp_path / "w", Library.open(COUNT.parents[1])).root)
+    project, root = copy_endless_counter(tmp_path / "library"), tmp_path / "w"
+    place = ("--workspace", Workspace.create(root, Library.open(project)).root)
     watch, agent = begin("watch", *place, "--no-pictures"), begin("agent", COUNT, *place)
-    wait_until(tmp_path / "w", lambda ledger: any(each.state == "running" for each in ledger.sessions.values()))
+    wait_until(lambda: [each.state for each in read_ledger(root).sessions.values()] == ["running"], "a running session")
     watch.send_signal(lost)
     agent.send_signal(signal.SIGTERM)
-    wait_until(tmp_path / "w", lambda ledger: ledger.goals["count-0"].is_cancelled)
+    wait_until(lambda: read_ledger(root).goals["count-0"].is_cancelled, "the cancellation")
     if asked == 2:
         with pytest.raises(subprocess.TimeoutExpired):
             agent.wait(1.0)
@@ -112,12 +112,15 @@ def test_an_agent_that_is_asked_to_end_waits_only_for_a_watch_that_holds_its_loc
     assert ("no watchdog brings count-0.a to rest" in err) == (asked == 1)
 
 
-def wait_until(root: Path, condition: Callable[[Ledger], bool]) -> None:
-    clock = SystemClock()
-    deadline_s = clock.now_s() + 60.0
-    while not condition(read_ledger(root)):
-        assert clock.now_s() < deadline_s
-        clock.sleep(0.01)
+def copy_endless_counter(folder: Path) -> Path:
+    """The counter's library, whose only leaf never ends: its sessions run, each step in a hundredth of a second."""
+    shutil.copytree(COUNT.parents[1], folder)
+    leaf = folder / "skills" / "advance" / "behaviours.py"
+    source, ends = leaf.read_text(), "        return self.succeed()\n"
+    assert ends in source
+    stays = "        import threading\n\n        threading.Event().wait(0.01)\n        return Status.RUNNING\n"
+    leaf.write_text(source.replace(ends, stays))
+    return folder
 
 
 @pytest.mark.parametrize("plane", ["agent", "watch"])

@@ -18,7 +18,7 @@ from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.conformance import CHECKS, Subject
 from phyagentos.runtime.targets.driver_registry import DriverSite
-from phyagentos.runtime.targets.handshake import Tokens, greet, make_token
+from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import serve
@@ -49,13 +49,13 @@ def served():
     with contextlib.ExitStack() as stack:
 
         def open_remote(driver, profile):
-            token, door = make_token(), WebSocketDoor()
-            target = ServedTarget(driver, ReceiveLog(None))
-            thread = threading.Thread(target=serve, args=(target, door, Tokens(token), ended.is_set), daemon=True)
+            tokens, door = Tokens(key := make_key()), WebSocketDoor()
+            target = ServedTarget(driver, ReceiveLog(None), permits=tokens.permits)
+            thread = threading.Thread(target=serve, args=(target, door, tokens, ended.is_set), daemon=True)
             thread.start()
             channel = connect_websocket(door.endpoint)
-            greet(channel, token)
-            return RemoteDriver(profile, channel)
+            greet(channel, mint(key))
+            return RemoteDriver(profile, channel, key)
 
         ended = threading.Event()
         stack.callback(ended.set)

@@ -1,16 +1,19 @@
 """Runs named tests in a process of their own, with a sabotage planted or without, and reads what became of each.
 
 Upstream: `test_gauntlet` and the command `python -m tests.gauntlet`. Downstream: pytest, with `bend/` on its path.
+
+The processes are forks of one that has imported pytest and the libraries, and nothing of our own.
 """
 
 import json
+import multiprocessing
 import os
 import re
-import subprocess
+import runpy
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -30,6 +33,8 @@ ARGUMENTS = (
     "--tb=short",
     "-o",
     "junit_family=xunit1",
+    "-W",
+    "ignore:Module already imported:pytest.PytestAssertRewriteWarning",  # the fork has its plugins already
 )
 BREAKAGE = {  # what a badly made edit raises; a lie that nobody noticed must not pass for one that was found out
     "AttributeError",
@@ -41,6 +46,18 @@ BREAKAGE = {  # what a badly made edit raises; a lie that nobody noticed must no
     "TypeError",
     "UnboundLocalError",
 }
+LIBRARIES = (
+    "pytest",
+    "hypothesis.strategies",
+    "msgspec.yaml",
+    "networkx",
+    "numba",
+    "pydantic",
+    "py_trees",
+    "scipy.spatial",
+)
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload([*LIBRARIES])
 FRAME = re.compile(r"^(\S+\.py):\d+: in ", re.MULTILINE)  # of a short traceback
 
 
@@ -91,22 +108,32 @@ def run_tests(nodes: Iterable[str], sabotage: Sabotage | None = None) -> Run:
     with tempfile.TemporaryDirectory(prefix="gauntlet-") as folder:
         report = Path(folder, "report.xml")
         environment = plant(sabotage, Path(folder))
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            *ARGUMENTS,
-            f"--junitxml={report}",
-            f"--basetemp={folder}/tmp",
-            *nodes,
-        ]
+        arguments = [*ARGUMENTS, f"--junitxml={report}", f"--basetemp={folder}/tmp", *nodes]
+        process = FORKS.Process(target=_run_pytest, args=(arguments, environment, printed := Path(folder, "printed")))
         begin_s = time.perf_counter()
-        done = subprocess.run(
-            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
-        )
+        process.start()
+        process.join(TIMEOUT_S)
         seconds = time.perf_counter() - begin_s
+        if process.is_alive():
+            process.kill()
         outcomes = tuple(_read_report(report)) if report.exists() else ()
-    return Run(outcomes, seconds, done.stdout + done.stderr)
+        return Run(outcomes, seconds, printed.read_text(encoding="utf-8", errors="replace"))
+
+
+def _run_pytest(arguments: Sequence[str], environment: dict[str, str], printed: Path) -> None:
+    """In a fork: what a fresh `python -m pytest` in that environment would do."""
+    with printed.open("wb") as file:
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(file.fileno(), stream.fileno())
+    os.chdir(ROOT)
+    os.environ.clear()
+    os.environ.update(environment)
+    if own := [name for name in sys.modules if name.partition(".")[0] in {"phyagentos", "skills"}]:
+        raise RuntimeError(f"imported before the lie: {own}")
+    runpy.run_path(str(BEND / "sitecustomize.py"))
+    import pytest
+
+    sys.exit(pytest.main([*arguments]))
 
 
 def plant(sabotage: Sabotage | None, folder: Path) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """One warm runtime plane for all journeys; each journey is a goal, so a world, of its own."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,20 +15,31 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from tests.goal_graphs import assert_same_graph, check_recorded_graphs
 
 HERE = Path(__file__).parent
+STATECHARTS = HERE / "test_statecharts.py"
 _FILES: set[Path] = set()  # of the journeys that this run goes through
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items):
-    """What is said of all journeys comes after them."""
-    items.sort(key=lambda item: item.path == HERE / "test_statecharts.py")
+def pytest_collection_modifyitems(config, items):
+    """What is said of all journeys comes after them: last, and never in one of several processes."""
+    items.sort(key=lambda item: item.path == STATECHARTS)
     _FILES.update(item.path for item in items)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        last = [item for item in items if item.path == STATECHARTS]
+        config.hook.pytest_deselected(items=last)
+        items[:] = items[: len(items) - len(last)]
 
 
 @pytest.fixture(scope="session")
-def runs_every_journey():
+def journeys(pytestconfig, tmp_path_factory):
+    """The folder that journeys have left their workspaces in: of this run, or of the one that is named."""
+    return pytestconfig.option.journeys or tmp_path_factory.getbasetemp()
+
+
+@pytest.fixture(scope="session")
+def is_of_every_journey(pytestconfig):
     """Whether no file of this folder was left out."""
-    return set(HERE.glob("test_*.py")) <= _FILES
+    return pytestconfig.option.journeys is not None or set(HERE.glob("test_*.py")) <= _FILES
 
 
 class Plane:

@@ -1,13 +1,16 @@
-"""`paos agent` that kills itself with SIGKILL at its n-th write to the journal: before it, in its middle, or after it.
+"""Forks agents, one at a time; each may kill itself with SIGKILL at its n-th write to the journal.
 
-    python dying_agent.py <graph> <workspace> <seed> <n> before|middle|after
+    python dying_agent.py <graph> <workspace>
 
-After the write means before it was made durable and before anybody was told.
+For each line `<seed> <n> before|middle|after` it prints the process id of an agent, then its exit code. With n = 0 the
+agent lives. After the write means before it was made durable and before anybody was told. A fork has imported what an
+agent needs, and nothing else was done: it is a new agent, without half a second of imports.
 """
 
 import os
 import signal
 import sys
+import traceback
 from pathlib import Path
 
 from phyagentos.assembly.agent_plane import run_agent
@@ -32,7 +35,28 @@ def die_at(n: int, moment: str) -> None:
     SystemIO.write = last_write
 
 
+def serve(graph: Path, workspace: Path) -> None:
+    """Until there is no line any more."""
+    for line in sys.stdin:
+        seed, n, moment = line.split()
+        if (pid := os.fork()) == 0:
+            os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+            code = 1
+            try:
+                die_at(int(n), moment)
+                code = run_agent(workspace, graph, int(seed), goal=f"{graph.stem}-{seed}").exit_code
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(code)
+        answer(pid)
+        answer(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+
+
+def answer(number: int) -> None:
+    sys.stdout.write(f"{number}\n")
+    sys.stdout.flush()
+
+
 if __name__ == "__main__":
-    graph, workspace, seed, n, moment = sys.argv[1:]
-    die_at(int(n), moment)
-    run_agent(Path(workspace), Path(graph), int(seed), goal=f"{Path(graph).stem}-{seed}")
+    serve(*map(Path, sys.argv[1:]))

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -26,7 +27,6 @@ from phyagentos.store.watch import Watch
 HERE = Path(__file__).parent
 BENCH = HERE.parents[1] / "benchmarks" / "library"
 COUNT, CUBE = HERE / "count.yaml", HERE / "goal.yaml"
-LIMIT_S = 120
 
 pytestmark = pytest.mark.journey
 
@@ -46,60 +46,62 @@ class Planes:
                 self._log.close()
                 pytest.fail((self.workspace.logs / "planes.log").read_text())
         self._lane = self.workspace.sessions / choose_partition(self.workspace.sessions)
+        self._follower, self._records = Follower(self._lane), []
+        command = [sys.executable, str(HERE / "dying_agent.py"), str(graph), str(root)]
+        pipe = subprocess.PIPE
+        self._agents = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._log, text=True)
 
-    def start_agent(self, seed: int) -> subprocess.Popen[bytes]:
-        name = f"{self.graph.stem}-{seed}"
-        command = [sys.executable, "-m", "phyagentos", "agent", str(self.graph), "--seed", str(seed), "--goal", name]
-        return self._start(*command, "--workspace", str(self.workspace.root))
-
-    def run_dying_agent(self, seed: int, n: int, moment: str) -> int:
-        script, root = HERE / "dying_agent.py", self.workspace.root
-        dying = self._start(sys.executable, str(script), str(self.graph), str(root), str(seed), str(n), moment)
-        return dying.wait(LIMIT_S)
+    def run_agent(self, seed: int, n: int = 0, moment: str = "before") -> int:
+        """The exit code of an agent; with `n`, of one that kills itself at that write to the journal."""
+        self._start_agent(seed, n, moment)
+        return self._wait_for_agent()
 
     def kill_agent_after(self, seed: int, n_records: int) -> bool:
         """Kill an agent as soon as the journal has so many more records; False when it came to its end before."""
-        records = Follower(self._lane)
-        records.read_new()
-        agent = self.start_agent(seed)
+        count = n_records + len(self._read_records())
+        agent = self._start_agent(seed)
         with Watch([self._lane]) as watch:
-            count = 0
-            while count < n_records:
-                if agent.poll() is not None:
-                    return False
+            while len(self._read_records()) < count and Path(f"/proc/{agent}").exists():
                 watch.wait(0.05)
-                count += len(records.read_new())
-        os.kill(agent.pid, signal.SIGKILL)
-        records.close()
-        return agent.wait(LIMIT_S) != 0
+        with suppress(ProcessLookupError):
+            os.kill(agent, signal.SIGKILL)
+        return self._wait_for_agent() == -signal.SIGKILL
 
     def finish(self, seed: int) -> None:
         """Start an agent again and let it come to its end."""
-        assert self.start_agent(seed).wait(LIMIT_S) == ExitCode.GOAL_MET, self.read_log()
+        assert self.run_agent(seed) == ExitCode.GOAL_MET, self.read_log()
 
     def read_story(self, seed: int) -> tuple[object, ...]:
         return tell(*self.read_goal(seed))
 
     def read_goal(self, seed: int) -> tuple[GoalStatus, list[SessionStatus], list[Record]]:
-        ledger, follower = Ledger(forgets=False), Follower(self._lane)
-        records = follower.read_new()
+        ledger, name = Ledger(forgets=False), f"{self.graph.stem}-{seed}"
+        records = [record for record in self._read_records() if _get_goal(record) == name]
         for record in records:
             ledger.apply(record)
-        follower.close()
-        (goal,) = [goal for goal in ledger.goals.values() if goal.seed == seed]
-        sessions = [status for status in ledger.sessions.values() if status.contract.goal == goal.id]
-        return goal, sessions, [record for record in records if _get_goal(record) == goal.id]
+        (goal,) = ledger.goals.values()
+        return goal, list(ledger.sessions.values()), records
 
     def read_log(self) -> str:
         return (self.workspace.logs / "planes.log").read_text()
 
     def stop(self) -> None:
+        self._agents.communicate(timeout=30)
         self._watch.terminate()
         self._watch.wait(30)
+        self._follower.close()
         self._log.close()
 
-    def _start(self, *command: str) -> subprocess.Popen[bytes]:
-        return subprocess.Popen(command, stdout=self._log, stderr=self._log)
+    def _start_agent(self, seed: int, n: int = 0, moment: str = "before") -> int:
+        print(seed, n, moment, file=self._agents.stdin, flush=True)
+        return int(self._agents.stdout.readline())
+
+    def _wait_for_agent(self) -> int:
+        return int(self._agents.stdout.readline())
+
+    def _read_records(self) -> list[Record]:
+        self._records += self._follower.read_new()
+        return self._records
 
 
 def _get_goal(record: Record) -> str:
@@ -165,7 +167,7 @@ def test_an_agent_killed_at_any_of_its_writes_comes_to_the_same_end(counter):
     for n in itertools.count(1):
         for moment in ("before", "middle", "after"):
             seed = next(seeds)
-            code = counter.run_dying_agent(seed, n, moment)
+            code = counter.run_agent(seed, n, moment)
             if code != -signal.SIGKILL:
                 assert code == 0
                 assert n > 7
@@ -191,7 +193,7 @@ def test_an_agent_killed_after_any_record_of_either_plane_comes_to_the_same_end(
 def test_an_agent_killed_again_and_again_comes_to_the_same_end(counter):
     expected = counter.read_story(1)
     deaths = 0
-    while counter.run_dying_agent(50, 2, "after" if deaths % 2 else "middle") == -signal.SIGKILL:
+    while counter.run_agent(50, 2, "after" if deaths % 2 else "middle") == -signal.SIGKILL:
         deaths += 1
         assert deaths < 50
 

@@ -11,6 +11,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
+from tests.following import wait_until
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
@@ -30,13 +31,12 @@ def planes(tmp_path):
     assert planes.stop() == []
 
 
-def wait_until(planes, is_so) -> None:
-    clock = SystemClock()
-    deadline_s = clock.now_s() + LIMIT_S
-    while not is_so():
-        assert clock.now_s() < deadline_s
+def tend_until(planes, is_so) -> None:
+    def has_come() -> bool:
         planes.tend()
-        clock.sleep(0.02)
+        return is_so()
+
+    wait_until(has_come, limit_s=LIMIT_S)
 
 
 def is_moving(planes) -> bool:
@@ -45,7 +45,7 @@ def is_moving(planes) -> bool:
 
 
 def kill(planes, name: str) -> None:
-    wait_until(planes, lambda: is_moving(planes))
+    tend_until(planes, lambda: is_moving(planes))
     os.kill(planes.find(name), signal.SIGKILL)
 
 
@@ -69,7 +69,7 @@ def test_every_promise_is_kept_under_six_attacks():
 
 def test_a_world_outlives_its_watchdog_and_what_was_achieved_is_kept(planes):
     kill(planes, "watchdog")
-    wait_until(planes, planes.tend)
+    tend_until(planes, planes.tend)
 
     goal, sessions = planes.read_goal()
     assert goal.verdict == "success"
@@ -81,7 +81,7 @@ def test_a_world_outlives_its_watchdog_and_what_was_achieved_is_kept(planes):
 
 def test_a_killed_world_is_replaced_and_its_session_attributed(planes):
     kill(planes, "world")
-    wait_until(planes, planes.tend)
+    tend_until(planes, planes.tend)
 
     goal, sessions = planes.read_goal()
     assert goal.verdict == "success"
@@ -90,7 +90,7 @@ def test_a_killed_world_is_replaced_and_its_session_attributed(planes):
 
 
 def test_a_second_watchdog_of_a_workspace_is_refused(planes):
-    wait_until(planes, planes.is_watched)
+    tend_until(planes, planes.is_watched)
     command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(planes.root)]
     second = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
 
@@ -105,5 +105,5 @@ def test_a_world_that_nobody_supervises_is_ended_by_the_next_watchdog(planes):
     orphans = [pid for pid, name in find_processes(planes.root).items() if name == "world"]
 
     assert len(orphans) == 1
-    wait_until(planes, lambda: planes.restarts["watchdog"] == 1 and planes.is_watched())
+    tend_until(planes, lambda: planes.restarts["watchdog"] == 1 and planes.is_watched())
     assert planes.stop() == []

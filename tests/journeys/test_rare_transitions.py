@@ -19,8 +19,8 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision import target_supervisor, watchdog
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.store.journal import Entry, Journal
-from phyagentos.store.ledger import Ledger
 from tests.contracts import make_contract
+from tests.following import Followed, wait_until
 
 from .reached import read_phase_arrows
 
@@ -39,7 +39,7 @@ class Stand:
         self.workspace = Workspace.create(root, Library(()))
         self._plan = root / "plan.json"
         self._pens = {side: Journal(root, side=side, by=side.value, clock=CLOCK) for side in Side}
-        self._ledger, self._events = Ledger(), []
+        self._followed = Followed(self._pens[Side.AGENT].read_new)
         self._watchdog = watchdog.Watchdog(
             workspace=self.workspace,
             journal=self._pens[Side.RUNTIME],
@@ -68,21 +68,11 @@ class Stand:
 
     def wait_for(self, state: str) -> list[str]:
         """Follow the session to a state; its events so far."""
-        deadline_s = CLOCK.now_s() + PATIENCE_S
-        while CLOCK.now_s() < deadline_s:
-            for record in self._pens[Side.AGENT].read_new():
-                self._ledger.apply(record)
-                self._events.append(record.ev)
-            if self._ledger.sessions and self._ledger.sessions["g.a"].state == state:
-                return self._events
-            CLOCK.sleep(0.005)
-        raise AssertionError(f"{self._events} never led to {state}")
+        self._followed.wait_for("g.a", state)
+        return self._followed.events("g.a")
 
-    def wait_for_phase(self, before: str, event: str, after: str) -> None:
-        deadline_s = CLOCK.now_s() + PATIENCE_S
-        while (before, event, after) not in read_phase_arrows(self.workspace.root):
-            assert CLOCK.now_s() < deadline_s, (before, event, after)
-            CLOCK.sleep(0.01)
+    def wait_for_phase(self, *arrow: str) -> None:
+        wait_until(lambda: arrow in read_phase_arrows(self.workspace.root), str(arrow))
 
     def close(self) -> None:
         self._watchdog.stop()

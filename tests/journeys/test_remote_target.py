@@ -9,7 +9,7 @@ from phyagentos.assembly.paths import TOKENS
 from phyagentos.cli.why import explain_session
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.targets.handshake import make_token
+from phyagentos.runtime.targets.handshake import make_key
 from phyagentos.runtime.worker.rerun import find_differences
 
 pytestmark = pytest.mark.journey
@@ -17,20 +17,20 @@ pytestmark = pytest.mark.journey
 
 @pytest.fixture
 def served(tmp_path):
-    """The arm of another workspace at a port of this machine: its endpoint, and the token that admits."""
-    workspace, token = Workspace.create(tmp_path / "there", Library.open()), make_token().hex()
+    """The arm of another workspace at a port of this machine: its endpoint, and the key that admits."""
+    workspace, key = Workspace.create(tmp_path / "there", Library.open()), make_key().hex()
     command = [sys.executable, "-m", "phyagentos.assembly.processes", "world", "--workspace", str(workspace.root)]
     command += ["--target", "panda", "--socket", "ws://127.0.0.1:0"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen(command, text=True, **pipes) as process:
-        process.stdin.write(f"panda {token}\n")
+        process.stdin.write(f"panda {key}\n")
         process.stdin.flush()
-        yield process.stdout.readline().strip(), token, workspace
+        yield process.stdout.readline().strip(), key, workspace
         process.stdin.close()  # it ends with its parent
         assert process.wait(30) == 0
 
 
-def command_from_here(plane, endpoint, token):
+def command_from_here(plane, endpoint, key):
     """The panda of this workspace is the one that is served there."""
     registry = plane.workspace.target_registry
     told = f"target: panda\ndriver: remote\nendpoint: {endpoint}\n"
@@ -38,13 +38,13 @@ def command_from_here(plane, endpoint, token):
     secret = plane.workspace.root / TOKENS / "panda"
     secret.parent.mkdir(parents=True)
     secret.touch(mode=0o600)
-    secret.write_text(token)
+    secret.write_text(key)
 
 
 def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket(make_plane, served):
-    endpoint, token, there = served
+    endpoint, key, there = served
     near, far = make_plane("near"), make_plane("far")
-    command_from_here(far, endpoint, token)
+    command_from_here(far, endpoint, key)
     reports = [plane.run("ws-3", seed=3) for plane in (near, far)]
 
     assert [report.verdict for report in reports] == ["success", "success"]
@@ -64,7 +64,7 @@ def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket(make_plane, 
 def test_a_token_that_is_not_the_targets_moves_nothing(make_plane, served):
     endpoint, _, there = served
     plane = make_plane()
-    command_from_here(plane, endpoint, make_token().hex())
+    command_from_here(plane, endpoint, make_key().hex())
     report = plane.run("ws-4", seed=3)
 
     assert report.exit_code == 3

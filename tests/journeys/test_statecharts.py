@@ -15,9 +15,9 @@ pytestmark = pytest.mark.journey
     [(SESSION_TRANSITIONS, read_session_arrows), (PHASE_TRANSITIONS, read_phase_arrows)],
     ids=["session", "target"],
 )
-def test_journeys_reach_every_row_and_no_other(rows, read, tmp_path_factory, runs_every_journey):
-    declared, reached = list_arrows(rows), read(tmp_path_factory.getbasetemp())
+def test_journeys_reach_every_row_and_no_other(rows, read, journeys, is_of_every_journey):
+    declared, reached = list_arrows(rows), read(journeys)
 
     assert reached <= declared, f"undeclared: {sorted(reached - declared)}"
-    if runs_every_journey:
+    if is_of_every_journey:
         assert reached == declared, f"unreached: {sorted(declared - reached)}"

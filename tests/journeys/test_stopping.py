@@ -9,18 +9,12 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import Latch, latch, reset
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
+from tests.following import wait_until
 
 pytestmark = pytest.mark.journey
 
 CLOCK = SystemClock()
 LIMIT_S = 60.0
-
-
-def wait_until(condition) -> None:
-    deadline_s = CLOCK.now_s() + LIMIT_S
-    while not condition():
-        assert CLOCK.now_s() < deadline_s, "it did not come to that"
-        CLOCK.sleep(0.005)
 
 
 def is_in_phase(plane, phase: str, ticks: int = 0) -> bool:

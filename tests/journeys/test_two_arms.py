@@ -74,6 +74,13 @@ class TwoArms:
             assert CLOCK.now_s() < deadline_s
             CLOCK.sleep(0.01)
 
+    def wait_until_both_stand(self):
+        """One is paused, and the other waits for it."""
+        deadline_s, beats = CLOCK.now_s() + LIMIT_S, self.workspace.heartbeats
+        while {find_heartbeat(beats, arm).phase for arm in ARMS} != {"paused"}:
+            assert CLOCK.now_s() < deadline_s
+            CLOCK.sleep(0.01)
+
     def signal(self, kind, session):
         drop_signal(self.workspace.signals, Signal(kind=kind, session=session, by="test"), CLOCK)
 
@@ -185,7 +192,30 @@ def test_at_one_table_a_killed_worker_leaves_its_arm_holding_and_the_other_goes_
     assert arms.executions["again"]["ended"] == "completed"
 
 
-@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+@pytest.mark.parametrize(("how", "event"), [("cancel", "confirm_cancel"), ("estop", "finish"), ("kill", "reconcile")])
+def test_at_one_table_an_arm_that_waits_for_a_paused_one_is_stopped_all_the_same(one_table, how, event):
+    arms = one_table()
+    arms.signal("pause", "left")
+    arms.wait_until_both_stand()
+    if how == "kill":
+        os.kill(find_heartbeat(arms.workspace.heartbeats, "right_arm").pid, signal.SIGKILL)
+    else:
+        arms.signal(how, "right" if how == "cancel" else "")
+    arms.wait_for("right", event)
+
+    execution = arms.executions["right"]
+    ended, code = {"cancel": ("cancelled", "CANCELLED"), "estop": ("safety_stop", "ESTOPPED")}.get(
+        how, ("runner_lost",) * 2
+    )
+    assert (execution["ended"], execution["code"].upper()) == (ended, code.upper())
+    assert ("left", "finish") not in arms.told or how == "estop"
+    if how != "estop":
+        arms.signal("resume", "left")
+        arms.wait_for("left", "finish")
+        assert arms.executions["left"]["ended"] == "completed"
+
+
+@pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=pytest.mark.alone)])
 def test_at_one_table_an_emergency_stop_ends_both(one_table, mode):
     arms = one_table(mode)
     arms.signal("estop", "")
@@ -195,6 +225,7 @@ def test_at_one_table_an_emergency_stop_ends_both(one_table, mode):
     assert [arms.executions[name]["code"] for name in ("left", "right")] == ["ESTOPPED", "ESTOPPED"]
 
 
+@pytest.mark.alone
 def test_at_one_table_both_work_in_real_time(one_table):
     arms = one_table("realtime")
     arms.wait_for("left", "finish")

@@ -9,11 +9,11 @@ import pytest
 from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.handshake import Tokens, make_token
+from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
 from phyagentos.runtime.targets.server import UnixDoor, serve
 
 PATIENCE_S = 10.0
-TOKEN = make_token()
+KEY = make_key()
 
 
 class BusyTarget:
@@ -29,6 +29,8 @@ class BusyTarget:
         self.may_go_on.wait(PATIENCE_S)
         return wire.Ack()
 
+    def listen(self, client, tokens) -> None: ...
+
     def withdraw(self) -> None:
         self.withdrawn.set()
 
@@ -39,7 +41,7 @@ class BusyTarget:
 def target(tmp_path):
     target = BusyTarget()
     socket = str(tmp_path / "s")
-    thread = threading.Thread(target=serve, args=(target, UnixDoor(socket), Tokens(TOKEN)), daemon=True)
+    thread = threading.Thread(target=serve, args=(target, UnixDoor(socket), Tokens(KEY)), daemon=True)
     thread.start()
     yield target, socket
     with connect(socket) as last:
@@ -48,7 +50,7 @@ def target(tmp_path):
 
 
 def connect(socket: str):
-    return contextlib.closing(connect_to_world(socket, TOKEN, SystemClock()))
+    return contextlib.closing(connect_to_world(socket, mint(KEY), SystemClock()))
 
 
 def make_command() -> wire.Command:
@@ -61,7 +63,7 @@ def make_command() -> wire.Command:
 @pytest.mark.parametrize("lives", [True, False])
 def test_a_command_in_the_pipe_is_carried_out_only_while_its_sender_lives(target, lives):
     world, socket = target
-    client = connect_to_world(socket, TOKEN, SystemClock())
+    client = connect_to_world(socket, mint(KEY), SystemClock())
     client.send_bytes(wire.REQUESTS.encode(wire.Begin(session="s", epoch=1)))
     assert world.busy.wait(PATIENCE_S)
     client.send_bytes(wire.REQUESTS.encode(make_command()))

@@ -1,8 +1,10 @@
 """A worker goes on only as long as a watchdog says so; what the wall clock does in the meantime changes nothing."""
 
 import threading
+from collections import deque
 from multiprocessing import Pipe
 
+import msgspec
 import pytest
 
 from phyagentos.clock import ManualClock, SystemClock
@@ -125,6 +127,52 @@ def test_a_worker_whose_lease_is_renewed_goes_on_until_it_is_asked_to_stop(emplo
     execution = employed.hear().execution
 
     assert (execution.ended, execution.code) == (Ended.STALLED, "NO_PROGRESS")
+
+
+class Standing:
+    """The connection to a target whose time stands: a command waits until it is aborted."""
+
+    def __init__(self, target) -> None:
+        self.target, self.replies, self.is_waiting = target, deque(), threading.Event()
+
+    def send_bytes(self, message):
+        request = wire.REQUESTS.decode(message)
+        if isinstance(request, wire.Command):
+            self.is_waiting.set()
+            return
+        if isinstance(request, wire.Describe) and self.is_waiting.is_set():
+            self.replies.append(wire.Refused("ABORTED", "the session is to end"))
+        self.replies.append(self.target.handle(request))
+
+    def recv_bytes(self):
+        return wire.REPLIES.encode(self.replies.popleft())
+
+    def poll(self, timeout_s=0.0):
+        if not self.replies:
+            SystemClock().sleep(min(timeout_s, 0.01))
+        return bool(self.replies)
+
+
+@pytest.mark.parametrize(
+    ("why", "code"), [("lease", "LEASE_LOST"), ("cancelled", "CANCELLED"), ("stalled", "NO_PROGRESS")]
+)
+def test_a_session_ends_while_its_command_waits_for_other_targets(employed, why, code):
+    target, describe = employed.bench.target, employed.bench.target._describe
+    target._describe = lambda: msgspec.structs.replace(describe(), shares_time=True)
+    employed.bench.handle._connection = standing = Standing(target)
+    target.commands = standing.is_waiting.is_set
+    employed.start()
+    employed.ours.send_bytes(encode(Renew(until_s=employed.clock.now_s() + 1.5 * LEASE_S)))
+    employed.wait_for_a_renewal()  # heard while the command waits
+    if why == "lease":
+        employed.clock.advance(2.0 * LEASE_S)
+    else:
+        employed.ours.send_bytes(encode(Stop(session=employed.session.id, reason=why)))
+
+    execution = employed.hear().execution
+
+    assert execution.code == code
+    assert any(isinstance(request, wire.Halt) for request in target.requests)
 
 
 class Jumping(SystemClock):

@@ -10,7 +10,10 @@ from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
+from phyagentos.runtime.perception.true_world import TrueWorld
+from phyagentos.runtime.perception.world_model import Glance
 from phyagentos.runtime.targets import wire
+from tests.runtime.conftest import build_cube
 
 
 class Tap:
@@ -91,6 +94,75 @@ def test_the_world_is_looked_at_only_while_it_stands(move):
 
     assert tap.asked_meanwhile == []
     assert sum(isinstance(request, wire.Observe) for request in bench.target.requests) > 5
+
+
+class Glancing(TrueWorld):
+    """Plans glances at the cubes; `is_sure` decides what each of them shows."""
+
+    is_sure = staticmethod(lambda _number: True)
+    planned = 0
+
+    def plan_glance(self, things, time_s):
+        self.planned += 1
+        self.expected_s = time_s
+        return Glance(things, wire.Capture(cameras=("overhead",)), None)
+
+    def read_glance(self, glance, frames):
+        assert self.step.time_s == pytest.approx(self.expected_s)
+        assert [type(each) for each in frames] == [wire.Frames]
+        world = self._describe(self._handle.step)
+        names = glance.things if self.is_sure(self.planned) is True else ()
+        things = {name: build_cube(name) for name in names}
+        return None if self.is_sure(self.planned) is None else msgspec.structs.replace(world, entities=things)
+
+
+@pytest.fixture
+def glancing(monkeypatch, doubles):
+    """The true world with glances; the target sends frames without pictures."""
+    monkeypatch.setattr("tests.runtime.conftest.TrueWorld", Glancing)
+    monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda _number: True))
+    handle = doubles.PerfectTarget.handle
+
+    def send_frames(target, request):
+        if isinstance(request, wire.Capture):
+            target.requests.append(request)
+            return wire.Frames(())
+        return handle(target, request)
+
+    monkeypatch.setattr(doubles.PerfectTarget, "handle", send_frames)
+
+
+@pytest.mark.usefixtures("glancing")
+def test_frames_are_requested_behind_the_command_of_a_sample_and_nothing_waits(move):
+    tap, bench, execution = move(hold=("exists(red_cube)",))
+    requests = [type(each) for each in bench.target.requests if isinstance(each, wire.Command | wire.Capture)]
+
+    assert execution.ended is Ended.COMPLETED
+    assert tap.asked_meanwhile == [wire.Capture] * requests.count(wire.Capture)
+    assert requests.count(wire.Capture) >= execution.ticks // 5 - 1
+    assert requests[:12] == ([wire.Command] * 5 + [wire.Capture]) * 2
+    assert tap.most == 2
+
+
+@pytest.mark.usefixtures("glancing")
+def test_a_glance_that_leaves_doubt_is_followed_by_a_look_at_the_next_period(move, monkeypatch):
+    monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda number: None if number == 2 else True))
+    _, bench, execution = move(hold=("exists(red_cube)",))
+    requests = [type(each) for each in bench.target.requests]
+    second = [index for index, kind in enumerate(requests) if kind is wire.Capture][1]
+
+    assert execution.ended is Ended.COMPLETED
+    assert requests[second + 1 : second + 3] == [wire.Command, wire.Observe]
+
+
+@pytest.mark.usefixtures("glancing")
+def test_what_a_glance_shows_violates_a_hold_condition(move, monkeypatch):
+    monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda number: number != 2))
+    _, bench, execution = move(hold=("exists(red_cube)",))
+
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED")
+    assert len(bench.target.commands()) == execution.ticks == 11
+    assert len(read_trajectory(bench, execution)["time_s"]) == 11
 
 
 def test_a_command_behind_a_refused_one_is_not_recorded(move, doubles, profile):

@@ -14,6 +14,7 @@ from phyagentos.protocol.world.environment import Environment, Interior
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.worker.orders import Reconcile
 
 
 class Boast(Leaf):
@@ -429,9 +430,8 @@ def test_the_trace_counts_commands_and_simulated_time_only(build_bench, build_se
 def test_after_a_lost_runner_the_target_is_halted_and_the_world_observed(build_bench, build_session):
     bench = build_bench()
     bench.handle.load(build_session().scene)
-    execution = bench.runner.observe_only(
-        build_session(), 2, ended=Ended.RUNNER_LOST, evidence="evidence/x", reason="the worker died"
-    )
+    order = Reconcile(session=build_session(), epoch=2, evidence="evidence/x", reason="the worker died")
+    execution = bench.runner.observe_only(order, 2)
 
     assert (execution.ended, execution.message, execution.ticks) == (Ended.RUNNER_LOST, "the worker died", 0)
     assert (bench.workspace / "evidence" / "x" / evidence.AFTER).exists()

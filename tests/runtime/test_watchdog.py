@@ -16,8 +16,8 @@ from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolMan
 from phyagentos.runtime.supervision.watchdog import Watchdog
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Ready, Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
-from phyagentos.store.ledger import Ledger
 from tests.contracts import make_contract
+from tests.following import Followed
 
 PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="t", observation_path=(), action_path=())
 TOOLS = TargetToolManifest(expose=())
@@ -92,14 +92,14 @@ def make_session(id: str = "g.a", target: str = "panda", priority: int = 0, **li
     return make_contract(id=id, target=target, priority=priority, limits=Limits(**limits))
 
 
-class Stand:
+class Stand(Followed):
     """A workspace, an agent's journal, and a watchdog in a thread."""
 
     def __init__(self, root) -> None:
         self.workspace = Workspace.create(root, Library(()))
         self.agent = Journal(root, side=Side.AGENT, by="test", clock=SystemClock())
-        self.ledger, self.clock = Ledger(), SystemClock()
-        self.records: list = []
+        super().__init__(self.agent.read_new)
+        self.clock = SystemClock()
         self.watchdog = None
 
     def watch(self, worker, clock=None, **options) -> None:
@@ -119,29 +119,6 @@ class Stand:
 
     def submit(self, *sessions: Session) -> None:
         self.agent.commit([Entry(session.id, "submit", session) for session in sessions])
-
-    def wait_for(self, id: str, *states: str, patience_s: float = PATIENCE_S) -> str:
-        """Follow until a session reaches one of the states."""
-        pause, waited_s = threading.Event(), 0.0
-        while waited_s < patience_s:
-            for record in self.agent.read_new():
-                self.ledger.apply(record)
-                self.records.append(record)
-            if id in self.ledger.sessions and self.ledger.sessions[id].state in states:
-                return self.ledger.sessions[id].state
-            pause.wait(0.01)
-            waited_s += 0.01
-        raise AssertionError(f"{id} is {self.ledger.sessions[id].state}, never became {states}")
-
-    def poll(self, id: str) -> str:
-        """The state of a session now."""
-        for record in self.agent.read_new():
-            self.ledger.apply(record)
-            self.records.append(record)
-        return self.ledger.sessions[id].state
-
-    def events(self, id: str) -> list[str]:
-        return [record.ev for record in self.records if record.id == id]
 
     def close(self) -> None:
         if self.watchdog is not None:

@@ -72,9 +72,9 @@ class Steps:
     def restore(self, belief, looks) -> None:
         self.told.append(f"believe {sorted(belief.entities)}")
 
-    def observe_only(self, session, epoch, *, ended, evidence, **_) -> Execution:
-        self.told.append(f"look {session.id}")
-        return Execution(ended=ended, evidence=evidence)
+    def observe_only(self, order, epoch) -> Execution:
+        self.told.append(f"look {order.session.id}")
+        return Execution(ended=order.ended, evidence=order.evidence)
 
 
 class Place:

@@ -1,11 +1,13 @@
 """The judgement of a whole goal, and the evidence of its sessions.
 
 A goal is met when every node is done, and its acceptance and constraints are true in the latest snapshot, changes
-measured against the first: what a session could not see of a constraint must be seen true in the end. Each simulated
-target has a world of its own: where those of a goal disagree, the truth is unknown.
+measured against the first: what a session could not see of a constraint must be seen true in the end. Targets that the
+goal puts into one world have one latest snapshot; every other target has a world of its own. Where the worlds of a goal
+disagree, the truth is unknown.
 """
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from phyagentos.protocol.world.predicates.predicate import has_metric, parse_pre
 from phyagentos.protocol.world.truth import Truth
 
 Age = tuple[int, str]
+_NEVER: Age = (sys.maxsize, "")
 
 
 @dataclass(slots=True)
@@ -149,6 +152,13 @@ def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str])
     return Outcome(verdict=verdict, reason=reason, criteria=criteria, now=evidence.all.now)
 
 
+def _join(seen: Sequence[Seen]) -> Seen:
+    """The first and the latest of several snapshots of one world."""
+    first = min(seen, key=lambda each: each.oldest or _NEVER)
+    last = max(seen, key=lambda each: each.latest or (0, ""))
+    return Seen(initial=first.initial, now=last.now, now_file=last.now_file, oldest=first.oldest, latest=last.latest)
+
+
 def _judge(text: str, kind: str, graph: GoalGraph, evidence: Evidence) -> Criterion:
     """One criterion, in the world of the target that it names, else in those of all."""
     roles = {role: target for role, target in graph.spec.targets.items() if target != ANY}
@@ -157,6 +167,11 @@ def _judge(text: str, kind: str, graph: GoalGraph, evidence: Evidence) -> Criter
     named = {reference.name for reference in predicate.iter_references() if reference.kind is ArgumentKind.TARGET}
     if named & worlds.keys():
         worlds = {target: worlds[target] for target in named & worlds.keys()}
+    else:
+        for names in graph.spec.worlds.values():
+            together = [worlds.pop(target) for name in names if (target := roles.get(name, name)) in worlds]
+            if together:
+                worlds[" and ".join(names)] = _join(together)
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
     answers = {

@@ -1,6 +1,6 @@
 """What memory advises for a compiled contract, recorded with it.
 
-Look-ahead (`repair.foresight`) proposes in the same form.
+Look-ahead (`repair.after_lookahead`) proposes in the same form.
 """
 
 from dataclasses import dataclass

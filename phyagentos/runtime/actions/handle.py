@@ -62,7 +62,10 @@ class TargetSessionHandle:
         is_stopped: Whether the emergency stop is latched; called before every command.
         collision: The guard's stage for contacts of a posture.
         sees_truth: Whether observations come with the ground truth (`sensing: truth`).
-        on_wait: Called several times a second while a motion waits for other targets of a shared world.
+
+    Attributes:
+        is_ending: Whether the session is to end; called while a motion waits for other targets of a shared world.
+        token: Of the epoch that begins next.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
@@ -76,9 +79,9 @@ class TargetSessionHandle:
         is_stopped: Callable[[], bool] | None = None,
         collision: PostureCollision | None = None,
         sees_truth: bool = False,
-        on_wait: Callable[[], None] = lambda: None,
     ) -> None:
-        self._on_wait = on_wait
+        self.is_ending: Callable[[], bool] = lambda: False
+        self.token = b""
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
         self._connection = connection
@@ -92,7 +95,7 @@ class TargetSessionHandle:
         self._epoch = 0
         self._sequence = 0
         self._step: wire.Step | None = None
-        self._sent: deque[wire.Command] = deque()  # whose reports were not collected
+        self._sent: deque[wire.Command | wire.Capture] = deque()  # whose replies were not collected
         self._reports: deque[wire.Reply] = deque()  # of the oldest of them, where another request followed
         self._rests = True
         self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
@@ -131,9 +134,9 @@ class TargetSessionHandle:
         return loaded
 
     def begin(self, session: str, epoch: int) -> wire.Observation:
-        """Take authority for one session and observe once, with a snapshot."""
+        """Take authority for one session, and observe once, with a snapshot."""
         description = self.describe()
-        self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
+        self._ask(wire.Begin(session=session, epoch=epoch, token=self.token), wire.Ack)
         self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
         self._sent.clear()
         self._reports.clear()
@@ -197,12 +200,12 @@ class TargetSessionHandle:
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
         description = self.describe()
-        if self._rests and description.mode == WorldMode.REALTIME:  # time went on while nothing was commanded
+        if self._rests and (description.mode == WorldMode.REALTIME or description.shares_time):  # time may have gone on
             self.settle(0.0)
         period_s = description.physics_step_s * description.steps_per_command
         now = self.step
-        if self._sent:
-            now = msgspec.structs.replace(now, time_s=now.time_s + len(self._sent) * period_s)
+        if ahead := sum(isinstance(each, wire.Command) for each in self._sent):
+            now = msgspec.structs.replace(now, time_s=now.time_s + ahead * period_s)
         command = wire.Command(
             session=self._session,
             epoch=self._epoch,
@@ -238,13 +241,22 @@ class TargetSessionHandle:
             raise
         return self._step
 
+    def request_frames(self, capture: wire.Capture) -> None:
+        """Request the frames at the end of the command that was sent last; `collect_frames` returns them."""
+        self._submit(capture)
+        self._sent.append(capture)
+
+    def collect_frames(self) -> wire.Frames:
+        """The frames that were requested behind the command whose report was collected last."""
+        return self._expect(self._sent[0], self._take_report(), wire.Frames)
+
     def _take_report(self) -> wire.Reply:
-        command = self._sent.popleft()
-        return self._reports.popleft() if self._reports else self._receive(command)
+        request = self._sent.popleft()
+        return self._reports.popleft() if self._reports else self._receive(request)
 
     @property
     def is_reporting(self) -> bool:
-        """Whether a command was sent whose report was not collected."""
+        """Whether something was sent whose reply was not collected."""
         return bool(self._sent)
 
     def take_interventions(self) -> list[Intervention]:
@@ -321,7 +333,7 @@ class TargetSessionHandle:
         if self._local is not None:
             return self._local.ask(request)
         if self._shares_time and isinstance(request, wire.MOTIONS):
-            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self._on_wait)
+            return wire.await_reply(self._connection, SHARED_TIMEOUT_S, self.is_ending)
         return wire.await_reply(self._connection, timeout_s)
 
     def _expect(self, request: wire.Request, reply: wire.Reply, expected: type[ReplyT]) -> ReplyT:

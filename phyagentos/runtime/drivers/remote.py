@@ -14,20 +14,21 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.handshake import mint
 
 REPLY_S = 10.0  # as a worker waits for a world
 SLOW_REPLY_S = 120.0  # a scene that compiles, pictures of many cameras
 
 
 class RemoteDriver(TargetDriver):
-    """One target that is served elsewhere, over an open channel.
+    """One target that is served elsewhere, over an open channel; tokens are minted from its `key`.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the target is gone or silent; else its own refusals.
     """
 
-    def __init__(self, profile: TargetProfile, channel: Channel) -> None:
-        self._profile, self._channel = profile, channel
+    def __init__(self, profile: TargetProfile, channel: Channel, key: bytes) -> None:
+        self._profile, self._channel, self._key = profile, channel, key
         self._session, self._epoch = "", 0
         self._time_s = math.nan
         self._step: wire.Step | None = None  # not reported yet
@@ -61,7 +62,7 @@ class RemoteDriver(TargetDriver):
 
     @override
     def begin(self, session: str, epoch: int) -> None:
-        self._ask(wire.Begin(session=session, epoch=epoch), wire.Ack)
+        self._ask(wire.Begin(session, epoch, mint(self._key, session, epoch)), wire.Ack)
         self._session, self._epoch, self._step, self._is_moving = session, epoch, None, False
 
     @override

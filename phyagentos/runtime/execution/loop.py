@@ -15,6 +15,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, SkillStatus, TickResult
+from phyagentos.runtime.perception.world_model import Glance
 from phyagentos.runtime.targets.wire import Step
 
 TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
@@ -45,6 +46,16 @@ class SessionObserver(Protocol):
         """A command was carried out."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Unreported:
+    """A control period that was sent: which leaf commanded it, and the frames requested behind it."""
+
+    points: SetPoints
+    leaf: str
+    number: int
+    glance: Glance | None
+
+
 @dataclass(slots=True, kw_only=True)
 class SessionLoop:
     """Runs one skill on one target.
@@ -67,7 +78,8 @@ class SessionLoop:
     clock: Clock
     observers: Sequence[SessionObserver] = ()
     ticks: int = field(default=0, init=False)
-    _unreported: deque[tuple[SetPoints, str]] = field(default_factory=deque, init=False)  # with the leaf of each
+    _unreported: deque[_Unreported] = field(default_factory=deque, init=False)
+    _owes_sample: bool = field(default=False, init=False)  # a glance left doubt: the world is to stand
     ms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tree", "think", "apply", "record"), 0.0))
 
     def run(self) -> Outcome:
@@ -75,7 +87,8 @@ class SessionLoop:
         try:
             return self._run()
         except CommandRefused as refusal:
-            return self._describe_refusal(refusal)
+            reason = self.cancel() if refusal.code == "ABORTED" else None
+            return describe_request(reason) if reason else self._describe_refusal(refusal)
         except LeafError as error:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
@@ -124,41 +137,60 @@ class SessionLoop:
                 "intervention", each.code, where=each.where, row=each.row, before=each.before, after=each.after
             )
         self.ticks += 1
-        self._unreported.append((points, result.active))
+        is_sampled = self.ticks % self.holds.every == 0
+        may_run_ahead = self._may_run_ahead(result, deadline_s)
+        glance = self._request_glance() if may_run_ahead and is_sampled else None
+        self._unreported.append(_Unreported(points, result.active, self.ticks, glance))
         self.ms["apply"] += 1e3 * (now_s() - began_s)
-        ahead = PERIODS_AHEAD if self._may_run_ahead(result, deadline_s) else 0
-        while len(self._unreported) > ahead:
+        ahead = PERIODS_AHEAD if may_run_ahead and (glance is not None or not is_sampled) else 0
+        while len(self._unreported) > (0 if self._owes_sample else ahead):
             if violation := self._account():
                 return violation
         return None
 
     def _may_run_ahead(self, result: TickResult, deadline_s: float) -> bool:
-        """Whether the next period may be sent before this one is reported; the world stands still for each sample."""
+        """Whether the next period may be sent before this one is reported."""
         is_last = self.context.time_s + (PERIODS_AHEAD + 1) * self.context.profile.control_period_s >= deadline_s
-        return result.goes_on and self.handle.can_run_ahead and self.ticks % self.holds.every != 0 and not is_last
+        return result.goes_on and self.handle.can_run_ahead and not is_last
+
+    def _request_glance(self) -> Glance | None:
+        """Frames for the sample at the end of this period; None where the world has to stand for it."""
+        period_s, things = self.context.profile.control_period_s, frozenset[str]()
+        if self.holds.is_due(self.ticks):
+            if self.holds.need.everything:
+                return None
+            things = self.holds.need.things
+        glance = self.context.world.plan_glance(things, self.context.time_s + period_s * (len(self._unreported) + 1))
+        for capture in glance.captures if glance is not None else ():
+            self.handle.request_frames(capture)
+        return glance
 
     def _account(self) -> Outcome | None:
         """Read the report of the oldest period; an outcome when a hold condition is violated by it."""
         context, now_s = self.context, self.clock.now_s
         began_s = now_s()
-        step = self.handle.collect()
+        step, sent = self.handle.collect(), self._unreported.popleft()
+        frames = [self.handle.collect_frames() for _ in sent.glance.captures] if sent.glance is not None else []
         applied_s = now_s()
-        points, active = self._unreported.popleft()
-        stands = not self._unreported
         context.lag.note(step)
-        context.world.advance(step, stands=stands)
+        context.world.advance(step, stands=not self._unreported)
         for observer in self.observers:
-            observer.on_step(points, step)
+            observer.on_step(sent.points, step)
         violated = self.holds.feel(step, context.world.observe)
-        if violated is None and stands and self.holds.is_due(self.ticks):
-            violated = self.holds.sample(context.world.observe(self.holds.need), context.world.latest_look)
+        seen = context.world.read_glance(sent.glance, frames) if sent.glance is not None else None
+        if violated is None and (self._owes_sample or self.holds.is_due(sent.number)):
+            if seen is None and not self._unreported:
+                seen = context.world.observe(self.holds.need)
+            self._owes_sample = seen is None
+            if seen is not None:
+                violated = self.holds.sample(seen, context.world.latest_look)
         self.ms["apply"] += 1e3 * (applied_s - began_s)
         self.ms["record"] += 1e3 * (now_s() - applied_s)
         if violated is None:
             return None
         context.note("intervention", "HOLD_VIOLATED", predicate=violated.text, because=violated.because)
         message = f"{violated.text} does not hold any more: {violated.because}"
-        return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=active, message=message)
+        return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=sent.leaf, message=message)
 
     def _account_for_rest(self) -> None:
         """Record the periods that were sent before the end."""

@@ -7,7 +7,7 @@ of its own body.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
@@ -34,10 +34,13 @@ class CompiledScene:
     entities: tuple[Entity, ...]
     regions: tuple[Region, ...]
     model_sha256: str
+    _files: dict[str, bytes] = field(default_factory=dict)
 
     def export(self) -> dict[str, bytes]:
-        """The scene as files: `scene.mjb`, compiled, and `scene.xml`."""
-        return {"scene.mjb": _read_bytes(self.model), "scene.xml": self.spec.to_xml().encode()}
+        """The scene as files, as it was at the first call: `scene.mjb`, compiled, and `scene.xml`."""
+        if not self._files:
+            self._files.update({"scene.mjb": _read_bytes(self.model), "scene.xml": self.spec.to_xml().encode()})
+        return self._files
 
 
 def name_prefix(target: str, robots: int) -> str:

@@ -6,6 +6,7 @@ are checked afterwards: a collision limit makes the program fail more often.
 
 from dataclasses import dataclass
 
+import daqp
 import mink
 import numpy as np
 
@@ -49,6 +50,8 @@ class Kinematics:
         self._tool = mink.FrameTask(robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=1e-6)
         self._posture = mink.PostureTask(robot.model, cost=1e-4)
         self._limits = [mink.ConfigurationLimit(robot.model, gain=0.95, min_distance_from_limits=LIMIT_MARGIN_RAD)]
+        rows = 2 * robot.model.nv
+        self._unbounded, self._inequalities = np.full(rows, -1e30), np.zeros(rows, dtype=np.int32)  # in daqp's words
 
     def solve(
         self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED, max_iterations: int = 60
@@ -63,13 +66,13 @@ class Kinematics:
             off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
             if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
-            try:
-                velocity = mink.solve_ik(
-                    configuration, [self._tool, self._posture], _DT_S, "daqp", damping=1e-6, limits=self._limits
-                )
-            except mink.NoSolutionFound:
+            program = mink.build_ik(configuration, [self._tool, self._posture], _DT_S, 1e-6, self._limits)
+            step_rad, _, found, _ = daqp.solve(
+                program.P, program.q, program.G, program.h, self._unbounded, self._inequalities
+            )
+            if found <= 0:
                 return None
-            configuration.integrate_inplace(velocity, _DT_S)
+            configuration.integrate_inplace(step_rad / _DT_S, _DT_S)
         return None
 
     def solve_line(self, start_rad: Array, end: Array) -> Solution | None:

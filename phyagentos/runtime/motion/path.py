@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
@@ -91,6 +92,16 @@ def compute_length(rows_rad: Array) -> float:
     return float(np.linalg.norm(np.diff(rows_rad, axis=0), axis=1).sum())
 
 
+class _EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
+    def __init__(self, information: ob.SpaceInformation, checker: Checker) -> None:
+        super().__init__(information)
+        self._checker, self._n = checker, information.getStateDimension()
+
+    def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:  # noqa: N802 - OMPL's name
+        n = self._n
+        return bool(self._checker.edge_is_free(np.array(first[0:n]), np.array(second[0:n])))
+
+
 def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
     """One run of RRT-Connect."""
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
@@ -104,11 +115,7 @@ def _search(query: Query, checker: Checker, seed: int, should_cancel: Callable[[
     information = ob.SpaceInformation(space)
     information.setStateValidityChecker(lambda state: checker.is_free(np.array(state[0:n])))
 
-    class EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
-        def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:  # noqa: N802 - OMPL's name
-            return bool(checker.edge_is_free(np.array(first[0:n]), np.array(second[0:n])))
-
-    validator = EdgeValidator(information)
+    validator = _EdgeValidator(information, checker)
     information.setMotionValidator(validator)
     information.setup()
     problem = ob.ProblemDefinition(information)
@@ -150,11 +157,8 @@ def shorten(rows_rad: Array, checker: Checker, rng: np.random.Generator) -> Arra
         if len(rows) < 3:
             break
         low, high = fractions * along[-1]
-        i, j = along.searchsorted((low, high), side="right").tolist()
-        if i == j or j >= len(rows):
-            continue
-        a, b = _point_at(rows, along, low, i), _point_at(rows, along, high, j)
-        if np.linalg.norm(b - a) < 0.98 * (high - low) and checker.edge_is_free(a, b):
+        i, j, a, b = _cut(rows, along, low, high)
+        if i < j < len(rows) and checker.edge_is_free(a, b):
             rows = np.vstack((rows[:i], a, b, rows[j:]))
             along = _measure(rows)
     return rows
@@ -165,10 +169,20 @@ def _measure(rows: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
 
 
-def _point_at(rows: Array, along: Array, distance: float, end: int) -> Array:
-    fraction = (distance - along[end - 1]) / max(along[end] - along[end - 1], 1e-12)
-    point: Array = rows[end - 1] + fraction * (rows[end] - rows[end - 1])
-    return point
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cut(rows, along, low, high):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
+    """Points (n_joints,) at two distances along a path and the corners after them; equal corners: nothing to gain."""
+    ends, points = np.zeros(2, np.int64), np.zeros((2, rows.shape[1]))
+    for k, distance in enumerate((low, high)):
+        end = np.searchsorted(along, distance, side="right")
+        ends[k] = end
+        if end == len(rows):
+            return end, end, points[0], points[1]
+        fraction = (distance - along[end - 1]) / max(along[end] - along[end - 1], 1e-12)
+        points[k] = rows[end - 1] + fraction * (rows[end] - rows[end - 1])
+    if np.sqrt(((points[1] - points[0]) ** 2).sum()) >= 0.98 * (high - low):
+        return ends[1], ends[1], points[0], points[1]
+    return ends[0], ends[1], points[0], points[1]
 
 
 def round_corners(rows_rad: Array, checker: Checker, passes: int = ROUNDING_PASSES) -> Array:

@@ -71,6 +71,7 @@ def find_placements(
 
 def _ways_to(name: str, site: Array, space: Space, request: FindPlacements, held: Entity) -> Iterator[Way]:
     tcp_T_entity, center_m = compute_matrix(request.payload.tcp_T_entity), compute_bounds(held.shapes)[0]
+    entity_T_tcp, tolerate = compute_inverse(tcp_T_entity), frozenset((PAYLOAD, name) for name in space.supports)
     for degrees in range(0, 360, 45):
         tool = point_tool_down(space.yaw_rad + np.radians(degrees), np.zeros(3))
         entity = tool @ tcp_T_entity
@@ -80,9 +81,9 @@ def _ways_to(name: str, site: Array, space: Space, request: FindPlacements, held
         entity[2, 3] += DROP_M
         yield Way(
             label=f"{name}.yaw+{degrees:03d}",
-            end=entity @ compute_inverse(tcp_T_entity),
+            end=entity @ entity_T_tcp,
             hover_m=request.hover_m,
-            tolerate=frozenset((PAYLOAD, support) for support in space.supports),
+            tolerate=tolerate,
             tolerate_m=TOUCH_DOWN_M,
             site=site_pose,
         )

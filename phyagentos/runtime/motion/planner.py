@@ -104,7 +104,7 @@ class MotionPlanner:
                     trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling)
                 )
             case ShapeTransport():
-                from phyagentos.runtime.motion.trajectory import shape_transport  # casadi: only where it is used
+                from phyagentos.runtime.motion.vessel_timing import shape_transport  # casadi: only where it is used
 
                 return shape_transport(request, self._chain, self._limits, job)
 

@@ -1,24 +1,29 @@
 """The world in which motions are checked: the robot, its payload, and the believed entities.
 
-One compiled MuJoCo model serves all worlds with the same solids: entities are mocap bodies, so that a new pose costs no
-compilation. Contact bits exclude pairs of entities. Immovable entities are inflated by 4 mm, movable ones by 2 mm, the
-payload by 2 %. Base and first link ignore immovable entities, on which the robot stands. Fingers stand where they are
-commanded; around a payload they take every opening from that at which they hold it to that at which they let go.
+One compiled MuJoCo model serves all worlds with the same kinds of solids: entities are mocap bodies, so that a new pose
+or size, as perception measures it anew, costs no compilation. Contact bits exclude pairs of entities. Immovable
+entities are inflated by 4 mm, movable ones by 2 mm, the payload by 2 %. Base and first link ignore immovable entities,
+on which the robot stands. Fingers stand where they are commanded; around a payload they take every opening from that at
+which they hold it to that at which they let go.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import mujoco
 import numpy as np
+from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation
-from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array, Payload, World
 from phyagentos.runtime.motion.robot_model import ROBOT_BIT, WORLD_BIT, RobotModel
+from phyagentos.runtime.motion.shapes import compute_bounds
 
 Pair = tuple[str, str]
-Structure = tuple[tuple[tuple[str, bool, tuple[Shape, ...]], ...], tuple[Shape, ...]]
+Shapes = tuple[Shape, ...]
+Kinds = tuple[tuple[ShapeKind, Pose], ...]
 
 PAYLOAD = "payload"
 FIXED_MARGIN_M = 0.004  # of walls and tables: calibration and tracking error
@@ -44,14 +49,13 @@ class PlanningScene:
         obstacles: Entities of the world that are not parked.
     """
 
-    def __init__(self, robot: RobotModel, structure: Structure) -> None:
-        entities, payload_shapes = structure
+    def __init__(self, robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shapes) -> None:
         self.robot = robot
         self.payload_shapes = payload_shapes
         self.checks = 0
-        self._model = _compile(robot, structure)
+        self._model = _compile(robot, entities, payload_shapes)
         self._data = mujoco.MjData(self._model)
-        self._mocap = {name: int(self._model.body(name).mocapid[0]) for name, _, _ in entities}
+        self._mocap = {each.name: int(self._model.body(each.name).mocapid[0]) for each in entities}
         self._payload_body = int(self._model.body(PAYLOAD).id) if payload_shapes else -1
         self._owner = [self._model.body(int(body)).name.partition(_COPY)[0] for body in self._model.geom_bodyid]
         self._fingers = [  # body, which opening it stands for, its place when open, its way for a metre
@@ -64,7 +68,7 @@ class PlanningScene:
         self.tcp_T_payload = np.eye(4)
 
     def pose(self, world: World, payload: Payload | None, ignore: Iterable[str] = ()) -> None:
-        """Pose this scene as a world with exactly its solids; park payload and ignored entities far below."""
+        """Pose this scene as a world with exactly its kinds of solids; park payload and ignored entities far below."""
         parked = {*ignore, *([payload.entity] if payload else [])}
         self.obstacles = [entity for entity in world.entities if entity.name not in parked]
         for entity in world.entities:
@@ -73,7 +77,10 @@ class PlanningScene:
                 away = entity.name in parked
                 self._data.mocap_pos[index] = PARKED_M if away else entity.pose.position_m
                 self._data.mocap_quat[index] = entity.pose.quaternion_wxyz
+                self._resize(entity.name, _inflate(entity.shapes, entity.movable))
         if payload is not None:
+            self.payload_shapes = next(each.shapes for each in world.entities if each.name == payload.entity)
+            self._resize(PAYLOAD, _inflate(self.payload_shapes))
             self.tcp_T_payload = compute_matrix(payload.tcp_T_entity)
             site = self._model.site(self.robot.profile.tcp)
             tool_T_tcp = np.eye(4)
@@ -92,6 +99,23 @@ class PlanningScene:
         openings = np.linspace(high_m, min(low_m, high_m), SWEEP)
         for body, index, open_m, way in self._fingers:
             self._model.body_pos[body] = open_m + way * (openings[index] - most_m)
+
+    def _resize(self, name: str, shapes: Shapes) -> None:
+        """Give a body's solids the sizes of shapes, and the bounds by which MuJoCo passes over them."""
+        model = self._model
+        body = int(model.body(name).id)
+        first = int(model.body_geomadr[body])
+        geoms = slice(first, first + len(shapes))
+        sizes_m = [_pad(shape.size_m) for shape in shapes]
+        if np.array_equal(model.geom_size[geoms], sizes_m):
+            return
+        halves_m = np.array([compute_half_box(shape) for shape in shapes])
+        model.geom_size[geoms], model.geom_aabb[geoms, 3:] = sizes_m, halves_m
+        model.geom_rbound[geoms] = np.linalg.norm(halves_m, axis=1)
+        center_m, half_m = compute_bounds(shapes)
+        R = compute_rotation(model.body_iquat[body]).T
+        bounds = slice(int(model.body_bvhadr[body]), int(model.body_bvhadr[body] + model.body_bvhnum[body]))
+        model.bvh_aabb[bounds] = *(R @ (center_m - model.body_ipos[body])), *(np.abs(R) @ half_m)
 
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing; exact."""
@@ -138,19 +162,19 @@ class PlanningScene:
 
 
 class PlanningScenes:
-    """The scenes of one robot, compiled when a world with new solids is met."""
+    """The scenes of one robot, compiled when a world with new kinds of solids is met."""
 
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot
-        self._scenes: dict[Structure, PlanningScene] = {}
+        self._scenes: dict[tuple[tuple[tuple[str, bool, Kinds], ...], Kinds], PlanningScene] = {}
 
     def get_scene(self, world: World, payload: Payload | None = None, ignore: Iterable[str] = ()) -> PlanningScene:
         """The scene of these solids, posed as this world."""
         held = next((e.shapes for e in world.entities if payload is not None and e.name == payload.entity), ())
-        entities = tuple((e.name, e.movable, e.shapes) for e in world.entities if e.shapes)
-        structure: Structure = (entities, held)
-        scene = self._scenes.pop(structure, None) or PlanningScene(self._robot, structure)
-        self._scenes[structure] = scene
+        solid = [entity for entity in world.entities if entity.shapes]
+        kinds = tuple((each.name, each.movable, _list_kinds(each.shapes)) for each in solid), _list_kinds(held)
+        scene = self._scenes.pop(kinds, None) or PlanningScene(self._robot, solid, held)
+        self._scenes[kinds] = scene
         if len(self._scenes) > _CACHE_SIZE:
             del self._scenes[next(iter(self._scenes))]
         scene.pose(world, payload if held else None, ignore)
@@ -162,22 +186,34 @@ def name_pair(pair: Pair) -> str:
     return f"{pair[0]}|{pair[1]}"
 
 
-def _compile(robot: RobotModel, structure: Structure) -> mujoco.MjModel:
-    entities, payload_shapes = structure
+def _list_kinds(shapes: Shapes) -> Kinds:
+    return tuple((shape.kind, shape.pose) for shape in shapes)
+
+
+def _inflate(shapes: Shapes, movable: bool | None = None) -> Shapes:
+    """Solids as they are checked; those of the payload where `movable` is None."""
+    margin_m = 0.0 if movable is None else MOVABLE_MARGIN_M if movable else FIXED_MARGIN_M
+    scale = PAYLOAD_SCALE if movable is None else 1.0
+    return tuple(replace(shape, size_m=tuple(part * scale + margin_m for part in shape.size_m)) for shape in shapes)
+
+
+def _pad(size_m: tuple[float, ...]) -> list[float]:
+    """A size as MuJoCo takes it (3,) [m]."""
+    return [*size_m, 0.0, 0.0][:3]
+
+
+def _compile(robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shapes) -> mujoco.MjModel:
     spec = robot.spec.copy()
     if payload_shapes:
         body = spec.body(robot.tool).add_body(name=PAYLOAD)
-        for shape in payload_shapes:
-            _add_geom(body, shape, 0.0, PAYLOAD_SCALE, ROBOT_BIT, ROBOT_BIT | WORLD_BIT)
+        _add_geoms(body, _inflate(payload_shapes), ROBOT_BIT, ROBOT_BIT | WORLD_BIT)
         _copy_fingers(spec, robot)
-    for name, movable, shapes in entities:
-        body = spec.worldbody.add_body(name=name, mocap=True)
-        margin_m = MOVABLE_MARGIN_M if movable else FIXED_MARGIN_M
-        for shape in shapes:
-            _add_geom(body, shape, margin_m, 1.0, WORLD_BIT, 0)
-        if not movable:
+    for entity in entities:
+        body = spec.worldbody.add_body(name=entity.name, mocap=True)
+        _add_geoms(body, _inflate(entity.shapes, entity.movable), WORLD_BIT, 0)
+        if not entity.movable:
             for part in sorted(robot.mounting):
-                spec.add_exclude(name=f"mount:{part}|{name}", bodyname1=part, bodyname2=name)
+                spec.add_exclude(name=f"mount:{part}|{entity.name}", bodyname1=part, bodyname2=entity.name)
     return spec.compile()
 
 
@@ -199,20 +235,18 @@ def _name_copy(finger: str, index: int) -> str:
     return f"{finger}{_COPY}{index}" if index else finger
 
 
-def _add_geom(
-    body: "mujoco.MjsBody", shape: Shape, margin_m: float, scale: float, contype: int, conaffinity: int
-) -> None:
-    size = [part * scale + margin_m for part in shape.size_m]
-    body.add_geom(
-        type=_GEOM_TYPES[shape.kind],
-        size=[*size, 0.0, 0.0][:3],
-        pos=shape.pose.position_m,
-        quat=shape.pose.quaternion_wxyz,
-        contype=contype,
-        conaffinity=conaffinity,
-        condim=1,
-        mass=0.001,
-    )
+def _add_geoms(body: "mujoco.MjsBody", shapes: Shapes, contype: int, conaffinity: int) -> None:
+    for shape in shapes:
+        body.add_geom(
+            type=_GEOM_TYPES[shape.kind],
+            size=_pad(shape.size_m),
+            pos=shape.pose.position_m,
+            quat=shape.pose.quaternion_wxyz,
+            contype=contype,
+            conaffinity=conaffinity,
+            condim=1,
+            mass=0.001,
+        )
 
 
 def _coarse_to_fine(steps: int) -> Iterable[int]:

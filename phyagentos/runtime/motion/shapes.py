@@ -1,6 +1,8 @@
 """Boxes around an entity and its solids, posed in the world."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from math import sqrt
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array
 
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
+_compute_frame = lru_cache(maxsize=256)(compute_matrix)  # of a shape's pose, which seldom changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +34,15 @@ class Box:
 
     def compute_distance(self, point_m: Array) -> float:
         """Distance from a world point to the box [m]; 0 inside."""
-        local = self.pose[:3, :3].T @ (point_m - self.pose[:3, 3])
-        return float(np.linalg.norm(np.maximum(np.abs(local) - self.half_m, 0.0)))
+        outside = np.maximum(np.abs(self.pose[:3, :3].T @ (point_m - self.pose[:3, 3])) - self.half_m, 0.0)
+        return sqrt(outside @ outside)
 
 
 def compute_shape_boxes(entity: Entity) -> list[Box]:
     """One oriented box for each solid of an entity."""
     world_T_entity = compute_matrix(entity.pose)
     return [
-        Box(world_T_entity @ compute_matrix(shape.pose), np.array(compute_half_box(shape))) for shape in entity.shapes
+        Box(world_T_entity @ _compute_frame(shape.pose), np.array(compute_half_box(shape))) for shape in entity.shapes
     ]
 
 

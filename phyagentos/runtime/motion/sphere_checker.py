@@ -33,41 +33,12 @@ class SphereChecker:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_near_box(boxes, k, points, i, radius):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - compiled
     dx, dy, dz = points[i, 0] - boxes[k, 0], points[i, 1] - boxes[k, 1], points[i, 2] - boxes[k, 2]
+    if dx * dx + dy * dy + dz * dz > (radius + boxes[k, 15]) ** 2:
+        return False
     a = max(0.0, abs(boxes[k, 3] * dx + boxes[k, 6] * dy + boxes[k, 9] * dz) - boxes[k, 12])
     b = max(0.0, abs(boxes[k, 4] * dx + boxes[k, 7] * dy + boxes[k, 10] * dz) - boxes[k, 13])
     c = max(0.0, abs(boxes[k, 5] * dx + boxes[k, 8] * dy + boxes[k, 11] * dz) - boxes[k, 14])
     return a * a + b * b + c * c < radius * radius
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _place(links, link, spheres, i, centers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    x, y, z = spheres[i, 0], spheres[i, 1], spheres[i, 2]
-    for r in range(3):
-        centers[i, r] = links[link, r, 0] * x + links[link, r, 1] * y + links[link, r, 2] * z + links[link, r, 3]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _place_cluster(cluster, m, links, centers, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    if placed[cluster] == 0:
-        placed[cluster] = 1
-        for s in range(m.first[cluster], m.first[cluster + 1]):
-            _place(links, m.link[cluster], m.spheres, s, centers)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _hits_obstacle(cluster, m, links, centers, bounds, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    meets = m.meets[cluster]
-    if meets == 0:
-        return False
-    for k in range(m.boxes.shape[0]):
-        if meets == 1 and m.fixed[k] == 1:
-            continue
-        if _is_near_box(m.boxes, k, bounds, cluster, m.bounds[cluster, 3]):
-            _place_cluster(cluster, m, links, centers, placed)
-            for s in range(m.first[cluster], m.first[cluster + 1]):
-                if _is_near_box(m.boxes, k, centers, s, m.spheres[s, 3]):
-                    return True
-    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -77,46 +48,59 @@ def _is_near(p, i, q, j, reach):  # type: ignore[no-untyped-def]  # noqa: ANN001
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hits_itself(m, links, centers, bounds, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    for p in range(m.pairs.shape[0]):
-        a, b, shrink = m.pairs[p, 0], m.pairs[p, 1], m.shrink[p]
-        if not _is_near(bounds, a, bounds, b, m.bounds[a, 3] + m.bounds[b, 3] - shrink):
-            continue
-        _place_cluster(a, m, links, centers, placed)
-        _place_cluster(b, m, links, centers, placed)
-        for i in range(m.first[a], m.first[a + 1]):
-            if not _is_near(centers, i, bounds, b, m.spheres[i, 3] + m.bounds[b, 3] - shrink):
-                continue
-            for j in range(m.first[b], m.first[b + 1]):
-                if _is_near(centers, i, centers, j, m.spheres[i, 3] + m.spheres[j, 3] - shrink):
-                    return True
-    return False
+def _place(links, link, spheres, start, stop, centers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    for i in range(start, stop):
+        x, y, z = spheres[i, 0], spheres[i, 1], spheres[i, 2]
+        for r in range(3):
+            centers[i, r] = links[link, r, 0] * x + links[link, r, 1] * y + links[link, r, 2] * z + links[link, r, 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_free(q, m, links, centers, bounds, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    compute_links(q, m.frames, links)
-    for c in range(m.link.shape[0]):
+def _is_free(q, m, links, centers, balls, placed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    frames, spheres, first, link, bounds, meets, pairs, shrink, boxes, fixed = m  # each access to `m` costs 20 ns
+    compute_links(q, frames, links)
+    for c in range(link.shape[0]):
         placed[c] = 0
-        _place(links, m.link[c], m.bounds, c, bounds)
-    for c in range(m.link.shape[0] - 1, -1, -1):
-        if _hits_obstacle(c, m, links, centers, bounds, placed):
-            return False
-    return not _hits_itself(m, links, centers, bounds, placed)
+        _place(links, link[c], bounds, c, c + 1, balls)
+    for c in range(link.shape[0] - 1, -1, -1):
+        for k in range(boxes.shape[0] if meets[c] > 0 else 0):
+            if (meets[c] == 1 and fixed[k] == 1) or not _is_near_box(boxes, k, balls, c, bounds[c, 3]):
+                continue
+            if placed[c] == 0:
+                placed[c] = 1
+                _place(links, link[c], spheres, first[c], first[c + 1], centers)
+            for i in range(first[c], first[c + 1]):
+                if _is_near_box(boxes, k, centers, i, spheres[i, 3]):
+                    return False
+    for p in range(pairs.shape[0]):
+        a, b = pairs[p, 0], pairs[p, 1]
+        if not _is_near(balls, a, balls, b, bounds[a, 3] + bounds[b, 3] - shrink[p]):
+            continue
+        for c in (a, b):
+            if placed[c] == 0:
+                placed[c] = 1
+                _place(links, link[c], spheres, first[c], first[c + 1], centers)
+        for i in range(first[a], first[a + 1]):
+            if not _is_near(centers, i, balls, b, spheres[i, 3] + bounds[b, 3] - shrink[p]):
+                continue
+            for j in range(first[b], first[b + 1]):
+                if _is_near(centers, i, centers, j, spheres[i, 3] + spheres[j, 3] - shrink[p]):
+                    return False
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _edge_is_free(start, end, resolution, m):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     links = np.zeros(m.frames.shape)
     centers = np.zeros((m.spheres.shape[0], 3))
-    bounds = np.zeros((m.link.shape[0], 3))
+    balls = np.zeros((m.link.shape[0], 3))
     placed = np.zeros(m.link.shape[0], np.int64)
     q = np.zeros(start.shape[0])
     length = 0.0
     for j in range(start.shape[0]):
         length += (end[j] - start[j]) ** 2
     steps = max(1, int(np.ceil(np.sqrt(length) / resolution)))
-    if not _is_free(end, m, links, centers, bounds, placed):
+    if not _is_free(end, m, links, centers, balls, placed):
         return False
     stride = 1
     while stride < steps:
@@ -125,7 +109,7 @@ def _edge_is_free(start, end, resolution, m):  # type: ignore[no-untyped-def]  #
         for k in range(stride // 2, steps, stride):
             for j in range(start.shape[0]):
                 q[j] = start[j] + (end[j] - start[j]) * (k / steps)
-            if not _is_free(q, m, links, centers, bounds, placed):
+            if not _is_free(q, m, links, centers, balls, placed):
                 return False
         stride //= 2
     return True

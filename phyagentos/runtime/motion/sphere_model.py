@@ -25,6 +25,7 @@ COVER_EXCESS_M = 0.01  # how far a cover may stand out of a capsule
 CELL_M = 0.009  # smallest half edge of the cells of a box
 QUANTILE = 0.01  # of free postures that a calibrated pair may still refuse
 SAMPLES = 1000
+BALL_MARGIN_M = 1e-9  # so that rounding never lets a ball miss what its box meets
 SEED = 0
 _NEVER, _MOVABLE, _ALL = 0, 1, 2  # which obstacles a cluster is tested against
 
@@ -41,7 +42,7 @@ class SphereArrays(NamedTuple):
         meets: (c,) 0 no obstacle, 1 movable ones, 2 all.
         pairs: (p, 2) clusters tested against each other.
         shrink: (p,) calibrated reduction of their distance threshold [m].
-        boxes: (b, 15) obstacles: centre, rotation by rows, half extents.
+        boxes: (b, 16) obstacles: centre, rotation by rows, half extents, radius of the ball around it.
         fixed: (b,) 1 where the obstacle is immovable.
     """
 
@@ -197,6 +198,8 @@ def _box_obstacles(obstacles: list[Entity]) -> tuple[Array, Integers]:
     for entity in obstacles:
         margin_m = MOVABLE_MARGIN_M if entity.movable else FIXED_MARGIN_M
         for box in compute_shape_boxes(entity):
-            rows.append(np.concatenate((box.pose[:3, 3], box.pose[:3, :3].reshape(9), box.half_m + margin_m)))
+            half_m = box.half_m + margin_m
+            ball_m = np.linalg.norm(half_m) + BALL_MARGIN_M
+            rows.append(np.concatenate((box.pose[:3, 3], box.pose[:3, :3].reshape(9), half_m, (ball_m,))))
             fixed.append(int(not entity.movable))
-    return np.array(rows).reshape(-1, 15), np.array(fixed, dtype=np.int64)
+    return np.array(rows).reshape(-1, 16), np.array(fixed, dtype=np.int64)

@@ -48,8 +48,8 @@ def _connect(points: Array, link_m: float) -> NDArray[np.intp]:
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _label(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
+@njit(cache=True)
+def _label(count, pairs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """(count,) connected component of each node, from (k, 2) linked pairs; counted by their first nodes."""
     root = np.arange(count)
     for k in range(len(pairs)):

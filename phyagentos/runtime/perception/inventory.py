@@ -12,8 +12,9 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.geometry import convert_euler
+from phyagentos.geometry import compute_matrix, convert_euler
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.protocol.world.scenes import Body, SceneSpec, Solid
 from phyagentos.runtime.perception.drawers import Drawer, find_drawer
 from phyagentos.runtime.perception.solids import Array, Solids
@@ -251,17 +252,18 @@ def _find_form(entity: Entity) -> Form:
 
 
 def _find_symmetries(entity: Entity, form: Form) -> Array:
-    """Quarter turns that leave a box unchanged; the identity for other forms."""
+    """Quarter turns about the axes of a single solid that leave it unchanged; the identity for other forms."""
     if form is not Form.BOX or len(entity.shapes) != 1:
         return np.eye(3)[None]
-    half = np.array(entity.shapes[0].size_m)
+    half = np.array(compute_half_box(entity.shapes[0]))
+    axes = compute_matrix(entity.shapes[0].pose)[:3, :3]
     found = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             candidate = np.zeros((3, 3))
             candidate[range(3), order] = signs
             if np.linalg.det(candidate) > 0 and np.abs(np.abs(candidate) @ half - half).max() < SYMMETRY_M:
-                found.append(candidate)
+                found.append(axes @ candidate @ axes.T)
     return np.array(found)
 
 

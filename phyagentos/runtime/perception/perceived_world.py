@@ -4,7 +4,7 @@ A second question at the same moment is answered from memory: in lockstep, time 
 """
 
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import msgspec
 from typing_extensions import override
@@ -25,7 +25,7 @@ from phyagentos.runtime.perception.regions_of_interest import Extrinsics, find_r
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import DetectorSegmenter
 from phyagentos.runtime.perception.sensor_health import AHEAD_S, check_probes, find_probe_regions
-from phyagentos.runtime.perception.world_model import Need, WorldModel
+from phyagentos.runtime.perception.world_model import Glance, Need, WorldModel
 from phyagentos.runtime.targets.wire import Capture, Crop, Frames, Step
 
 SAME_S = 1e-9
@@ -119,6 +119,42 @@ class PerceivedWorld(WorldModel):
         self._keep(look, found)
         return self._believe(found, need)
 
+    @override
+    def plan_glance(self, things: frozenset[str], time_s: float) -> Glance | None:
+        belief = self._take()
+        if belief is None:
+            return None
+        window: Capture | None = None
+        if things:
+            latest = self.step
+            carried = self._get_pipeline().recall(belief, latest.target, latest.time_s)
+            window = self._plan_window(carried, *self._find_regions(carried, things))
+            if window is None:
+                return None
+        regions = self._find_probe_regions(time_s, PROBE_PERIOD_S)
+        return Glance(things, window, Capture(cameras=tuple(regions), crops=regions) if regions else None)
+
+    @override
+    def read_glance(self, glance: Glance, frames: Sequence[Frames]) -> Environment | None:
+        now, pipeline = (self.step.time_s, self.step.target), self._get_pipeline()
+        if glance.probe is not None:
+            self._note_probe(frames[0], now[0])
+        before = self._belief
+        if glance.window is None or before is None:
+            return None
+        shown = frames[-1]
+        carried = pipeline.recall(before, now[1], now[0])
+        loose, regions = self._find_regions(carried, glance.things)
+        is_early = any(frame.time_s > now[0] + AHEAD_S for frame in shown.frames)
+        if is_early or self._plan_window(carried, loose, regions) != glance.window:
+            return None
+        look = self._begin_look(now, before, Need(things=glance.things))
+        look.captures.append((glance.window, shown))
+        if (confirmed := pipeline.confirm(shown, now[1], now[0], carried, loose)) is None:
+            return None
+        self._keep(look, confirmed)
+        return self._believe(confirmed, Need(things=glance.things))
+
     def _begin_look(self, now: Moment, before: Environment | None, need: Need) -> Look:
         """A record of the coming look; the first one covers everything."""
         return Look(
@@ -140,7 +176,28 @@ class PerceivedWorld(WorldModel):
         before, pipeline = self._belief, self._get_pipeline()
         assert before is not None, "at first everything is looked at"
         carried = pipeline.recall(before, now[1], now[0])
-        drawers = pipeline.inventory.drawers
+        loose, regions = self._find_regions(carried, things)
+        if not regions:
+            drawers = pipeline.inventory.drawers
+            unseen = place_drawers(drawers, lose_sight(carried.entities, loose))
+            return msgspec.structs.replace(carried, entities=unseen)
+        if (window := self._plan_window(carried, loose, regions)) is not None:
+            frames = self._capture(window)
+            later = self._catch_up(frames, now)
+            if later is not now:
+                carried = pipeline.recall(carried, later[1], later[0])
+            confirmed = pipeline.confirm(frames, later[1], later[0], carried, loose)
+            if confirmed is not None:
+                return confirmed
+        frames = self._capture(Capture(cameras=tuple(regions), crops=regions))
+        now = self._catch_up(frames, now)
+        return pipeline.sense(
+            frames, now[1], self._scene, now[0], carried, focus=frozenset(loose), find_state=self._find_state
+        )
+
+    def _find_regions(self, carried: Environment, things: Collection[str]) -> tuple[list[str], dict[str, Crop]]:
+        """Those of the things that may move by themselves, and the windows that show them."""
+        drawers = self._get_pipeline().inventory.drawers
         loose = [
             name
             for name in sorted({drawers[name].part if name in drawers else name for name in things})
@@ -151,36 +208,22 @@ class PerceivedWorld(WorldModel):
         hidden = any(carried.entities[name].status is not Status.SEEN for name in loose)
         cameras = {
             camera: place
-            for camera, health in before.sensors.items()
+            for camera, health in carried.sensors.items()
             if camera not in self._moving
             and health.status != "frozen"
             and (place := Extrinsics.find(health)) is not None
         }
         most = len(cameras) if hidden else GLANCE_CAMERAS
-        regions = find_regions_of_interest(loose, carried.entities, pipeline.inventory, cameras, most)
-        if not regions:
-            unseen = place_drawers(drawers, lose_sight(carried.entities, loose))
-            return msgspec.structs.replace(carried, entities=unseen)
-        confirmed = self._confirm(pipeline, carried, now, loose, regions)
-        if confirmed is not None:
-            return confirmed
-        frames = self._capture(tuple(regions), regions)
-        now = self._catch_up(frames, now)
-        return pipeline.sense(
-            frames, now[1], self._scene, now[0], carried, focus=frozenset(loose), find_state=self._find_state
-        )
+        inventory = self._get_pipeline().inventory
+        return loose, find_regions_of_interest(loose, carried.entities, inventory, cameras, most)
 
-    def _confirm(
-        self,
-        pipeline: Pipeline,
-        carried: Environment,
-        now: Moment,
-        loose: Collection[str],
-        regions: dict[str, Crop],
-    ) -> Environment | None:
-        """The belief, when a glance confirms that these things did not move."""
+    def _plan_window(self, carried: Environment, loose: Collection[str], regions: dict[str, Crop]) -> Capture | None:
+        """The frames that may confirm that these things did not move; None where they have to be fitted."""
+        pipeline = self._get_pipeline()
         entities, things = carried.entities, pipeline.inventory.things
-        if not pipeline.can_confirm or not all(is_settled(entities[name], things.get(name)) for name in loose):
+        if not regions or not pipeline.can_confirm:
+            return None
+        if not all(is_settled(entities[name], things.get(name)) for name in loose):
             return None
         held = [name for name, entity in entities.items() if entity.status is Status.HELD and name in things]
         cameras = {
@@ -190,15 +233,10 @@ class PerceivedWorld(WorldModel):
         if any(is_overlapping(regions[camera], hand) for camera, hand in hands.items()):
             return None  # what the hand holds is looked at as well
         area = min(width * height for _, _, width, height in regions.values())
-        frames = self._capture(tuple(regions), regions, THINNED if area >= LARGE_PX else 1)
-        later = self._catch_up(frames, now)
-        if later is not now:
-            carried = pipeline.recall(carried, later[1], later[0])
-        return pipeline.confirm(frames, later[1], later[0], carried, loose)
+        return Capture(cameras=tuple(regions), crops=regions, every=THINNED if area >= LARGE_PX else 1)
 
-    def _capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
+    def _capture(self, request: Capture) -> Frames:
         """Frames, recorded by the current look."""
-        request = Capture(cameras=cameras, crops=crops or {}, every=every)
         frames = self._handle.capture(request.cameras, request.crops, request.every)
         if self._look is not None:
             self._look.captures.append((request, frames))
@@ -223,18 +261,24 @@ class PerceivedWorld(WorldModel):
             if stands:
                 self._probe_cameras(now[0], PROBE_PERIOD_S)
 
-    def _probe_cameras(self, time_s: float, period_s: float) -> Environment | None:
-        """The belief, with frozen cameras marked; probes at most once in a period."""
+    def _probe_cameras(self, time_s: float, period_s: float) -> None:
+        """Mark frozen cameras in the belief; probes at most once in a period."""
+        if regions := self._find_probe_regions(time_s, period_s):
+            self._note_probe(self._capture(Capture(cameras=tuple(regions), crops=regions)), time_s)
+
+    def _find_probe_regions(self, time_s: float, period_s: float) -> dict[str, Crop]:
+        """The windows of a probe; none where the latest one is no older than a period."""
         belief = self._belief
         if belief is None or not self._noisy:
-            return belief
+            return {}
         regions = find_probe_regions(belief.sensors)
         latest_s = max((belief.sensors[camera].probed_s for camera in regions), default=0.0)
-        if regions and time_s - latest_s > max(period_s - SAME_S, SAME_S):
-            frames = self._capture(tuple(regions), regions)
-            sensors = check_probes(frames, belief.sensors, time_s)
-            self._belief = belief = msgspec.structs.replace(belief, sensors=sensors)
-        return belief
+        return regions if time_s - latest_s > max(period_s - SAME_S, SAME_S) else {}
+
+    def _note_probe(self, frames: Frames, time_s: float) -> None:
+        if self._belief is not None:
+            sensors = check_probes(frames, self._belief.sensors, time_s)
+            self._belief = msgspec.structs.replace(self._belief, sensors=sensors)
 
     def _take(self) -> Environment | None:
         """The belief, when it is of this episode."""

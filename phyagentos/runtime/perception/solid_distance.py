@@ -6,37 +6,34 @@ the same bits on every machine.
 """
 
 from math import floor, hypot, inf, sqrt
-from typing import Any
 
 import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 BOX, SPHERE, CAPSULE, CYLINDER = 0, 1, 2, 3
 _TINY = 1e-12
 _NEAREST_M = 1e-3  # less is not ahead of a camera
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _fuse(_context: Any, _a: Any, _b: Any, _c: Any) -> Any:
+@intrinsic
+def _fuse(_context, _a, _b, _c):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """A * b + c, rounded once."""
     return types.float64(types.float64, types.float64, types.float64), lambda _c, builder, _s, args: builder.fma(*args)
 
 
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _dot(x: float, y: float, z: float, a: float, b: float, c: float) -> float:
-    return _fuse(z, c, _fuse(y, b, x * a))  # type: ignore[no-any-return]
+@njit(cache=True, inline="always")
+def _dot(x, y, z, a, b, c):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    return _fuse(z, c, _fuse(y, b, x * a))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _measure(kind: int, size: Array, x: float, y: float, z: float) -> float:
+@njit(cache=True)
+def _measure(kind, size, x, y, z):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Signed distance of a point, whose coordinates are not negative, to a solid in its own frame."""
     if kind in (SPHERE, CAPSULE):
         if kind == CAPSULE:
             z = max(z - size[1], 0.0)
-        distance: float = sqrt(x * x + y * y + z * z) - size[0]
+        distance = sqrt(x * x + y * y + z * z) - size[0]
     elif kind == BOX:
         a, b, c = x - size[0], y - size[1], z - size[2]
         p, q, r = max(a, 0.0), max(b, 0.0), max(c, 0.0)
@@ -48,10 +45,8 @@ def _measure(kind: int, size: Array, x: float, y: float, z: float) -> float:
     return distance
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def measure(
-    points: Array, kinds: NDArray[np.int8], sizes: Array, rotations: Array, positions: Array, inflate: Array
-) -> Array:
+@njit(cache=True)
+def measure(points, kinds, sizes, rotations, positions, inflate):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """(n,) least distance of points (n, 3) to the solids."""
     nearest = np.full(len(points), inf)
     for k in range(len(kinds)):
@@ -61,13 +56,12 @@ def measure(
             a = abs(_dot(x, y, z, R[0, 0], R[1, 0], R[2, 0]))
             b = abs(_dot(x, y, z, R[0, 1], R[1, 1], R[2, 1]))
             c = abs(_dot(x, y, z, R[0, 2], R[1, 2], R[2, 2]))
-            distance = _measure(kinds[k], size, a, b, c) - inflate[k]
-            nearest[i] = min(nearest[i], distance)
+            nearest[i] = min(nearest[i], _measure(kinds[k], size, a, b, c) - inflate[k])
     return nearest
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _compute_gradient(kind: int, size: Array, local: Array, out: Array) -> None:
+@njit(cache=True)
+def _compute_gradient(kind, size, local, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Unit direction (3,) in which the distance of a point grows, in the solid's frame."""
     a, b, c = abs(local[0]), abs(local[1]), abs(local[2])
     if kind in (SPHERE, CAPSULE):
@@ -92,10 +86,8 @@ def _compute_gradient(kind: int, size: Array, local: Array, out: Array) -> None:
         out[axis] /= length
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def measure_with_gradient(
-    points: Array, kinds: NDArray[np.int8], sizes: Array, rotations: Array, positions: Array, inflate: Array
-) -> tuple[Array, Array]:
+@njit(cache=True)
+def measure_with_gradient(points, kinds, sizes, rotations, positions, inflate):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """(n,) least distance of points (n, 3) to the solids, and (n, 3) its gradient."""
     nearest, gradient = np.full(len(points), inf), np.zeros_like(points)
     local, out = np.empty(3), np.empty(3)
@@ -114,10 +106,8 @@ def measure_with_gradient(
     return nearest, gradient
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def linearise(
-    distance: Array, gradient: Array, arm: Array, rotation: Array, moves: NDArray[np.intp], huber: float
-) -> tuple[Array, Array]:
+@njit(cache=True)
+def linearise(distance, gradient, arm, rotation, moves, huber):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """(m, n) derivatives of n distances by m motions along and about the world's axes, and the same with weights.
 
     `gradient` (n, 3) is in the thing's frame, `arm` (n, 3) from its origin in the world.
@@ -138,16 +128,8 @@ def linearise(
     return jacobian, weighted
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def project(
-    points: Array,
-    normals: Array,
-    thing: tuple[Array, Array],
-    view: tuple[Array, Array],
-    focal: tuple[float, float, float, float],
-    size: tuple[int, int],
-    facing: float,
-) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, int]:
+@njit(cache=True)
+def project(points, normals, thing, view, focal, size, facing):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Where points (n, 3) of a posed thing's surface are expected in a picture.
 
     `thing` and `view` are rotation (3, 3) and position (3,) in the world, `size` height and width of the picture.

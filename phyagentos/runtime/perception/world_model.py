@@ -4,7 +4,7 @@ An answer stays valid until a command is carried out: at most one look a step.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from phyagentos.errors import ExecutionError
@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.looks import get_picture, shows
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.perception.look import FrameSource, Look
-from phyagentos.runtime.targets.wire import Step
+from phyagentos.runtime.targets.wire import Capture, Frames, Step
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +27,26 @@ class Need:
     def is_look(self) -> bool:
         """Whether it needs a look."""
         return self.everything or bool(self.things)
+
+
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """Frames that are taken at the end of a period, while the next one is on its way.
+
+    Attributes:
+        things: To be confirmed where they are believed to be; none for a probe alone.
+        window: Shows them; None without things.
+        probe: Shows that the cameras are alive; None while an earlier proof lasts.
+    """
+
+    things: frozenset[str]
+    window: Capture | None
+    probe: Capture | None
+
+    @property
+    def captures(self) -> tuple[Capture, ...]:
+        """What to ask the target for, in this order."""
+        return tuple(each for each in (self.probe, self.window) if each is not None)
 
 
 WORLD = Need(everything=True)
@@ -65,6 +85,20 @@ class WorldModel(ABC):
         Raises:
             ExecutionError: `NO_SCENE` before `enter`; `TARGET_LOST`.
         """
+
+    def plan_glance(self, things: frozenset[str], time_s: float) -> Glance | None:
+        """The frames that may confirm these things at `time_s`, the end of the period that was sent last.
+
+        None where the world has to stand for a look.
+        """
+        return None
+
+    def read_glance(self, glance: Glance, frames: Sequence[Frames]) -> Environment | None:
+        """The world at the latest step, confirmed by the frames of a glance, in the order of its captures.
+
+        None in doubt: the things are to be observed while the world stands.
+        """
+        raise NotImplementedError(f"{type(self).__name__} plans no glances")
 
     @property
     def step(self) -> Step:

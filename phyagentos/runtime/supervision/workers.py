@@ -16,9 +16,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines, start_child
-from phyagentos.runtime.targets.handshake import make_token
-from phyagentos.runtime.worker.orders import FromWorker, ToWorker, encode, receive_answer
+from phyagentos.runtime.targets.handshake import make_key, mint
+from phyagentos.runtime.worker.orders import OBSERVERS, FromWorker, Reconcile, Run, ToWorker, encode, receive_answer
 
 SEAL_S = 3.0  # for an ending worker; the next clean-up seals the rest
 END_BYTES = 2000  # of a log: they hold its last line
@@ -130,11 +132,11 @@ class Worker:
         command = (*self._worker_command, "--control", str(fd))
         child = ChildProcess(command, self._logs / f"worker-{self.target}.log", pass_fds=(fd,))
         theirs.close()
-        token = make_token()
+        self._key = make_key()
         if self._world is not None:
-            self._world.grant(self.target, self._socket, token)
+            self._world.grant(self.target, self._socket, self._key)
         with contextlib.suppress(OSError):  # that the worker is gone shows at the next `receive`
-            ours.send_bytes(token)
+            ours.send_bytes(mint(self._key))
         return child, ours
 
     @property
@@ -143,7 +145,12 @@ class Worker:
         return self._worker.pid
 
     def send(self, message: ToWorker) -> None:
-        """Give an order; that a worker is gone shows at the next `receive`."""
+        """Give an order, with the tokens of its epochs; that a worker is gone shows at the next `receive`."""
+        if isinstance(message, Run):
+            message = replace(message, token=mint(self._key, message.session.id, message.epoch))
+        elif isinstance(message, Reconcile):
+            epochs = range(message.epoch, message.epoch + OBSERVERS)
+            message = replace(message, tokens=tuple(mint(self._key, message.session.id, epoch) for epoch in epochs))
         with contextlib.suppress(OSError):
             self.connection.send_bytes(encode(message))
 

@@ -1,7 +1,9 @@
-"""The start of a connection to a target: version, size limit and the token of the epoch, on every transport alike.
+"""The start of a connection to a target and of each epoch on it: version, size limit and tokens, on every transport.
 
-The supervisor makes a token for each commander (an epoch of the connection) and hands it to both ends over inherited
-descriptors: never in argv, in the environment or in a file that others can read. Only the newest token admits.
+The supervisor makes a key for each commander and hands it to the target over an inherited descriptor: never in argv, in
+the environment or in a file that others can read. The commander gets tokens that are minted from the key: one to
+connect, and one for each epoch of a session that it is ordered to run. It cannot mint the token of another epoch, and
+the next key ends its connection.
 """
 
 import hmac
@@ -13,8 +15,8 @@ import msgspec
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import MESSAGE_MAX_BYTES, Channel, PeerChannel
 
-WIRE_VERSION = 3  # grows when a message changes its meaning; preflight compares it too
-TOKEN_BYTES = 32
+WIRE_VERSION = 4  # grows when a message changes its meaning; preflight compares it too
+KEY_BYTES = 32
 GREETING_S = 2.0  # until the first message of a client
 _PATIENCE_S = 10.0  # until the answer to it; a target finishes its halt first
 
@@ -28,12 +30,12 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Grant(msgspec.Struct, frozen=True, tag=True):
-    """The next token, as the only message of a supervisor that adopts a running target.
+    """The next key, as the only message of a supervisor that adopts a running target.
 
     It is accepted from one process alone, identified by the kernel: the holder of the watchdog's lock.
     """
 
-    token: bytes
+    key: bytes
 
 
 class Welcome(msgspec.Struct, frozen=True, tag=True):
@@ -55,26 +57,41 @@ _GREETINGS: msgspec.msgpack.Decoder[Hello | Grant] = msgspec.msgpack.Decoder(Hel
 _ANSWERS: msgspec.msgpack.Decoder[Welcome | Denied] = msgspec.msgpack.Decoder(Welcome | Denied)
 
 
-def make_token() -> bytes:
-    """An unguessable token."""
-    return secrets.token_bytes(TOKEN_BYTES)
+def make_key() -> bytes:
+    """An unguessable key."""
+    return secrets.token_bytes(KEY_BYTES)
+
+
+def mint(key: bytes, session: str = "", epoch: int = 0) -> bytes:
+    """The token of one epoch of a session, by HMAC-SHA256; without a session, the one to connect with."""
+    return hmac.digest(key, f"{epoch} {session}".encode(), "sha256")
 
 
 class Tokens:
-    """The newest token admits a client to one target; an empty one admits none.
+    """What admits a client to one target, and its sessions: the tokens of the newest key; none without a key.
 
     Args:
-        is_supervisor: Whether a process, by its id, may grant a token.
+        is_supervisor: Whether a process, by its id, may grant a key.
     """
 
-    def __init__(self, token: bytes = b"", is_supervisor: Callable[[int], bool] = lambda _pid: False) -> None:
-        self._token, self._is_supervisor = token, is_supervisor
+    def __init__(self, key: bytes = b"", is_supervisor: Callable[[int], bool] = lambda _pid: False) -> None:
+        self._key, self._is_supervisor = key, is_supervisor
+        self._admitted = b""  # the key by which the present client came in
 
-    def renew(self, token: bytes) -> None:
-        """Admit this token only; raises ValueError when it is of another length."""
-        if len(token) != TOKEN_BYTES:
-            raise ValueError(f"a token of {len(token)} bytes; {TOKEN_BYTES} are needed")
-        self._token = token
+    @property
+    def is_stale(self) -> bool:
+        """Whether there is a newer key than the one by which the present client came in."""
+        return self._admitted is not self._key
+
+    def renew(self, key: bytes) -> None:
+        """Admit by tokens of this key only; raises ValueError when it is of another length."""
+        if len(key) != KEY_BYTES:
+            raise ValueError(f"a key of {len(key)} bytes; {KEY_BYTES} are needed")
+        self._key = key
+
+    def permits(self, session: str, epoch: int, token: bytes) -> bool:
+        """Whether a token is that of the epoch, of the newest key."""
+        return bool(self._key) and hmac.compare_digest(token, mint(self._key, session, epoch))
 
     def admit(self, channel: PeerChannel) -> None:
         """Read the first message of a client and answer it.
@@ -86,21 +103,23 @@ class Tokens:
         reply: Welcome | Denied
         try:
             greeting = _GREETINGS.decode(channel.recv_bytes())
-            reply = self._judge(greeting, channel.find_peer())
+            key = self._key  # a newer one may come at any time
+            reply = self._judge(greeting, channel.find_peer(), key)
         except (msgspec.MsgspecError, ValueError) as error:
             greeting, reply = None, Denied("MALFORMED", f"the first message is no greeting: {error}")
         channel.send_bytes(_ENCODER.encode(reply))
         if not isinstance(greeting, Hello) or isinstance(reply, Denied):
             raise ConnectionRefusedError
+        self._admitted = key
 
-    def _judge(self, greeting: Hello | Grant, peer: int) -> Welcome | Denied:
+    def _judge(self, greeting: Hello | Grant, peer: int, key: bytes) -> Welcome | Denied:
         if isinstance(greeting, Grant):
             if not self._is_supervisor(peer):
-                return Denied("BAD_TOKEN", f"process {peer} does not supervise this target, so it grants no token")
-            self.renew(greeting.token)
+                return Denied("BAD_TOKEN", f"process {peer} does not supervise this target, so it grants no key")
+            self.renew(greeting.key)
             return Welcome()
-        if not self._token or not hmac.compare_digest(greeting.token, self._token):
-            return Denied("BAD_TOKEN", "the token is not that of the present epoch")
+        if not key or not hmac.compare_digest(greeting.token, mint(key)):
+            return Denied("BAD_TOKEN", "the token is not that of the present commander")
         if greeting.version != WIRE_VERSION:
             found = f"the client speaks version {greeting.version} of the wire, the target version {WIRE_VERSION}"
             return Denied("VERSION_MISMATCH", f"{found}; start both from the same installation")
@@ -116,13 +135,13 @@ def greet(channel: Channel, token: bytes) -> Welcome:
     return _open(channel, Hello(version=WIRE_VERSION, token=token))
 
 
-def grant(channel: Channel, token: bytes) -> None:
-    """Give a running target its next token, as its supervisor.
+def grant(channel: Channel, key: bytes) -> None:
+    """Give a running target its next key, as its supervisor.
 
     Raises:
         ExecutionError: `BAD_TOKEN` when it has another supervisor; `TARGET_LOST` without an answer.
     """
-    _open(channel, Grant(token=token))
+    _open(channel, Grant(key=key))
 
 
 def _open(channel: Channel, greeting: Hello | Grant) -> Welcome:

@@ -79,9 +79,10 @@ def serve_realtime(
     greet_by_s: float | None = None  # until the client is admitted
     try:
         while not should_end():
-            if greet_by_s is not None and client is not None and clock.now_s() > greet_by_s:
+            if client is not None and (tokens.is_stale if greet_by_s is None else clock.now_s() > greet_by_s):
                 client.close()
                 client, greet_by_s = None, None
+                target.withdraw()
             if not _wait_for(client or door, target, pace):
                 continue
             if client is None:
@@ -92,7 +93,7 @@ def serve_realtime(
                 if greet_by_s is not None:
                     tokens.admit(client)
                     greet_by_s = None
-                elif answer(client, target, keep_pace):
+                elif answer(client, target, tokens, keep_pace):
                     return
             except (EOFError, OSError):
                 client.close()

@@ -11,12 +11,15 @@ from collections.abc import Callable
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError, format_names
+from phyagentos.runtime.channel import PeerChannel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.authority import Authority
 from phyagentos.runtime.targets.driver import TargetDriver
+from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
 
 SETTLE_MAX_S = 60.0
+_UNLOGGED = (wire.Observe, wire.Describe, wire.Capture, wire.Shutdown)
 
 
 class ServedTarget:
@@ -26,6 +29,7 @@ class ServedTarget:
         is_estopped: Whether the emergency stop is latched.
         keep_stop: Makes the latch durable; called once the target is at rest, since a disk may be slow.
         truth: Whether the driver's ground truth may be read here, where it has one.
+        permits: Whether a token is that of a session's epoch (`Tokens.permits`); any is within one process.
     """
 
     def __init__(
@@ -36,8 +40,9 @@ class ServedTarget:
         is_estopped: Callable[[], bool] = lambda: False,
         keep_stop: Callable[[], None] = lambda: None,
         truth: bool = True,
+        permits: Callable[[str, int, bytes], bool] = lambda _session, _epoch, _token: True,
     ) -> None:
-        self.driver = driver
+        self.driver, self._permits = driver, permits
         self._log, self._is_estopped, self._keep_stop, self._truth = log, is_estopped, keep_stop, truth
         self._authority = Authority()
         self._scene: wire.LoadScene | None = None
@@ -63,6 +68,9 @@ class ServedTarget:
     def is_moving(self) -> bool:
         """Whether the latest command left the body in motion."""
         return self.driver.is_moving
+
+    def listen(self, client: PeerChannel, tokens: Tokens) -> None:
+        """A client was admitted; a target that waits for others looks at both meanwhile."""
 
     def withdraw(self) -> None:
         """Halt when the client disconnects; its authority ends."""
@@ -135,7 +143,7 @@ class ServedTarget:
         if isinstance(request, wire.InvokeTool):
             tools = self._description.tools if self._description is not None else ()
             return any(tool.moves and tool.name == request.name for tool in tools)
-        return not isinstance(request, wire.Observe | wire.Describe | wire.Capture | wire.Shutdown)
+        return not isinstance(request, _UNLOGGED)
 
     def _report(self, stopped: str) -> wire.Step:
         """The end of a command, with the code of the body's own stop."""
@@ -193,6 +201,9 @@ class ServedTarget:
 
     def _begin(self, request: wire.Begin) -> wire.Reply:
         self._refuse_unlogged()
+        if not self._permits(request.session, request.epoch, request.token):
+            message = f"the token is not that of epoch {request.epoch} of {request.session}"
+            return wire.Refused("BAD_TOKEN", message)
         if self._scene is None:
             return wire.Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():

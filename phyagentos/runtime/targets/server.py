@@ -16,7 +16,7 @@ from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.wire import REPLIES, REQUESTS, Refused, Reply, Request, Shutdown
 
-WAIT_S = 60.0  # for a request; a client that steps a world in lockstep has the next one ready within a millisecond
+LOOK_S = 1.0  # between two looks at the key while no request comes
 
 
 class Door(Protocol):
@@ -65,26 +65,36 @@ def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable
                     if not client.poll(GREETING_S):
                         continue
                     tokens.admit(client)
+                    target.listen(client, tokens)
                     while True:
-                        client.poll(WAIT_S)
-                        if answer(client, target):
+                        while not client.poll(LOOK_S):
+                            if tokens.is_stale:
+                                raise EOFError
+                        if answer(client, target, tokens):
                             return
                 except (EOFError, OSError):
                     target.withdraw()
 
 
 def answer(
-    client: PeerChannel, target: ServedTarget, before: Callable[[Request], None] = lambda _request: None
+    client: PeerChannel,
+    target: ServedTarget,
+    tokens: Tokens,
+    before: Callable[[Request], None] = lambda _request: None,
 ) -> bool:
     """Answer one request; whether it was a `Shutdown`.
 
     `before` is called with the request before it is carried out; it may wait.
 
     Raises:
-        EOFError: The client is gone; also OSError.
+        EOFError: The client is gone, or another commander has its place (`STALE_TOKEN`); also OSError.
     """
+    message = client.recv_bytes()
+    if tokens.is_stale:
+        client.send_bytes(REPLIES.encode(Refused("STALE_TOKEN", "the target has another commander by now")))
+        raise EOFError
     try:
-        request = REQUESTS.decode(client.recv_bytes())
+        request = REQUESTS.decode(message)
     except ExecutionError as error:
         client.send_bytes(REPLIES.encode(Refused(error.code, str(error))))
         return False

@@ -59,10 +59,15 @@ class LoadScene(msgspec.Struct, frozen=True, tag=True):
 
 
 class Begin(msgspec.Struct, frozen=True, tag=True):
-    """Give one session authority over the target. Reply: `Ack`. The epoch is a fencing token: it never decreases."""
+    """Give one session authority over the target. Reply: `Ack`. The epoch is a fencing token: it never decreases.
+
+    Attributes:
+        token: Of this epoch of the session, minted by the supervisor (see `handshake`); empty within one process.
+    """
 
     session: str
     epoch: int
+    token: bytes = b""
 
 
 class Command(msgspec.Struct, frozen=True, tag=True):
@@ -332,7 +337,7 @@ REPLIES = Codec[Reply](Reply, "reply")
 
 
 def exchange(
-    connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], None] | None = None
+    connection: Channel, request: Request, timeout_s: float, on_wait: Callable[[], bool] | None = None
 ) -> Reply:
     """One request and its reply; see `await_reply`."""
     send_request(connection, request)
@@ -351,20 +356,27 @@ def send_request(connection: Channel, request: Request) -> None:
         raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
 
 
-def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], None] | None = None) -> Reply:
+def await_reply(connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None) -> Reply:
     """The next reply, within `timeout_s` [s]; without one the connection is closed, so none is mistaken.
 
-    `on_wait` is called every `WAIT_SLICE_S` meanwhile.
+    `on_wait` is called every `WAIT_SLICE_S` meanwhile. When it says that the session is to end, one more request tells
+    the target. It refuses a command that waits for other targets with `ABORTED`, and carries out a halt or settling as
+    soon as none of them is in the middle of a motion.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
     """
-    waited_s = 0.0
+    waited_s, is_ending = 0.0, False
     try:
         while on_wait is not None and waited_s < timeout_s and not connection.poll(WAIT_SLICE_S):
-            on_wait()
+            if on_wait() and not is_ending:
+                is_ending = True
+                connection.send_bytes(REQUESTS.encode(Describe()))
             waited_s += WAIT_SLICE_S
-        return receive_reply(connection, timeout_s - waited_s)
+        reply = receive_reply(connection, timeout_s - waited_s)
+        if is_ending:
+            receive_reply(connection, timeout_s)
+        return reply
     except (ExecutionError, OSError) as error:
         connection.close()
         if isinstance(error, ExecutionError):

@@ -11,6 +11,8 @@ from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, Trial
 
+OBSERVERS = 20  # at most, lost in a row while they observe what one session left
+
 
 class Check(msgspec.Struct, frozen=True, tag=True):
     """Load the session's scene if need be and check the contract against the live target. Answer: `Checked`.
@@ -33,12 +35,14 @@ class Run(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         until_s: End of the lease, by the monotonic clock of this machine [s]; a wall clock that jumps changes nothing.
+        token: Of the epoch, for the target (`handshake.mint`).
     """
 
     session: Session
     epoch: int
     evidence: str
     until_s: float = float("inf")
+    token: bytes = b""
 
 
 class Renew(msgspec.Struct, frozen=True, tag=True):
@@ -80,6 +84,7 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         ended: What was lost.
         code: Under which the session ends; that of `ended` when empty.
+        tokens: Of this epoch and of those after it: an earlier observer may have been lost too.
     """
 
     session: Session
@@ -88,6 +93,7 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
     reason: str
     ended: Ended = Ended.RUNNER_LOST
     code: str = ""
+    tokens: tuple[bytes, ...] = (b"",) * OBSERVERS
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):

@@ -177,8 +177,8 @@ class Recorder:
     def _write_snapshot(self, name: str, observation: Observation) -> None:
         """The driver's snapshot as it is; under `name` if it is an NPZ, else with the suffix `.snapshot`."""
         if (snapshot := observation.snapshot) is not None:
-            suffix = ".npz" if snapshot.media_type == NPZ else ".snapshot"
-            self.files.write(str(Path(name).with_suffix(suffix)), snapshot.data)
+            name = name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot")
+            self.files.write(name, snapshot.data)
 
 
 class Bundles:

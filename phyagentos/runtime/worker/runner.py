@@ -26,6 +26,7 @@ from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import RecordedFault, Step
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
+from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
 REST_WAIT_S = 2.0  # of simulated time, for which the end waits until what the acceptance speaks of rests
@@ -130,23 +131,21 @@ class SessionRunner:
             msgspec.structs.replace(report, open_criteria=self._open_criteria, driver=driver)
         )
 
-    def observe_only(
-        self, session: Session, epoch: int, *, ended: Ended, evidence: str, reason: str, code: str = ""
-    ) -> Execution:
+    def observe_only(self, order: Reconcile, epoch: int) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
 
-        The files of the bundle at `evidence` stay. The session ends under `code`, else under that of `ended`.
+        The files of the bundle stay.
 
         Raises:
             ExecutionError: `TARGET_LOST` when the world cannot be observed either.
         """
-        recorder = self._bundles.open(evidence)
-        self._handle.begin(session.id, epoch)
+        recorder = self._bundles.open(order.evidence)
+        self._handle.begin(order.session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
-        self._world.enter(session.scene)
-        outcome = Outcome(ended=ended, code=code or ended.upper(), message=reason)
-        return self._close_unmoved(session, outcome, recorder, evidence)
+        self._world.enter(order.session.scene)
+        outcome = Outcome(ended=order.ended, code=order.code or order.ended.upper(), message=order.reason)
+        return self._close_unmoved(order.session, outcome, recorder, order.evidence)
 
     def _open(
         self, session: Session, epoch: int, plan: Mapping[str, Any], recorder: Recorder, cancel: Cancel, beat: Beat

@@ -50,7 +50,6 @@ from phyagentos.runtime.worker.runner import SessionRunner
 from phyagentos.store.views.environment import render_environment
 
 REST_S = 0.05  # without an order for so long, there is time for housekeeping
-OBSERVERS = 20  # at most, lost in a row while they observe what one session left
 PUBLISH_PERIOD_S = 0.2  # a person reads no faster
 
 
@@ -86,6 +85,7 @@ class WorkerLoop:
     ) -> None:
         self._control, self._gate = control, gate
         self._handle, self._world = target.handle, target.world
+        self._handle.is_ending = self._is_ending
         self._examiner, self._runner, self._heartbeat = examiner, runner, heartbeat
         self._workspace, self._sealer = workspace, Sealer(workspace.evidence)
         self._clock = clock
@@ -113,6 +113,7 @@ class WorkerLoop:
                 self._control.send_bytes(encode(self._check(order)))
             elif isinstance(order, Run):
                 checked, self._checked, self._lease_until_s = self._checked, None, order.until_s
+                self._handle.token = order.token
                 if checked is not None and (checked.session.id, checked.epoch) == (order.session.id, order.epoch):
                     done = self._runner.run(
                         order.session,
@@ -223,6 +224,13 @@ class WorkerLoop:
             return LEASE_LOST
         return self._stop_reason
 
+    def _is_ending(self) -> bool:
+        """Whether the session has to end, while a motion of it waits for other targets."""
+        self._heartbeat.beat_again("paused")
+        while self._stop_reason is None and self._control.poll():
+            self._obey(receive_order(self._control))
+        return self._stop_reason is not None or self._clock.now_s() > self._lease_until_s
+
     def _obey(self, order: ToWorker) -> None:
         if isinstance(order, Stop):
             self._stop_reason = order.reason
@@ -234,7 +242,8 @@ class WorkerLoop:
             self._waiting.append(order)
 
     def _reconcile(self, order: Reconcile) -> Finished:
-        """Observe the world that a lost runner left behind."""
+        """Observe the world that a lost runner left behind; what brings it to rest waits for no other target."""
+        self._stop_reason = order.ended
         try:
             self._handle.load(order.session.scene)
             self._remember(order)
@@ -252,17 +261,15 @@ class WorkerLoop:
         if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
             self._world.restore(belief, _read_looks(self._workspace.root / order.evidence))
 
-    def _observe(self, order: Reconcile, epoch: int | None = None) -> Execution:
+    def _observe(self, order: Reconcile, number: int = 0) -> Execution:
         """Under an epoch that is new to the target: an earlier observer may have been lost too."""
-        epoch = epoch or order.epoch
         try:
-            return self._runner.observe_only(
-                order.session, epoch, ended=order.ended, evidence=order.evidence, reason=order.reason, code=order.code
-            )
+            self._handle.token = order.tokens[number]
+            return self._runner.observe_only(order, order.epoch + number)
         except CommandRefused as refused:
-            if refused.code != "STALE_TOKEN" or epoch >= order.epoch + OBSERVERS:
+            if refused.code != "STALE_TOKEN" or number + 1 == len(order.tokens):
                 raise
-            return self._observe(order, epoch + 1)
+            return self._observe(order, number + 1)
 
 
 def _read_belief(restore: str) -> Environment | None:

@@ -98,8 +98,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.protocol.sessions.lifecycle",
-                "lambda event: event.model.side in sides",
-                "lambda event: True",
+                "asked.side in sides and ",
+                "",
             ),
         ),
         tests=("tests/protocol/test_lifecycle.py::test_every_row_is_refused_to_every_side_that_it_does_not_name",),

@@ -110,8 +110,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.worker.recorder",
-                "self._write(evidence.AFTER, encode_json(environment))",
-                "self._write(evidence.AFTER, (self.folder / evidence.BEFORE).read_bytes())",
+                "self.files.write(evidence.AFTER, encode_json(environment))",
+                "self.files.write(evidence.AFTER, (self.folder / evidence.BEFORE).read_bytes())",
             ),
         ),
         tests=("tests/runtime/test_recorded_evidence.py::test_the_end_of_a_bundle_is_the_world_as_it_was_left",),

@@ -14,7 +14,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.actions.handle",
-                "ruling = self._guard.judge(command, self.step)",
+                "ruling = self._guard.judge(command, now)",
                 "ruling = Ruling(command)",
             ),
         ),

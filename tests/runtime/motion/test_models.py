@@ -101,6 +101,44 @@ def test_a_new_pose_needs_no_new_model_and_a_held_thing_is_no_obstacle(planner, 
     assert scenes.get_scene(near, Payload("cube", Pose())).find_contacts(home) == []
 
 
+def draw_world(rng):
+    """Solids of every kind, tilted, about the arm; the same names at every call, other sizes and poses."""
+    kinds = {ShapeKind.BOX: 3, ShapeKind.CYLINDER: 2, ShapeKind.CAPSULE: 2, ShapeKind.SPHERE: 1}
+    entities = []
+    for kind, sizes in kinds.items():
+        for movable in (True, False):
+            shapes = [
+                Shape(kind, tuple(map(float, rng.uniform(0.02, 0.12, sizes))), Pose((0.0, 0.15 * part, 0.0)))
+                for part in range(2)
+            ]
+            x, y, z = map(float, rng.uniform((-0.7, -0.7, 0.0), (0.7, 0.7, 0.8)))
+            quaternion = rng.normal(size=4)
+            quaternion /= np.linalg.norm(quaternion)
+            name = f"{kind.value}_{'movable' if movable else 'fixed'}"
+            pose = Pose((x, y, z), tuple(map(float, quaternion)))
+            entities.append(Entity(name=name, kind=name, pose=pose, movable=movable, shapes=tuple(shapes)))
+    return World(tuple(entities))
+
+
+@pytest.mark.parametrize("held", [None, "box_movable", "cylinder_movable"])
+def test_a_new_size_needs_no_new_model_and_collides_as_a_model_made_for_it(planner, held):
+    rng = np.random.default_rng(3)
+    payload = None if held is None else Payload(held, Pose((0.0, 0.0, 0.08)))
+    kept = PlanningScenes(planner.robot)
+    first = kept.get_scene(draw_world(rng), payload)
+    met = set()
+    for world in (draw_world(rng) for _ in range(4)):
+        fresh = PlanningScenes(planner.robot).get_scene(world, payload)
+        assert kept.get_scene(world, payload) is first
+        assert first.payload_shapes == fresh.payload_shapes
+        for q in draw_postures(planner, 80):
+            touching = first.find_contacts(q)
+            assert touching == fresh.find_contacts(q)
+            met |= {pair[1] for pair in touching} | {pair[0] for pair in touching}
+    assert met >= {entity.name for entity in world.entities} - {held}
+    assert ("payload" in met) == (held is not None)
+
+
 def test_what_is_held_collides_in_the_place_of_the_hand(planner, build, home):
     tip = planner._chain.compute_tcp(home)[:3, 3]
     shelf = build.fixed("shelf", (tip[0], tip[1], tip[2] - 0.08), build.box((0, 0, 0), (0.1, 0.1, 0.01)))

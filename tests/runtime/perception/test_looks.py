@@ -12,8 +12,10 @@ from phyagentos.protocol.world.environment import Pose, Status
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.look import RecordedFrames
 from phyagentos.runtime.perception.look_file import read_look, write_look
-from phyagentos.runtime.perception.perceived_world import PerceivedWorld
+from phyagentos.runtime.perception.perceived_world import PROBE_PERIOD_S, PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.world_model import BELIEF
+from phyagentos.runtime.targets.wire import Step
 from phyagentos.runtime.worker.recorder import Recorder
 from tests.runtime.perception.conftest import observe_now
 from tests.runtime.perception.test_sensor_health import LaggingHandle
@@ -82,6 +84,60 @@ def test_so_is_one_for_which_the_robot_was_asked_again_because_time_went_on(view
         belief = observe(*things, lag_s=lag_s)
         assert world.latest_look.moments
         assert repeat(*_write(world, tmp_path)) == belief
+
+
+@pytest.fixture
+def glance_at_can(views, twins):
+    """Read the frames of a glance at the can that was requested behind a command."""
+    world, observe, _ = views
+    for _ in range(3):
+        observe()
+    twins.time_s += 0.6  # an earlier probe is too old
+    observe("can")
+
+    def glance(after_s=0.02):
+        plan = world.plan_glance(frozenset({"can"}), twins.time_s + after_s)
+        twins.time_s += after_s
+        world._handle.latest = Step(time_s=twins.time_s, target=twins.state, tracking_error_rad=0.0)
+        frames = [world._handle.capture(each.cameras, each.crops, each.every) for each in plan.captures]
+        world.advance(world._handle.latest, stands=False)
+        return plan, world.read_glance(plan, frames)
+
+    return glance
+
+
+def test_a_glance_behind_a_command_gives_the_world_of_a_look_while_the_world_stands(views, glance_at_can, tmp_path):
+    world, _, repeat = views
+    before = world.observe(BELIEF).entities["can"]
+    plan, belief = glance_at_can()
+
+    assert plan.window is not None
+    assert belief.entities["can"].observed_at_s > before.observed_at_s
+    assert belief.entities["can"].pose == before.pose
+    assert repeat(*_write(world, tmp_path)) == belief
+
+
+def test_a_glance_proves_that_the_cameras_live_when_the_earlier_proof_is_old(glance_at_can):
+    assert glance_at_can(after_s=0.02)[0].probe is None
+    plan, belief = glance_at_can(after_s=PROBE_PERIOD_S)
+
+    assert {belief.sensors[camera].probed_s for camera in plan.probe.cameras} == {belief.time_s}
+
+
+@pytest.mark.parametrize("change", ["moved", "early"])
+def test_a_glance_that_does_not_show_the_belief_leaves_doubt(views, twins, glance_at_can, change):
+    world, _, _ = views
+    if change == "moved":
+        twins.put("can", 0.6, -0.25)
+    else:
+        world._handle.lag_s = 0.1
+    assert glance_at_can()[1] is None
+
+
+def test_what_was_seen_once_is_not_confirmed_by_a_glance(views, twins):
+    world, observe, _ = views
+    observe()
+    assert world.plan_glance(frozenset({"can"}), twins.time_s + 0.02) is None
 
 
 def test_a_picture_with_other_pixels_gives_another_world(views, twins, tmp_path):

@@ -1,4 +1,4 @@
-"""How a connection to a target begins: who knows the token of the epoch gets in, on either transport."""
+"""How a connection to a target begins, and each epoch on it: by a token of the newest key, on either transport."""
 
 import os
 import threading
@@ -13,13 +13,19 @@ from phyagentos.assembly.drivers import read_secret
 from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.runtime.channel import Link
+from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.handshake import Grant, Hello, Tokens, grant, greet, make_token
+from phyagentos.runtime.targets.handshake import Grant, Hello, Tokens, grant, greet, make_key, mint
+from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.server import UnixDoor, serve
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 
 CLOCK = SystemClock()
+LIBRARY = Library((find_shipped_root() / "benchmarks" / "library",))
 
 
 class Acknowledging:
@@ -32,6 +38,9 @@ class Acknowledging:
         self.asked.append(request)
         return wire.Ack()
 
+    def listen(self, client, tokens):
+        pass
+
     def withdraw(self):
         self.withdrawn.set()
 
@@ -40,7 +49,7 @@ class Acknowledging:
 def stand(request, tmp_path):
     """A served target: itself, its tokens, and what connects to it without a word."""
     door = UnixDoor(str(tmp_path / "s")) if request.param == "unix" else WebSocketDoor()
-    target, tokens = Acknowledging(), Tokens(make_token(), lambda pid: pid == os.getpid())
+    target, tokens = Acknowledging(), Tokens(make_key(), lambda pid: pid == os.getpid())
     thread = threading.Thread(target=serve, args=(target, door, tokens), daemon=True)
     thread.start()
 
@@ -50,9 +59,9 @@ def stand(request, tmp_path):
         return connect_websocket(door.endpoint)
 
     yield target, tokens, open_channel
-    tokens.renew(last := make_token())
+    tokens.renew(last := make_key())
     channel = open_channel()
-    greet(channel, last)
+    greet(channel, mint(last))
     wire.exchange(channel, wire.Shutdown(), 5.0)
     channel.close()
     thread.join(10.0)
@@ -60,9 +69,9 @@ def stand(request, tmp_path):
 
 def test_the_token_of_the_epoch_admits_and_requests_are_answered(stand):
     target, tokens, open_channel = stand
-    tokens.renew(token := make_token())
+    tokens.renew(key := make_key())
     channel = open_channel()
-    welcome = greet(channel, token)
+    welcome = greet(channel, mint(key))
 
     assert welcome.version == wire.WIRE_VERSION
     assert wire.exchange(channel, wire.Describe(), 5.0) == wire.Ack()
@@ -72,19 +81,76 @@ def test_the_token_of_the_epoch_admits_and_requests_are_answered(stand):
 
 def test_a_guess_an_earlier_token_and_another_version_stay_outside(stand):
     target, tokens, open_channel = stand
-    tokens.renew(early := make_token())
-    tokens.renew(late := make_token())
-    for token in (early, make_token(), b"", late[:-1]):
+    tokens.renew(early := make_key())
+    tokens.renew(late := make_key())
+    for token in (mint(early), make_key(), b"", mint(late)[:-1], late, mint(late, "s", 1)):
         channel = open_channel()
-        with pytest.raises(ExecutionError, match="BAD_TOKEN: the token is not that of the present epoch"):
+        with pytest.raises(ExecutionError, match="BAD_TOKEN: the token is not that of the present commander"):
             greet(channel, token)
         channel.close()
     channel = open_channel()
-    channel.send_bytes(msgspec.msgpack.encode(Hello(version=wire.WIRE_VERSION + 1, token=late)))
+    channel.send_bytes(msgspec.msgpack.encode(Hello(version=wire.WIRE_VERSION + 1, token=mint(late))))
     assert b"VERSION_MISMATCH" in channel.recv_bytes()
     channel.close()
 
     assert target.asked == []
+
+
+@pytest.mark.parametrize("request_", [wire.Begin("s", 1), wire.Describe()], ids=["begin", "describe"])
+def test_an_earlier_commander_that_is_still_connected_is_refused_and_makes_room(stand, request_):
+    target, tokens, open_channel = stand
+    tokens.renew(early := make_key())
+    old = open_channel()
+    greet(old, mint(early))
+    tokens.renew(late := make_key())
+
+    refused = wire.exchange(old, request_, 5.0)
+    assert refused.code == "STALE_TOKEN"
+    assert target.withdrawn.wait(5.0)
+    assert target.asked == []
+    successor = open_channel()
+    greet(successor, mint(late))
+    assert wire.exchange(successor, wire.Describe(), 5.0) == wire.Ack()
+    for channel in (old, successor):
+        channel.close()
+
+
+def test_a_successor_waits_neither_for_an_earlier_commander_that_says_nothing_nor_for_impostors(stand):
+    _, tokens, open_channel = stand
+    tokens.renew(early := make_key())
+    old = open_channel()
+    greet(old, mint(early))
+    impostors = [open_channel() for _ in range(2)]
+    for channel in impostors:
+        channel.send_bytes(msgspec.msgpack.encode(Hello(version=wire.WIRE_VERSION, token=mint(early))))
+    tokens.renew(late := make_key())
+
+    successor = open_channel()
+    greet(successor, mint(late))
+    assert wire.exchange(successor, wire.Describe(), 5.0) == wire.Ack()
+    assert all(b"BAD_TOKEN" in channel.recv_bytes() for channel in impostors)
+    for channel in (old, *impostors, successor):
+        channel.close()
+
+
+def test_a_commander_cannot_begin_an_epoch_whose_token_it_was_not_given(tmp_path):
+    key = make_key()
+    tokens, given = Tokens(key), mint(key, "s", 1)
+    log = ReceiveLog(tmp_path / "receive.jsonl")
+    target = ServedTarget(DebugDriver(read_target(LIBRARY.get_target("counter")), LIBRARY), log, permits=tokens.permits)
+    target.handle(wire.LoadScene(scene="counter", seed=1, episode="e"))
+
+    for begin in (wire.Begin("s", 2, given), wire.Begin("t", 1, given), wire.Begin("s", 1), wire.Begin("s", 1, key)):
+        assert target.handle(begin).code == "BAD_TOKEN"
+    assert target.handle(wire.Begin("s", 1, given)) == wire.Ack()
+    target.handle(wire.End("s", 1))
+    tokens.renew(later := make_key())
+    assert target.handle(wire.Begin("s", 2, mint(key, "s", 2))).code == "BAD_TOKEN"
+    assert target.handle(wire.Begin("s", 2, mint(later, "s", 2))) == wire.Ack()
+    target.close()
+    lines = (tmp_path / "receive.jsonl").read_text()
+    assert lines.count('"code":"BAD_TOKEN"') == 5
+    assert key.hex() not in lines
 
 
 def test_a_request_without_a_greeting_is_not_carried_out(stand):
@@ -100,21 +166,21 @@ def test_a_request_without_a_greeting_is_not_carried_out(stand):
 
 def test_only_the_supervisor_grants_a_token_to_a_running_target(stand):
     target, tokens, open_channel = stand
-    channel, token = open_channel(), make_token()
+    channel, key = open_channel(), make_key()
     if not isinstance(channel, Link):  # no kernel tells which process is beyond a port
         with pytest.raises(ExecutionError, match="BAD_TOKEN: process 0 does not supervise"):
-            grant(channel, token)
+            grant(channel, key)
         channel.close()
         return
-    grant(channel, token)
+    grant(channel, key)
     channel.close()
     channel = open_channel()
-    greet(channel, token)
+    greet(channel, mint(key))
     channel.close()
     tokens._is_supervisor = lambda _pid: False
     channel = open_channel()
     with pytest.raises(ExecutionError, match="does not supervise this target"):
-        grant(channel, make_token())
+        grant(channel, make_key())
     channel.close()
     assert target.asked == []
 
@@ -125,16 +191,16 @@ def test_without_any_token_nothing_admits():
         theirs.send_bytes(msgspec.msgpack.encode(Hello(version=wire.WIRE_VERSION, token=b"")))
         with pytest.raises(ConnectionRefusedError):
             Tokens().admit(Link(ours))
-    with pytest.raises(ValueError, match="a token of 3 bytes; 32 are needed"):
+    with pytest.raises(ValueError, match="a key of 3 bytes; 32 are needed"):
         Tokens().renew(b"abc")
-    assert Grant(token=b"").token == b""
+    assert Grant(key=b"").key == b""
 
 
 def test_a_client_that_says_nothing_does_not_keep_others_out(stand):
     _, tokens, open_channel = stand
-    tokens.renew(token := make_token())
+    tokens.renew(key := make_key())
     silent, channel = open_channel(), open_channel()
-    greet(channel, token)
+    greet(channel, mint(key))
 
     assert wire.exchange(channel, wire.Describe(), 5.0) == wire.Ack()
     channel.close()
@@ -157,20 +223,20 @@ def test_nothing_listens_there():
 
 def test_a_worker_with_the_wrong_token_is_told_so(tmp_path):
     door = UnixDoor(str(tmp_path / "s"))
-    serving = (Acknowledging(), door, Tokens(make_token()))
+    serving = (Acknowledging(), door, Tokens(make_key()))
     thread = threading.Thread(target=serve, args=serving, daemon=True)
     thread.start()
     with pytest.raises(ExecutionError, match="BAD_TOKEN"):
-        connect_to_world(str(tmp_path / "s"), make_token(), CLOCK)
+        connect_to_world(str(tmp_path / "s"), make_key(), CLOCK)
 
 
 @pytest.mark.parametrize(
     ("mode", "text", "found"),
-    [(0o640, "ab" * 32, "a file that other users can read"), (0o600, "ab" * 3, "no token"), (0o600, "so", "no token")],
+    [(0o640, "ab" * 32, "a file that other users can read"), (0o600, "ab" * 3, "no key"), (0o600, "so", "no key")],
 )
-def test_a_token_in_a_file_is_only_taken_when_it_is_ones_own(tmp_path, mode, text, found):
+def test_a_key_in_a_file_is_only_taken_when_it_is_ones_own(tmp_path, mode, text, found):
     path = tmp_path / "panda"
-    with pytest.raises(DefinitionError, match="NO_TOKEN: found no token"):
+    with pytest.raises(DefinitionError, match="NO_TOKEN: found no key"):
         read_secret(path)
     path.write_text(text)
     path.chmod(mode)

@@ -9,7 +9,7 @@ import pytest
 from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import ManualClock, SystemClock
 from phyagentos.runtime.targets import realtime, wire
-from phyagentos.runtime.targets.handshake import Tokens, make_token
+from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
 from phyagentos.runtime.targets.realtime import Pace, serve_realtime
 from phyagentos.runtime.targets.server import UnixDoor
 
@@ -50,11 +50,11 @@ class Arm:
 @pytest.fixture
 def stand(tmp_path):
     arm, clock, socket = Arm(), ManualClock(), str(tmp_path / "world.sock")
-    token = make_token()
-    serving = (arm, UnixDoor(socket, spin_s=0.0), Tokens(token), clock)
+    key = make_key()
+    serving = (arm, UnixDoor(socket, spin_s=0.0), Tokens(key), clock)
     thread = threading.Thread(target=serve_realtime, args=serving, daemon=True)
     thread.start()
-    with contextlib.closing(connect_to_world(socket, token, REAL)) as connection:
+    with contextlib.closing(connect_to_world(socket, mint(key), REAL)) as connection:
 
         def ask(request):
             connection.send_bytes(wire.REQUESTS.encode(request))

@@ -10,7 +10,7 @@ from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.targets import wire
-from phyagentos.runtime.targets.handshake import Tokens, make_token
+from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
 from phyagentos.runtime.targets.realtime import serve_realtime
 from phyagentos.runtime.targets.server import UnixDoor
 from phyagentos.runtime.targets.stop_listener import StopListener
@@ -27,14 +27,15 @@ class Served:
         self.rig, self.signals, self.socket = rig, signals, str(socket)
         self.stops = StopListener(signals, CLOCK)
         rig.world._is_estopped = self.stops.is_latched
-        self.token = make_token()
-        serving = (rig.world, UnixDoor(self.socket, spin_s=0.0), Tokens(self.token), CLOCK)
+        self.key = make_key()
+        self.tokens = Tokens(self.key)
+        serving = (rig.world, UnixDoor(self.socket, spin_s=0.0), self.tokens, CLOCK)
         self.thread = threading.Thread(target=serve_realtime, args=serving, daemon=True)
         self.thread.start()
         self.connection = self.connect()
 
     def connect(self):
-        return connect_to_world(self.socket, self.token, CLOCK)
+        return connect_to_world(self.socket, mint(self.key), CLOCK)
 
     def ask(self, request):
         self.connection.send_bytes(wire.REQUESTS.encode(request))
@@ -103,6 +104,21 @@ def test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_
 
     assert late.code == "DEADMAN"
     assert "Deadman" in read_kinds(tmp_path)
+
+
+def test_the_motion_of_a_commander_that_was_replaced_ends_and_its_successor_finds_the_arm_free(served, tmp_path):
+    half = len(served.rows) // 2
+    assert isinstance(served.stream(served.rows[:half]), wire.Step)
+    served.tokens.renew(key := make_key())
+    while "Withdraw" not in read_kinds(tmp_path):
+        CLOCK.sleep(0.005)
+
+    served.connection.close()
+    served.key, served.connection = key, connect_to_world(served.socket, mint(key), CLOCK)
+    served.wait_for_rest()
+    assert served.ask(wire.Begin(session="s", epoch=1)).code == "STALE_TOKEN"
+    assert served.ask(wire.Begin(session="s", epoch=2)) == wire.Ack()
+    assert "Withdraw" in read_kinds(tmp_path)
 
 
 def test_an_emergency_stop_in_mid_motion_needs_no_client_and_no_command_follows_it(served, tmp_path):

@@ -5,6 +5,7 @@ from multiprocessing import Pipe
 import pytest
 
 from phyagentos.runtime.channel import Link
+from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.server import answer
 from phyagentos.runtime.targets.wire import REQUESTS, Ack, Settle
 
@@ -16,6 +17,9 @@ class Recording:
     def handle(self, request):
         self.handled.append(request)
         return Ack()
+
+    def listen(self, client, tokens):
+        pass
 
     def withdraw(self):
         pass
@@ -35,7 +39,7 @@ def test_a_request_is_answered(ends):
     ours, theirs = ends
     target = Recording()
     theirs.send_bytes(REQUESTS.encode(Settle(session="s", epoch=1, duration_s=0.02)))
-    assert not answer(ours, target)
+    assert not answer(ours, target, Tokens())
     assert len(target.handled) == 1
     theirs.close()
 
@@ -45,5 +49,5 @@ def test_a_request_whose_sender_goes_while_it_waits_for_its_period_does_not_happ
     target = Recording()
     theirs.send_bytes(REQUESTS.encode(Settle(session="s", epoch=1, duration_s=0.02)))
     with pytest.raises(EOFError):
-        answer(ours, target, lambda _request: theirs.close())
+        answer(ours, target, Tokens(), lambda _request: theirs.close())
     assert target.handled == []

@@ -1,19 +1,25 @@
 """Two arms at one table: one model and one time, but each its own authority, limits, stops and log."""
 
 import threading
+from multiprocessing import Pipe
 
 import mujoco
 import numpy as np
 import pytest
 
+from phyagentos.assembly.processes import connect_to_world
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, keep_pace
+from phyagentos.runtime.drivers.mujoco.simulation import POLL_S
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
+from phyagentos.runtime.targets.server import UnixDoor, serve
 
 pytestmark = pytest.mark.sim
 
@@ -226,6 +232,91 @@ def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_that_comes_to_rest_
     assert np.abs(table.right.robot.physics.qd_rad_s).max() < 0.01
 
 
+def set_in_motion(table):
+    """The right arm in the middle of a motion, the left one standing; the next command of the right one."""
+    q = np.tile(np.array(table.right.robot.controller.q_rad), (20, 1))
+    qd = np.zeros_like(q)
+    q[:, 1] += np.cumsum(1e-5 * np.arange(1, 21))
+    qd[:, 1] = 1e-5 * np.arange(1, 21) / 0.002
+    hold = np.tile(np.array(table.left.robot.controller.q_rad), (10, 1))
+    table.together(
+        lambda: table.command(table.right, q[:10], qd[:10]), lambda: table.command(table.left, hold, 0.0 * hold)
+    )
+    assert table.right.is_moving
+    return q[10:], qd[10:]
+
+
+def test_a_command_that_waits_is_given_up_when_its_session_is_to_end_and_the_other_arm_goes_on_later(library, tmp_path):
+    table, tokens = Table(library), Tokens(key := make_key())
+    door = UnixDoor(str(tmp_path / "right"), spin_s=0.0)
+    served = threading.Thread(target=serve, args=(table.right, door, tokens), daemon=True)
+    served.start()
+    channel = connect_to_world(str(tmp_path / "right"), mint(key), SystemClock())
+    for target in table.targets:
+        table.begin(target)
+    q, qd = set_in_motion(table)
+    command = wire.Command("s", 1, 2, table.simulation.time_s + 1.0, q, qd, np.full(10, 0.08))
+    time_s, left_rad, looks = table.simulation.time_s, table.left.robot.physics.q_rad, []
+
+    def is_ending():
+        looks.append(SystemClock().now_s())
+        return True
+
+    refused = wire.exchange(channel, command, 30.0, is_ending)
+    assert refused.code == "ABORTED"
+    assert SystemClock().now_s() - looks[0] < 5 * POLL_S
+    assert table.simulation.time_s == time_s
+    assert isinstance(wire.exchange(channel, wire.Halt("s", 1), 30.0, is_ending), wire.Step)
+    assert isinstance(wire.exchange(channel, wire.Settle("s", 1, 0.3), 30.0, is_ending), wire.Step)
+    assert isinstance(wire.exchange(channel, wire.End("s", 1), 30.0), wire.Ended)
+
+    assert not table.right.is_moving
+    assert table.simulation.time_s > time_s + 0.3
+    assert np.abs(table.left.robot.physics.q_rad - left_rad).max() < 1e-3
+    assert all(reply.stopped == "" for reply in table.swing(table.left))
+    wire.exchange(channel, wire.Shutdown(), 30.0)
+    channel.close()
+    served.join(10.0)
+
+
+def test_an_aborted_arm_waits_for_one_in_mid_motion(library):
+    table = Table(library)
+    for target in table.targets:
+        table.begin(target)
+    set_in_motion(table)
+    table.simulation.ending.add("left_arm")
+
+    settles = threading.Thread(target=table.left.handle, args=(wire.Settle("s", 1, 0.1),), daemon=True)
+    settles.start()
+    settles.join(3 * POLL_S)
+    assert settles.is_alive()
+    table.right.handle(wire.Halt("s", 1))
+    settles.join(30.0)
+    assert not settles.is_alive()
+
+
+def test_an_emergency_stop_is_heard_by_a_command_that_waits(library):
+    latched = []
+    table = Table(library, is_estopped=lambda: bool(latched))
+    for target in table.targets:
+        table.begin(target)
+    q, qd = set_in_motion(table)
+    ours, theirs = Pipe()
+    table.right.listen(Link(ours), Tokens())
+    replies = []
+    waits = threading.Thread(target=lambda: replies.append(table.command(table.right, q, qd)), daemon=True)
+    waits.start()
+    waits.join(2 * POLL_S)
+    assert waits.is_alive()
+
+    latched.append(True)
+    waits.join(30.0)
+    assert replies[0].code == "ESTOPPED"
+    assert not table.right.is_moving
+    assert isinstance(table.right.handle(wire.Settle("s", 1, 0.1)), wire.Step)  # though the left arm stands
+    theirs.close()
+
+
 def test_an_emergency_stop_brings_both_to_rest_and_both_logs_say_so(library, tmp_path):
     latched = []
     table = Table(library, is_estopped=lambda: bool(latched), logs=tmp_path)
@@ -241,6 +332,44 @@ def test_an_emergency_stop_brings_both_to_rest_and_both_logs_say_so(library, tmp
     assert not table.right.is_moving
     for name in ARMS:
         assert '"kind":"EStop"' in (tmp_path / f"{name}.jsonl").read_text()
+
+
+def test_what_one_arm_takes_a_picture_of_takes_no_time_from_the_other(library, monkeypatch):
+    table, may_end, is_looking = Table(library), threading.Event(), threading.Event()
+    table.begin(table.right)
+
+    def look(*_):
+        is_looking.set()
+        may_end.wait(30.0)
+        return wire.Frames(())
+
+    monkeypatch.setattr(table.left.robot._get_present().rig, "capture", look)
+    looks = threading.Thread(target=table.left.handle, args=(wire.Capture(),), daemon=True)
+    looks.start()
+    assert is_looking.wait(30.0)
+
+    assert all(reply.stopped == "" for reply in table.swing(table.right))
+    may_end.set()
+    looks.join(30.0)
+
+
+def test_in_real_time_no_picture_for_people_is_taken_while_another_arm_is_at_work(library):
+    table = Table(library)
+    scene = table.left.robot.physics.scene
+    monitor = wire.InvokeTool(wire.RENDER, {"camera": "overview", "width": 0})
+    table.simulation.is_paced = True
+
+    assert table.left.handle(monitor).code == "MALFORMED"
+    monitor = wire.InvokeTool(wire.RENDER, {"camera": "overview", "width": 64, "height": 48})
+    table.begin(table.right)
+    drawn = table.left.handle(monitor)
+    assert (drawn.artefacts, drawn.reason) == (
+        {},
+        "in real time, a picture would make right_arm late, which runs a session",
+    )
+    assert scene._files  # the model was written before either began
+    files = [target.handle(wire.InvokeTool(wire.SCENE_MODEL)).artefacts for target in table.targets]
+    assert files[0]["scene.mjb"].data is files[1]["scene.mjb"].data
 
 
 class SlowClock(SystemClock):

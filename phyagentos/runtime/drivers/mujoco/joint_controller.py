@@ -41,6 +41,12 @@ class StateHistory:
         self._states.clear()
         self.note(time_s, qpos)
 
+    def copy(self) -> "StateHistory":
+        """The same moments, to read while time passes."""
+        copied = StateHistory()
+        copied._states.extend(self._states)
+        return copied
+
     def note(self, time_s: float, qpos: Array) -> None:
         """Keep the joint positions (nq,) of a moment."""
         self._states.append((time_s, qpos.copy()))

@@ -6,6 +6,8 @@ shadows, no gloss, and a texture counts with its mean.
 
 import mujoco
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
     Hits,
@@ -19,9 +21,10 @@ from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
 )
 from phyagentos.runtime.models.camera_model import Array, Lens
 
-KEPT_PX = 4096  # a smaller window is cast as fast
+KEPT_PX = 4096  # a smaller picture is cast as fast
 CACHES_KEPT = 8  # of some megabytes each
 SKY = np.array([0.7, 0.76, 0.82], dtype=np.float32)  # where nothing is hit
+DIRECTIONAL, SPOT = int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL), int(mujoco.mjtLightType.mjLIGHT_SPOT)
 
 
 class RayCaster:
@@ -30,7 +33,10 @@ class RayCaster:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._colors = _read_colors(model)  # (n_geoms + 1, 3), the last one for nothing
-        self._lights = [light for light in range(model.nlight) if model.light_active[light]]
+        self._lights = np.flatnonzero(model.light_active)
+        self._kinds = model.light_type[self._lights].astype(np.intp)
+        openings = np.cos(np.radians(model.light_cutoff[self._lights].astype(np.float64)))
+        self._shine = openings, model.light_diffuse[self._lights], model.light_ambient[self._lights]
         head = model.vis.headlight
         self._ambient, self._head = np.array(head.ambient, np.float32), np.array(head.diffuse, np.float32)
         self._rays: dict[Lens, tuple[Array, Array]] = {}
@@ -40,34 +46,40 @@ class RayCaster:
     def cast(self, data: mujoco.MjData, shot: Shot) -> Picture:
         """One picture of a state with computed poses."""
         lens, pixels = shot.lens, shot.pixels
+        shape = (lens.height, lens.width) if pixels is None else (1, len(pixels[0]))
+        if shot.still and (cache := self._get_cache(data, shot)) is not None:
+            return self._cover(cache, data, shot).reshape(shape)
         rays, lengths = self._get_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
-        shape = (lens.height, lens.width) if pixels is None else (1, len(rays))
-        if shot.still and pixels is None and len(rays) >= KEPT_PX:
-            return self._cover(self._get_cache(data, shot), data).reshape(shape)
         beam = Rays(shot.viewpoint, rays @ shot.viewpoint.rotation.T, shot.far_m * float(lengths.max()))
         return self._paint(data, beam, lengths, shoot(self._model, data, beam)).reshape(shape)
 
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
         """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
-        hit = hits.geoms >= 0
-        rays32, facing = rays.directions.astype(np.float32), hits.normals.astype(np.float32)
-        along = np.where(hit, hits.distances_m, 0.0).astype(np.float32)
-        cosines = np.where(hit, -_dot(rays32, facing), np.float32(0.0))
-        facing *= np.where(cosines < 0.0, np.float32(-1.0), np.float32(1.0))[:, None]  # a ray that starts in a solid
-        cosines = np.abs(cosines)
-        points = rays.viewpoint.position_m.astype(np.float32) + rays32 * along[:, None]
-        rgb = np.minimum(self._colors[hits.geoms] * self._light(data, points, facing, cosines), np.float32(1.0))
-        rgb[~hit] = SKY
-        depth = np.where(hit, along / lengths.astype(np.float32), np.float32(np.inf))
-        return Picture(rgb, depth, cosines)
+        n = len(lengths)
+        picture = Picture(np.tile(SKY, (n, 1)), np.full(n, np.inf, np.float32), np.zeros(n, np.float32))
+        self._paint_on(picture, np.arange(n), data, rays, lengths, hits)
+        return picture
 
-    def _get_cache(self, data: mujoco.MjData, shot: Shot) -> StaticDepthCache:
-        """A fixed camera's view of the fixed solids; cast anew where those were moved after all."""
-        lens, viewpoint = shot.lens, shot.viewpoint
+    def _paint_on(
+        self, picture: Picture, places: NDArray[np.intp], data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits
+    ) -> None:
+        """Paints what n rays hit on these pixels (n,) of a picture of one row."""
+        where, towards = (part[self._lights].astype(np.float32) for part in (data.light_xpos, data.light_xdir))
+        _light_up(
+            (picture.rgb, picture.depth_m, picture.incidence), places, rays.viewpoint.position_m, rays.directions,
+            lengths, (hits.geoms, hits.distances_m, hits.normals), self._colors, self._ambient, self._head,
+            (self._kinds, where, towards, *self._shine),
+        )  # fmt: skip
+
+    def _get_cache(self, data: mujoco.MjData, shot: Shot) -> StaticDepthCache | None:
+        """A fixed camera's view of the fixed solids; cast anew by a whole picture where those were moved after all."""
+        lens, viewpoint = shot.whole or shot.lens, shot.viewpoint
         key = (lens, viewpoint.position_m.tobytes(), viewpoint.rotation.tobytes(), shot.far_m)
         signature = self._moving.sign_fixed(data)
         kept = self._static_caches.get(key)
         if kept is None or kept.signature != signature:
+            if shot.pixels is not None or shot.lens != lens or lens.width * lens.height < KEPT_PX:
+                return None
             if len(self._static_caches) >= CACHES_KEPT:
                 self._static_caches.clear()
             rays, lengths = self._get_rays(lens)
@@ -78,53 +90,77 @@ class RayCaster:
             self._static_caches[key] = kept
         return kept
 
-    def _cover(self, cache: StaticDepthCache, data: mujoco.MjData) -> Picture:
+    def _cover(self, cache: StaticDepthCache, data: mujoco.MjData, shot: Shot) -> Picture:
         """The fixed solids, with the moving ones in front."""
-        rays, behind, picture = cache.rays, cache.hits, cache.picture
-        where = self._moving.find_pixels(data, cache.lens, rays.viewpoint)
-        beam = Rays(rays.viewpoint, rays.directions[where], rays.cutoff_m)
-        hits = shoot(self._model, data, beam, fixed=False)
-        far_m, geoms = behind.distances_m[where], behind.geoms[where]
-        nearer = (geoms < 0) | (hits.distances_m < far_m) | ((hits.distances_m == far_m) & (hits.geoms < geoms))
-        nearer &= hits.geoms >= 0
-        where, hits = where[nearer], hits.take(nearer)
-        front = self._paint(data, Rays(beam.viewpoint, beam.directions[nearer], 0.0), cache.lengths[where], hits)
-        rgb, depth, incidence = picture.rgb.copy(), picture.depth_m.copy(), picture.incidence.copy()
-        rgb[where], depth[where], incidence[where] = front.rgb, front.depth_m, front.incidence
-        return Picture(rgb, depth, incidence)
+        rays, behind, wanted = cache.rays, cache.hits, shot.find_pixels()
+        picture = cache.picture.take(wanted)
+        near = self._moving.find_near(data, cache.lens, rays, wanted)
+        if len(near):
+            where = wanted[near]
+            beam = Rays(rays.viewpoint, rays.directions.take(where, axis=0), rays.cutoff_m)
+            hits = shoot(self._model, data, beam, fixed=False)
+            _hide(hits.geoms, hits.distances_m, behind.geoms, behind.distances_m, where)
+            self._paint_on(picture, near, data, beam, cache.lengths.take(where), hits)
+        return picture
 
     def _get_rays(self, lens: Lens) -> tuple[Array, Array]:
         """(n, 3) unit vectors and (n,) lengths of the rays with z = 1, cached by lens."""
-        if lens not in self._rays:
+        kept = self._rays.get(lens)
+        if kept is None:
             if len(self._rays) > 32:  # windows that follow a thing are all different
                 self._rays.clear()
-            self._rays[lens] = _normalise(lens.compute_rays())
-        return self._rays[lens]
+            kept = self._rays[lens] = _normalise(lens.compute_rays())
+        return kept
 
-    def _light(self, data: mujoco.MjData, points: Single, normals: Single, facing: Single) -> Single:
-        """(n, 3) light of each point: ambient, a lamp at the camera, and the scene's lamps."""
-        model = self._model
-        light: Single = self._ambient + self._head * facing[:, None]
-        for index in self._lights:
-            direction = data.light_xdir[index].astype(np.float32)
-            if model.light_type[index] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
-                cosines = -_dot(normals, direction)
+
+@njit(cache=True, inline="always")
+def _dot(x, y, z, a, b, c):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    return x * a + y * b + z * c
+
+
+@njit(cache=True, nogil=True)
+def _hide(geoms, distances, fixed, fixed_m, where):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Removes hits behind fixed solids; of two at one distance, the solid of the lower number is hit."""
+    for k, i in enumerate(where):
+        is_behind = fixed[i] >= 0 and distances[k] >= fixed_m[i]
+        if is_behind and (distances[k] > fixed_m[i] or fixed[i] < geoms[k]):
+            geoms[k] = -1
+
+
+@njit(cache=True, nogil=True)
+def _light_up(picture, wanted, eye, rays, lengths, hits, colors, ambient, head, lamps):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Pixel by pixel, in single precision: the bits of a pixel do not depend on the others."""
+    (rgb, depth, incidence), zero, one = picture, np.float32(0.0), np.float32(1.0)
+    kinds, places, directions, openings, diffuse, dim = lamps
+    light = np.empty(3, np.float32)
+    for i, pixel in enumerate(wanted):
+        geom = hits[0][i]
+        if geom < 0:
+            continue
+        along = np.float32(hits[1][i])
+        x, y, z = np.float32(rays[i, 0]), np.float32(rays[i, 1]), np.float32(rays[i, 2])
+        a, b, c = np.float32(hits[2][i, 0]), np.float32(hits[2][i, 1]), np.float32(hits[2][i, 2])
+        cosine = -_dot(x, y, z, a, b, c)
+        if cosine < zero:  # a ray that starts in a solid
+            a, b, c, cosine = -a, -b, -c, -cosine
+        x, y, z = np.float32(eye[0]) + x * along, np.float32(eye[1]) + y * along, np.float32(eye[2]) + z * along
+        for channel in range(3):
+            light[channel] = ambient[channel] + head[channel] * cosine
+        for lamp in range(len(kinds)):
+            p, q, r = directions[lamp, 0], directions[lamp, 1], directions[lamp, 2]
+            if kinds[lamp] == DIRECTIONAL:
+                shining = -_dot(a, b, c, p, q, r)
             else:
-                towards = data.light_xpos[index].astype(np.float32) - points
-                distances: Single = np.sqrt(_dot(towards, towards))
-                cosines = _dot(normals, towards) / distances
-                if model.light_type[index] == mujoco.mjtLightType.mjLIGHT_SPOT:
-                    beam = np.cos(np.radians(float(model.light_cutoff[index])))
-                    cosines[-_dot(towards, direction) < beam * distances] = 0.0
-            light += np.maximum(cosines, np.float32(0.0))[:, None] * model.light_diffuse[index]
-            light += model.light_ambient[index]
-        return light
-
-
-def _dot(a: Single, b: Single) -> Single:
-    """(n,) products of vectors (n, 3) with (n, 3) or (3,); each row alone, so that subsets have the same bits."""
-    product: Single = a[:, 0] * b[..., 0] + a[:, 1] * b[..., 1] + a[:, 2] * b[..., 2]
-    return product
+                u, v, w = places[lamp, 0] - x, places[lamp, 1] - y, places[lamp, 2] - z
+                distance = np.sqrt(_dot(u, v, w, u, v, w))
+                shining = _dot(a, b, c, u, v, w) / distance
+                if kinds[lamp] == SPOT and np.float64(-_dot(u, v, w, p, q, r)) < openings[lamp] * distance:
+                    shining = zero
+            for channel in range(3):
+                light[channel] = light[channel] + max(shining, zero) * diffuse[lamp, channel] + dim[lamp, channel]
+        for channel in range(3):
+            rgb[pixel, channel] = min(colors[geom, channel] * light[channel], one)
+        depth[pixel], incidence[pixel] = along / np.float32(lengths[i]), cosine
 
 
 def _normalise(rays: Array) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ reason, or no frame with a code; never an error.
 """
 
 import io
+import threading
 from typing import Any
 
 import mujoco
@@ -16,6 +17,7 @@ from phyagentos.runtime.models.camera_model import Array, Lens, Viewpoint
 from phyagentos.runtime.targets.wire import Artefact, ToolResult
 
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
+_DRAWING = threading.Lock()  # robots of one world are served by a thread each
 _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 
@@ -27,7 +29,7 @@ def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: i
     width, height = min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT)
     _make_room(model, width, height)
     try:
-        with mujoco.Renderer(model, height, width) as renderer:
+        with _DRAWING, mujoco.Renderer(model, height, width) as renderer:
             mujoco.mj_camlight(model, data)
             renderer.update_scene(data, camera, _make_options())
             return ToolResult({"picture.png": Artefact("image/png", _encode(renderer.render()))})
@@ -49,7 +51,8 @@ class GraphicsCaster:
             ExecutionError: `NO_GRAPHICS` when this machine cannot draw.
         """
         try:
-            rgb, depth = self._draw(data, shot.lens, shot.viewpoint)
+            with _DRAWING:
+                rgb, depth = self._draw(data, shot.lens, shot.viewpoint)
         except Exception as error:  # graphics drivers raise what they like
             raise ExecutionError("NO_GRAPHICS", f"{type(error).__name__}: {error}") from error
         far = min(shot.far_m, _FAR * float(self._model.vis.map.zfar * self._model.stat.extent))

@@ -10,12 +10,14 @@ from collections.abc import Callable, Sequence
 from typing_extensions import override
 
 from phyagentos.clock import Clock
+from phyagentos.runtime.channel import PeerChannel
 from phyagentos.runtime.drivers.mujoco.simulation import ESTOPPED
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
+from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.realtime import AHEAD_PERIODS, Pace
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.wire import Reply, Request
+from phyagentos.runtime.targets.wire import Capture, InvokeTool, Reply, Request
 
 LATE_SHARE = 0.25  # of a control period, by which a command may be late that was sent in time
 
@@ -23,7 +25,8 @@ LATE_SHARE = 0.25  # of a control period, by which a command may be late that wa
 class SharedTarget(ServedTarget):
     """One robot of a world that it shares with `members`, this target included.
 
-    `keep_stop` makes the latch durable; it is called once every robot is at rest. `truth` permits the ground truth.
+    `keep_stop` makes the latch durable; it is called once every robot is at rest. `truth` permits the ground truth,
+    `permits` a session's epoch by its token.
     """
 
     def __init__(
@@ -35,8 +38,9 @@ class SharedTarget(ServedTarget):
         is_estopped: Callable[[], bool] = lambda: False,
         keep_stop: Callable[[], None] = lambda: None,
         truth: bool = True,
+        permits: Callable[[str, int, bytes], bool] = lambda _session, _epoch, _token: True,
     ) -> None:
-        super().__init__(driver, log, is_estopped=is_estopped, keep_stop=keep_stop, truth=truth)
+        super().__init__(driver, log, is_estopped=is_estopped, keep_stop=keep_stop, truth=truth, permits=permits)
         self.robot, self._members = driver, members
         members.append(self)
 
@@ -45,7 +49,15 @@ class SharedTarget(ServedTarget):
         with self.robot.world.simulation.lock:
             if self._scene is not None and self._scene.episode != self.robot.world.episode:  # another robot began it
                 self._scene = self._loaded = self._description = None
-            return super().handle(request)
+            if not isinstance(request, Capture | InvokeTool):
+                return super().handle(request)
+        return super().handle(request)  # pictures take longer than a period; the driver locks what it reads
+
+    @override
+    def listen(self, client: PeerChannel, tokens: Tokens) -> None:
+        self.robot.world.simulation.listeners[self.robot.profile.target] = lambda: (
+            self.look_for_stops() or tokens.is_stale or client.poll()
+        )
 
     @override
     def withdraw(self) -> None:

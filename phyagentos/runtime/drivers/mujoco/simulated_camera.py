@@ -9,6 +9,7 @@ To sense the recorded states of an evidence bundle again, open its model
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import mujoco
@@ -83,16 +84,18 @@ class SimulatedCamera:
         Raises:
             ExecutionError: `INVALID_CROP`, or `NO_GRAPHICS` of the back end that draws.
         """
-        lens = self.mounting.lens if crop is None else self.mounting.lens.crop(crop)
+        whole = self.mounting.lens
+        lens = whole if crop is None else whole.crop(crop)
         nominal = self.mounting.find(data)
         true = nominal.then(self._error)
         low, high = self.settings.range_m
+        shot = Shot(lens, true, high, still=self._still, whole=whole, corner=crop[:2] if crop else (0, 0))
         if every == 1:
-            picture = self._caster.cast(data, Shot(lens, true, high, still=self._still))
+            picture = self._caster.cast(data, shot)
             rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
         else:
-            lens, whole = lens.thin(every), lens
-            picture = self._cast_some(data, whole, lens, every, true, rng)
+            lens = lens.thin(every)
+            picture = self._cast_some(data, shot, lens, every, rng)
             rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
         claimed = claimed or nominal
         return Frame(
@@ -109,20 +112,18 @@ class SimulatedCamera:
             depth_m=depth,
         )
 
-    def _cast_some(
-        self, data: mujoco.MjData, whole: Lens, thin: Lens, every: int, viewpoint: Viewpoint, rng: np.random.Generator
-    ) -> Picture:
+    def _cast_some(self, data: mujoco.MjData, shot: Shot, thin: Lens, every: int, rng: np.random.Generator) -> Picture:
         """The pixels of a thinned picture: colours at their centres, depths at their wavering places."""
-        shape, far_m = (thin.height, thin.width), self.settings.range_m[1]
+        shape = (thin.height, thin.width)
         rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2
-        std_px = self.noise.lateral_std_rad * whole.fx
+        std_px = self.noise.lateral_std_rad * shot.lens.fx
         deep_rows, deep_columns = draw_places(shape, every, std_px, rng) if std_px > 0.0 else (rows, columns)
         moved = np.nonzero((deep_rows != rows) | (deep_columns != columns))
         pixels = (
             np.concatenate((rows.ravel(), deep_rows[moved])),
             np.concatenate((columns.ravel(), deep_columns[moved])),
         )
-        picture = self._caster.cast(data, Shot(whole, viewpoint, far_m, pixels))
+        picture = self._caster.cast(data, replace(shot, pixels=pixels))
         n = rows.size
         depth, incidence = (each[0, :n].reshape(shape).copy() for each in (picture.depth_m, picture.incidence))
         depth[moved], incidence[moved] = picture.depth_m[0, n:], picture.incidence[0, n:]

@@ -22,8 +22,8 @@ ReadAgreement = Callable[[], Mapping[str, str] | None]
 
 POLL_S = 0.1  # between two reads of the runtime plane's state, without an event
 PATIENCE = 10  # such looks, until a motion of a session that the runtime plane has given up is given up too
-SESSION_LOST, ESTOPPED = "SESSION_LOST", "ESTOPPED"
-BROKEN_OFF = frozenset({SESSION_LOST, ESTOPPED})  # codes of motions that were given up from outside, while they waited
+SESSION_LOST, ESTOPPED, ABORTED = "SESSION_LOST", "ESTOPPED", "ABORTED"
+BROKEN_OFF = frozenset({SESSION_LOST, ESTOPPED, ABORTED})  # motions that were given up from outside, while they waited
 
 
 class Body(Protocol):
@@ -60,6 +60,8 @@ class Simulation:
         control_period_s: Of all robots [s].
         is_paced: Whether `pass_period` alone moves time, by the wall clock.
         lock: Guards a shared world.
+        listeners: Called by a motion that waits, by robot: whether its session is to end.
+        ending: Robots whose session is to end; they come to rest while the others stand.
     """
 
     read_agreement: ReadAgreement | None = None
@@ -68,6 +70,8 @@ class Simulation:
     control_period_s: float = math.nan
     is_paced: bool = False
     lock: threading.Condition = field(default_factory=threading.Condition)
+    listeners: dict[str, Callable[[], bool]] = field(default_factory=dict)
+    ending: set[str] = field(default_factory=set)
     _moves: dict[str, _Move] = field(default_factory=dict)
     _standing: dict[str, Motion] = field(default_factory=dict)
     _primed: set[str] = field(default_factory=set)
@@ -88,8 +92,8 @@ class Simulation:
         self._standing.clear()
         self._primed.clear()
 
-    def carry_out(self, name: str, motion: Motion) -> str:
-        """A motion of a robot, from its beginning to its end.
+    def carry_out(self, name: str, motion: Motion, *, may_abort: bool = False) -> str:
+        """A motion of a robot, from its beginning to its end, or until its session is to end while it waits.
 
         Returns:
             Code of the stop that broke it off, empty when it was carried out.
@@ -112,11 +116,14 @@ class Simulation:
             if not self.is_paced and self._may_move(agreed):
                 self._step_until_an_end()
                 self.lock.notify_all()
-            elif not self.lock.wait(POLL_S) and agreed is not None:
-                patience = PATIENCE if agreed.get(name, "") == self.bodies[name].session else patience - 1
-                if not patience:
+            elif not self.lock.wait(POLL_S):
+                if name in self.listeners and self.listeners[name]():
+                    self.ending.add(name)
+                if agreed is not None:
+                    patience = PATIENCE if agreed.get(name, "") == self.bodies[name].session else patience - 1
+                if name in self.find_commanded() and (not patience or (may_abort and name in self.ending)):
                     self._primed.discard(name)
-                    move.ended = SESSION_LOST
+                    move.ended = ABORTED if patience else SESSION_LOST
         if self._moves.get(name) is move:
             del self._moves[name]
         return move.ended
@@ -126,6 +133,7 @@ class Simulation:
         with self.lock:
             self._moves.pop(name, None)
             self._primed.discard(name)
+            self.ending.discard(name)
             if not any(body.session for body in self.bodies.values()):
                 self.rest("")
             self.lock.notify_all()
@@ -150,6 +158,8 @@ class Simulation:
                 self._prime_all()
             for move in waited.values():
                 move.ended = code
+            if code:
+                self.ending.update(name for name, body in self.bodies.items() if body.session)
             self._moves.clear()
             self.lock.notify_all()
 
@@ -180,6 +190,9 @@ class Simulation:
     def _may_move(self, agreed: Mapping[str, str] | None) -> bool:
         """Whether every running robot has a motion, and the runtime plane agrees on the running sessions."""
         commanded = self.find_commanded()
+        if not self.ending.isdisjoint(commanded):
+            bodies = self.bodies.items()
+            return all(name in commanded or not (body.session and body.controller.is_moving) for name, body in bodies)
         running = {name: body.session for name, body in self.bodies.items() if body.session}
         if agreed is None or not running or not commanded.issuperset(running):
             return False

@@ -4,9 +4,11 @@ Only rays that pass near a movable solid are cast anew. The picture equals one t
 """
 
 from dataclasses import dataclass
+from math import asin, atan2, ceil, floor, hypot, inf, pi, tan
 
 import mujoco
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
@@ -15,6 +17,9 @@ Single = NDArray[np.float32]
 VISIBLE_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # group 3 holds collision solids
 AWAY_M = 1e4  # nothing is seen so far off
 EDGE_PX = 1  # around the rectangle of a ball's picture, for rounding
+EDGE_M = 1e-4  # around a box, for rounding
+_LEAST = 1e-12  # of a direction: along a face
+FLAT_RAD = 1.57  # beyond, a ball reaches out of any picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +31,8 @@ class Shot:
         far_m: Greatest depth that matters.
         pixels: Requested rows and columns, for a picture of one row (1, n); all when absent.
         still: Whether the camera never moves: its view of fixed solids is then cached.
+        whole: Lens of the whole picture, of which this is a window; the same lens when absent.
+        corner: Column and row of the window in it.
     """
 
     lens: Lens
@@ -33,6 +40,14 @@ class Shot:
     far_m: float
     pixels: Pixels | None = None
     still: bool = False
+    whole: Lens | None = None
+    corner: tuple[int, int] = (0, 0)
+
+    def find_pixels(self) -> NDArray[np.intp]:
+        """(n,) pixels of the whole picture, counted row by row."""
+        width, (left, top) = (self.whole or self.lens).width, self.corner
+        rows, columns = self.pixels or (np.arange(self.lens.height)[:, None], np.arange(self.lens.width))
+        return np.ravel((rows + top) * width + (columns + left))
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +64,10 @@ class Picture:
     depth_m: Single
     incidence: Single
 
+    def take(self, which: NDArray[np.intp]) -> "Picture":
+        """A copy of some of its pixels, where these are in one row."""
+        return Picture(self.rgb.take(which, axis=0), self.depth_m.take(which), self.incidence.take(which))
+
     def reshape(self, shape: tuple[int, int]) -> "Picture":
         """The same pixels in another arrangement."""
         return Picture(self.rgb.reshape(*shape, 3), self.depth_m.reshape(shape), self.incidence.reshape(shape))
@@ -61,10 +80,6 @@ class Hits:
     geoms: NDArray[np.int32]
     distances_m: Array
     normals: Array
-
-    def take(self, which: NDArray[np.bool_]) -> "Hits":
-        """Of some of the rays."""
-        return Hits(self.geoms[which], self.distances_m[which], self.normals[which])
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +120,9 @@ class MovingSolids:
         self._fixed = np.flatnonzero(~moves)
         self._moving = np.flatnonzero(moves)
         self._shown = np.flatnonzero(moves & visible)
-        radii = np.array(model.geom_rbound[self._shown])
-        self._radii_m = np.where(radii > 0.0, radii, np.inf)  # a plane has no end
+        self._boxes = np.array(model.geom_aabb[self._shown])
+        self._radii_m = np.array(model.geom_rbound[self._shown])
+        self._radii_m[self._radii_m <= 0.0] = np.inf  # a plane has no end
 
     def sign_fixed(self, data: mujoco.MjData) -> bytes:
         """Poses of the fixed solids and the lamps: equal for two states as long as nothing fixed is moved."""
@@ -120,28 +136,58 @@ class MovingSolids:
         emptied.geom_xpos[self._moving] = AWAY_M
         return emptied
 
-    def find_pixels(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint) -> NDArray[np.intp]:
-        """(m,) pixels of a picture, counted row by row, whose rays may hit a movable solid."""
-        found = np.zeros((lens.height, lens.width), dtype=np.bool_)
-        local = (data.geom_xpos[self._shown] - viewpoint.position_m) @ viewpoint.rotation
-        left, right = _find_span(local[:, 0], local[:, 2], self._radii_m, lens.fx, lens.cx, lens.width)
-        top, bottom = _find_span(local[:, 1], local[:, 2], self._radii_m, lens.fy, lens.cy, lens.height)
-        for a, b, c, d in zip(top.tolist(), bottom.tolist(), left.tolist(), right.tolist(), strict=True):
-            found[a:b, c:d] = True
-        return np.flatnonzero(found)
+    def find_near(self, data: mujoco.MjData, lens: Lens, rays: Rays, wanted: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Indices of those of the `wanted` pixels of the whole picture whose rays may hit a movable solid."""
+        view = rays.viewpoint.position_m, rays.viewpoint.rotation
+        solids = (self._shown, self._radii_m, self._boxes, data.geom_xpos, data.geom_xmat)
+        form = (lens.fx, lens.fy, lens.cx, lens.cy, lens.height)
+        found: NDArray[np.intp] = _find_near(wanted, lens.width, rays.directions, form, view, solids)
+        return found
 
 
-def _find_span(
-    across: Array, ahead: Array, radii: Array, focal: float, middle: float, size: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First and last-but-one pixel of the pictures of balls, along one side of a picture of some size."""
-    away = np.hypot(across, ahead)
-    angle = np.arctan2(across, ahead)
-    half = np.where(away > radii, np.arcsin(np.minimum(radii / np.maximum(away, 1e-12), 1.0)), np.pi)  # pi: inside
-    ends = np.clip([angle - half, angle + half], -1.57, 1.57)  # beyond, the ball reaches out of any picture
-    low, high = np.clip(focal * np.tan(ends) + middle, -1e6, 1e6)
-    first = np.clip(np.floor(low) - EDGE_PX, 0, size).astype(np.intp)
-    return first, np.clip(np.ceil(high) + EDGE_PX, 0, size).astype(np.intp)
+@njit(cache=True, nogil=True)
+def _find_span(across, ahead, radius, focal, middle, size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """First and last-but-one pixel of the picture of a ball, along one side of a picture of some size."""
+    away, angle = hypot(across, ahead), atan2(across, ahead)
+    half = asin(radius / away) if away > radius else pi  # pi: inside
+    low, high = max(angle - half, -FLAT_RAD), min(angle + half, FLAT_RAD)
+    first, last = focal * tan(min(low, FLAT_RAD)) + middle, focal * tan(max(high, -FLAT_RAD)) + middle
+    return max(floor(first) - EDGE_PX, 0), min(ceil(last) + EDGE_PX, size)
+
+
+@njit(cache=True, nogil=True)
+def _find_near(wanted, width, rays, lens, view, solids):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """A ray is near where its pixel is in the rectangle of a solid's ball, and the ray meets the solid's box."""
+    (shown, radii, boxes, places, rotations), (eye, frame) = solids, view
+    fx, fy, cx, cy, height = lens
+    rows, columns, found = wanted // width, wanted % width, np.zeros(len(wanted), np.bool_)
+    for k, geom in enumerate(shown):
+        towards = places[geom] - eye
+        x, y, z = towards[0] * frame[0] + towards[1] * frame[1] + towards[2] * frame[2]
+        left, right = _find_span(x, z, radii[k], fx, cx, width)
+        top, bottom = _find_span(y, z, radii[k], fy, cy, height)
+        if left < right and top < bottom:
+            for i in range(len(wanted)):
+                if not found[i] and left <= columns[i] < right and top <= rows[i] < bottom:
+                    found[i] = radii[k] == inf or _meets(rays[wanted[i]], boxes[k], towards, rotations[geom])
+    return np.flatnonzero(found)
+
+
+@njit(cache=True, nogil=True)
+def _meets(ray, box, place, rotation):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Whether a ray from the origin meets a box, grown by `EDGE_M`."""
+    enter, leave = 0.0, inf
+    for axis in range(3):
+        along = ray[0] * rotation[axis] + ray[1] * rotation[3 + axis] + ray[2] * rotation[6 + axis]
+        start = place[0] * rotation[axis] + place[1] * rotation[3 + axis] + place[2] * rotation[6 + axis] + box[axis]
+        half = box[3 + axis] + EDGE_M
+        if abs(along) < _LEAST:
+            if abs(start) > half:
+                return False
+            continue
+        one, other = (start - half) / along, (start + half) / along
+        enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+    return enter <= leave
 
 
 def shoot(model: mujoco.MjModel, data: mujoco.MjData, rays: Rays, *, fixed: bool = True) -> Hits:

@@ -4,6 +4,7 @@ Time moves only by commands, halts and holding; state is written only when a sce
 """
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,8 @@ class SimulatedWorld:
             for physics in bodies.values():
                 physics.refuse_bad_state(state)
             next(iter(bodies.values())).restore(state)
+        if len(self.robots) > 1:
+            scene.export()  # while no robot moves: its XML takes 0.15 s, in which no other thread runs
         self._enter(request, scene, bodies)
         return self._present[1] if self._present is not None else wire.Loaded(request.episode, scene.model_sha256)
 
@@ -230,7 +233,9 @@ class MujocoDriver(TargetDriver):
     def begin(self, session: str, epoch: int) -> None:
         present, self.session = self._get_present(), session
         if self.is_moving:
+            self.world.simulation.ending.add(self.profile.target)
             self.world.simulation.carry_out(self.profile.target, present.controller.halt())
+        self.world.simulation.ending.discard(self.profile.target)
         present.controller.begin()
         present.controller.activations = list(present.faults.on_session(session))
 
@@ -244,7 +249,8 @@ class MujocoDriver(TargetDriver):
     def apply(self, command: wire.Command) -> str:
         if refused := self.controller.check(command):
             raise ExecutionError(refused.code, refused.message)
-        stopped = self.world.simulation.carry_out(self.profile.target, self.controller.follow(command))
+        motion = self.controller.follow(command)
+        stopped = self.world.simulation.carry_out(self.profile.target, motion, may_abort=True)
         if stopped in BROKEN_OFF:
             raise ExecutionError(stopped, "the command was broken off; the robot has come to rest")
         return stopped
@@ -296,8 +302,9 @@ class MujocoDriver(TargetDriver):
     @override
     def capture(self, request: wire.Capture) -> wire.Frames:
         present = self._get_present()
-        find_corruption = present.faults.find_sensor_corruption
-        return present.rig.capture(request, present.physics.time_s, present.controller.history, find_corruption)
+        with self.world.simulation.lock:
+            time_s, history = present.physics.time_s, present.controller.history.copy()
+        return present.rig.capture(request, time_s, history, present.faults.find_sensor_corruption)
 
     @override
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
@@ -311,8 +318,14 @@ class MujocoDriver(TargetDriver):
         if not (1 <= wanted.width <= PICTURE_MAX and 1 <= wanted.height <= PICTURE_MAX):
             message = f"a picture of {wanted.width} x {wanted.height} pixels; 1 to {PICTURE_MAX} are possible"
             raise ExecutionError("MALFORMED", message)
-        physics.look()
-        return render_png(physics.model, physics.seen, wanted.camera, wanted.width, wanted.height)
+        simulation = self.world.simulation
+        with simulation.lock:
+            others = (name for name, body in simulation.bodies.items() if body.session and name != self.profile.target)
+            if simulation.is_paced and (other := next(others, "")):
+                return wire.ToolResult({}, f"in real time, a picture would make {other} late, which runs a session")
+            physics.look()
+            seen = copy(physics.seen)
+        return render_png(physics.model, seen, wanted.camera, wanted.width, wanted.height)
 
     def _get_present(self) -> Embodiment:
         if self._present is None:

@@ -1,4 +1,4 @@
-"""What a writer remembers of sessions and goals, and how it recalls the rest.
+"""What a writer knows of sessions and goals for admission, and how it recalls the rest.
 
 In memory is what is live, and what was touched since the last sealed segment; what ended before is looked up in the
 index, so that an id is never used twice and the memory does not grow. What the checkpoint passed over is read when
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from phyagentos.store.history import Histories
 
 
-class Cold(Exception):
+class NotCached(Exception):
     """Something is asked for that has to be read first, which must not happen while the partition is locked."""
 
 
-class Memory:
-    """The memory of one journal.
+class AdmissionCache:
+    """Admission facts of one journal.
 
     Args:
         folder: Of the partition.
@@ -71,7 +71,7 @@ class Memory:
         """Whether a session or goal of this id was ever submitted."""
         try:
             return self.admission.knows(id)
-        except Cold:
+        except NotCached:
             self.warm_up()
             return self.admission.knows(id)
 
@@ -112,7 +112,7 @@ class Memory:
         if self._is_whole or id == JOURNAL_ID:
             return None
         if not self._is_warm:
-            raise Cold
+            raise NotCached
         for record in reversed(self.histories.read_sealed(id)):
             if (known := read_known(record)) is not None:
                 return known

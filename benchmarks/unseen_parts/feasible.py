@@ -1,0 +1,115 @@
+"""Whether a goal can be met at all: reach, opening, free volume and friction, by arithmetic on the generator's room.
+
+No perception, no planner, no code of the package. It says *infeasible* where a bound of the hardware or of geometry
+is broken for certain; whatever it cannot decide counts as feasible. Numbers are those of the arm's data sheet.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from benchmarks.unseen_parts.cases import Case, Node
+from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
+
+REACH_M = 0.90  # level distance of a fingertip from the base: 0.70 to the wrist, then flange and hand laid flat
+OPENING_M = 0.080
+FORCE_N = 70.0  # of a finger, at most
+PAYLOAD_KG = 3.0
+LIFTING = frozenset({"pick_and_place", "pick", "stack", "set_aside"})
+ROUND_TOPS = frozenset({"ball", "rod"})
+
+
+def list_obstacles(case: Case, node: Node) -> list[str]:
+    """Why a node that moves something cannot be met by any skill of this arm; empty where it may be."""
+    if node.is_claim:
+        return []
+    thing = case.room.things[str(node.arguments["object"])]
+    found = list(_iter_reach(case.room, thing, node))
+    if node.skill in LIFTING:
+        found += _iter_grasp(thing)
+    place = case.room.things.get(str(node.arguments.get("destination", node.arguments.get("support", ""))))
+    if place is not None and node.skill == "pick_and_place":
+        found += _iter_volume(case, thing, place)
+    if place is not None and node.skill == "stack" and place.form.kind in ROUND_TOPS:
+        found.append(f"{place.name} has no level top: what stands on one point or line falls")
+    return found + list(_iter_contradictions(node.accept))
+
+
+def find_contradiction(case: Case) -> str:
+    """What makes the nodes that move something contradict each other, whatever is done; empty where nothing does."""
+    return next(_iter_contradictions([text for node in case.nodes if not node.is_claim for text in node.accept]), "")
+
+
+def find_ambiguity(case: Case, node: Node) -> str:
+    """A thing that nobody could tell from one that the node names: equal in form and colour; empty where there is none.
+
+    Whether such a node can be met is not decided here: no look tells which of the two the name means.
+    """
+    named = set(re.findall(r"\w+", " ".join((*node.accept, *map(str, node.arguments.values())))))
+    for name in sorted(named & set(case.room.things)):
+        if (twin := find_twin(case.room, case.room.things[name])) is not None:
+            return f"{name} looks as {twin.name} does"
+    return ""
+
+
+def _iter_reach(room: Room, thing: Thing, node: Node) -> Iterator[str]:
+    ends = {thing.name: thing.at_m}
+    for key in ("destination", "support", "to"):
+        value = node.arguments.get(key)
+        if isinstance(value, list):
+            ends[key] = (float(value[0]), float(value[1]), float(value[2]))
+        elif isinstance(value, str) and value in room.things:
+            ends[value] = room.things[value].at_m
+    for name, (x, y, _) in ends.items():
+        if math.hypot(x, y) > REACH_M:
+            yield f"{name} is {math.hypot(x, y):.2f} m from the base, the hand reaches {REACH_M} m"
+
+
+def _iter_grasp(thing: Thing) -> Iterator[str]:
+    if thing.form.grip_m > OPENING_M:
+        yield f"{thing.name} is at least {1e3 * thing.form.grip_m:.0f} mm wide, the hand opens {1e3 * OPENING_M:.0f} mm"
+    if thing.mass_kg > PAYLOAD_KG:
+        yield f"{thing.name} weighs {thing.mass_kg:.1f} kg, the arm carries {PAYLOAD_KG} kg"
+    hold_n, weight_n = 2 * FORCE_N * thing.grip[1], 9.81 * thing.mass_kg
+    if weight_n > hold_n and thing.form.kind not in {"mug", "bowl"}:  # those may hang on a rim or a handle
+        yield f"{thing.name} weighs {weight_n:.1f} N, friction of both fingers bears {hold_n:.1f} N"
+
+
+def _iter_volume(case: Case, thing: Thing, vessel: Thing) -> Iterator[str]:
+    if vessel.form.interior is None or thing.form.kind == "ball":  # a ball may sink between the walls
+        return
+    sides = sorted(float(side) for side in thing.form.span_m)
+    inner = sorted(2 * side for side in vessel.form.interior[1][:2])
+    if sides[0] > inner[0] or sides[1] > math.hypot(*inner):
+        told = " x ".join(f"{1e3 * side:.0f}" for side in sides)
+        free = " x ".join(f"{1e3 * side:.0f}" for side in inner)
+        yield f"{thing.name} ({told} mm) does not go into {vessel.name} ({free} mm)"
+    yield from _iter_crowd(case, vessel)
+    for block in case.room.movable:
+        if block.on == vessel.name and block.form.grip_m > OPENING_M and block.name != thing.name:
+            left = 2 * np.array(vessel.form.interior[1][:2]) - block.form.span_m[:2]
+            if block.yaw_rad == vessel.yaw_rad and left.max() < sides[0]:
+                yield f"{vessel.name} is filled by {block.name}, which no hand takes out"
+
+
+def _iter_crowd(case: Case, vessel: Thing) -> Iterator[str]:
+    """Everything that is put into a vessel too shallow for two layers, each on its smallest face."""
+    assert vessel.form.interior is not None
+    _, (x, y, z) = vessel.form.interior
+    put = {str(n.arguments["object"]) for n in case.nodes if n.arguments.get("destination") == vessel.name}
+    sides = [sorted(float(side) for side in case.room.things[name].form.span_m) for name in sorted(put)]
+    area = sum(np.pi / 4 * each[0] * each[1] for each in sides)  # a round thing takes no more of its square
+    if all(each[0] > 2 * z for each in sides) and area > 4 * x * y:
+        yield f"{', '.join(sorted(put))} have no room in {vessel.name}: {1e4 * area:.0f} of {4e4 * x * y:.0f} cm2"
+
+
+def _iter_contradictions(texts: Sequence[str]) -> Iterator[str]:
+    """A thing is not in two vessels at once."""
+    where: dict[str, str] = {}
+    for text in texts:
+        if found := re.fullmatch(r"inside\((\w+), (\w+)\)", text):
+            other = where.setdefault(found[1], found[2])
+            if other != found[2] and "spot" not in {other, found[2]}:
+                yield f"{found[1]} cannot be in {other} and in {found[2]}"

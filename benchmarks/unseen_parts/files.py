@@ -1,0 +1,133 @@
+"""A case as the robot gets it: scene, goal graph and faults, in the formats of this project.
+
+What these formats cannot say is left out, and named in `benchmarks/unseen.py`: it is never imitated.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from benchmarks.unseen_parts.cases import Case
+from benchmarks.unseen_parts.rooms import TABLE_RGB, TABLE_X_M, TABLE_Y_M, Room, Thing
+
+FOLDER = "unseen"
+
+
+def write_project(cases: Sequence[Case], root: Path) -> None:
+    """A project folder with every scene and goal graph, and one fault file for all of them."""
+    for case in cases:
+        _write(root / "scenes" / FOLDER / f"{case.name}.yaml", render_scene(case.room, case.name))
+        _write(root / "goal_graphs" / f"{case.name}.yaml", render_goal(case))
+    _write(root / "faults" / "unseen.yaml", render_faults(cases))
+
+
+def _write(path: Path, data: dict[str, object]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
+
+
+def render_scene(room: Room, name: str) -> dict[str, object]:
+    """The scene file of a room."""
+    center = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2, (TABLE_Y_M[0] + TABLE_Y_M[1]) / 2)
+    half = ((TABLE_X_M[1] - TABLE_X_M[0]) / 2, (TABLE_Y_M[1] - TABLE_Y_M[0]) / 2)
+    materials = {"wood": {"rgba": [*TABLE_RGB, 1.0]}, "floor": {"rgba": [0.82, 0.84, 0.87, 1.0]}}
+    materials |= {thing.name: {"rgba": [*thing.rgb, 1.0]} for thing in room.things.values()}
+    materials |= {f"print_{i}": {"rgba": [*one.rgb, 1.0]} for i, one in enumerate(room.prints)}
+    top: list[dict[str, object]] = [{"kind": "box", "size_m": [*half, 0.02]}]
+    for index, one in enumerate(room.prints):
+        at = [one.at_m[0] - center[0], one.at_m[1] - center[1], one.at_m[2] + 0.02]
+        flat = {"kind": "box", "size_m": list(one.half_m), "position_m": at, "euler_rad": [0.0, 0.0, one.yaw_rad]}
+        top.append(flat | {"material": f"print_{index}", "decor": True})
+    bodies: dict[str, object] = {
+        "table": _fix("table", "wood", [*center, -0.02], top),
+        "floor": _fix("floor", "floor", [0.4, 0.0, -0.77], [{"kind": "box", "size_m": [3.0, 3.0, 0.02]}]),
+    }
+    bodies |= {thing.name: _render_thing(thing) for thing in room.things.values()}
+    return {
+        "scene": f"{FOLDER}/{name}",
+        "description": f"A room drawn from seed {room.seed}.",
+        "materials": materials,
+        "areas": {
+            f"place_of_{thing.name}": {"x_m": [thing.at_m[0]] * 2, "y_m": [thing.at_m[1]] * 2}
+            for thing in room.things.values()
+            if thing.drawn_by == "area"
+        },
+        "bodies": bodies,
+        "regions": {
+            spot.name: {"center_m": list(spot.center_m), "half_m": list(spot.half_m)} for spot in room.spots.values()
+        },
+        "cameras": {"overview": {"position_m": [1.85, 0.46, 1.15], "target_m": [0.27, 0.05, 0.26], "fovy_deg": 41}},
+        "lights": {"key": {"position_m": [1.2, -1.2, 2.2], "direction": [-0.4, 0.55, -1.0]}},
+        "settle_s": 1.5,
+    }
+
+
+def _fix(kind: str, material: str, at: list[float], shapes: list[dict[str, object]]) -> dict[str, object]:
+    return {"kind": kind, "fixed": True, "material": material, "place": {"position_m": at}, "shapes": shapes}
+
+
+def _render_thing(thing: Thing) -> dict[str, object]:
+    body: dict[str, object] = {"kind": thing.form.kind, "color": thing.color, "material": thing.name}
+    if thing.fixed:
+        body["fixed"] = True
+    else:
+        body |= {"mass_kg": thing.mass_kg, "grip_span": list(thing.grip)}
+    body["shapes"] = [
+        {
+            "kind": solid.kind,
+            "size_m": [float(value) for value in solid.size_m],
+            "position_m": [float(value) for value in solid.at_m],
+            "euler_rad": [float(value) for value in solid.euler_rad],
+        }
+        for solid in thing.form.solids
+    ]
+    if thing.form.interior:
+        center, half = thing.form.interior
+        body["interior"] = {"center_m": [float(v) for v in center], "half_m": [float(v) for v in half]}
+    body["place"] = _render_place(thing)
+    return body
+
+
+def _render_place(thing: Thing) -> dict[str, object]:
+    x, y, z = (float(value) for value in thing.at_m)
+    yaw = [-3.14159, 3.14159] if thing.yaw_rad is None else [thing.yaw_rad, thing.yaw_rad]
+    if thing.drawn_by == "area":
+        return {"area": f"place_of_{thing.name}", "position_m": [0.0, 0.0, z], "yaw_rad": yaw}
+    if thing.drawn_by == "frame":
+        origin = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2, (TABLE_Y_M[0] + TABLE_Y_M[1]) / 2, -0.02)
+        local = [a - b for a, b in zip((x, y, z), origin, strict=True)]
+        return {"frame": "table", "position_m": local, "yaw_rad": yaw}
+    return {"position_m": [x, y, z], "yaw_rad": yaw}
+
+
+def render_goal(case: Case) -> dict[str, object]:
+    """The goal graph of a case."""
+    data: dict[str, object] = {
+        "goal": case.name,
+        "objective": "; ".join(text for node in case.nodes for text in node.accept) + ".",
+        "scene": f"{FOLDER}/{case.name}",
+        "targets": {"arm": "panda"},
+        "defaults": {"timeout_s": 60, "max_replans": 2},
+    }
+    if case.constraints:
+        data["constraints"] = list(case.constraints)
+    data["sessions"] = {
+        node.name: {"skill": node.skill, "target": "arm", "with": dict(node.arguments), "accept": list(node.accept)}
+        | ({"after": list(node.after)} if node.after else {})
+        for node in case.nodes
+    }
+    if case.accept:
+        data["accept"] = list(case.accept)
+    return data
+
+
+def render_faults(cases: Sequence[Case]) -> dict[str, object]:
+    """The faults of all cases, each only in sessions of its own goal."""
+    faults = []
+    for case in cases:
+        for fault in case.faults:
+            when = fault["when"]
+            assert isinstance(when, dict)
+            faults.append(fault | {"when": when | {"session": f"{case.name}.*"}})
+    return {"version": 1, "description": "Drawn by benchmarks/unseen.py.", "faults": faults}

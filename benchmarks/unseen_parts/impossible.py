@@ -1,0 +1,123 @@
+"""Details that make a goal impossible, each in one node of a goal that is otherwise as any other."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from benchmarks.unseen_parts.cases import Draft
+from benchmarks.unseen_parts.forms import make_box, make_vessel
+from benchmarks.unseen_parts.rooms import Thing, draw_color
+
+FAR_M = ((0.70, 0.58), (0.80, 0.50), (0.72, 0.62))  # corners of the table out of reach
+
+
+def draw_impossible(draft: Draft) -> str:
+    """Make one node that cannot be met; its name, empty where this room has no place for it."""
+    detail = draft.pick(list(IMPOSSIBLE))
+    thing, vessels = draft.choose(lambda t: t.on == "table" and t.yaw_rad is None), draft.room.vessels
+    if thing is None or not vessels:
+        return ""
+    vessel = vessels[int(draft.rng.integers(len(vessels)))]
+    if not IMPOSSIBLE[detail](draft, thing, vessel):
+        return ""
+    if not draft.nodes:
+        draft.add(
+            "pick_and_place",
+            {"object": thing.name, "destination": vessel.name},
+            f"inside({thing.name}, {vessel.name})",
+        )
+    return detail
+
+
+def _make_too_wide(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """Wider than the hand opens in every direction."""
+    del vessel
+    x, y, z = draft.rng.uniform(0.088, 0.108, 3)
+    form = make_box(float(x), float(y), float(z))
+    place = draft.floor.find(form.radius_m)
+    if place is None:
+        return False
+    draft.room = draft.room.change(thing.name, form=form, at_m=(*place, form.bottom_m + 0.001), mass_kg=0.3)
+    return True
+
+
+def _make_slippery(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """Heavier than two fingers can hold by friction."""
+    del vessel
+    draft.room = draft.room.change(thing.name, mass_kg=2.8, grip=(0.05, 0.08))
+    return True
+
+
+def _make_heavy(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """Heavier than the arm may carry."""
+    del vessel
+    draft.room = draft.room.change(thing.name, mass_kg=round(float(draft.rng.uniform(4.0, 7.0)), 2), grip=(0.5, 0.6))
+    return True
+
+
+def _make_far(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """Out of reach, at a corner of the table."""
+    del vessel
+    x, y = FAR_M[int(draft.rng.integers(len(FAR_M)))]
+    draft.room = draft.room.change(thing.name, at_m=(x + 0.02, y + 0.02, thing.at_m[2]))
+    return True
+
+
+def _make_small_vessel(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """The thing is larger than what it shall be put into."""
+    x, y, z = draft.rng.uniform(0.060, 0.070, 3)
+    form = make_box(float(x), float(y), float(z))
+    place = draft.floor.find(form.radius_m)
+    if place is None:
+        return False
+    draft.room = draft.room.change(thing.name, form=form, at_m=(*place, form.bottom_m + 0.001), mass_kg=0.2)
+    draft.room = draft.room.change(vessel.name, form=make_vessel(0.045, 0.050, 0.05, vessel.form.kind))
+    return True
+
+
+def _make_full(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """The vessel is filled by a block that no hand can take out."""
+    assert vessel.form.interior is not None
+    (_, _, mid), (hx, hy, hz) = vessel.form.interior
+    if min(hx, hy) < 0.046 or any(t.on == vessel.name for t in draft.room.movable):
+        return False
+    form = make_box(2 * hx - 0.004, 2 * hy - 0.004, 2 * hz - 0.002 if hz > 0.02 else 2 * hz + 0.02, "box")
+    color, rgb = draw_color(draft.rng, [])
+    at = (vessel.at_m[0], vessel.at_m[1], mid - hz + form.bottom_m + 0.001)
+    block = Thing("filling", form, at, vessel.yaw_rad, color, rgb, mass_kg=1.0, on=vessel.name)
+    draft.room = replace(draft.room, things=draft.room.things | {"filling": block})
+    draft.used.add("filling")
+    return True
+
+
+def _make_on_ball(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """On top of a ball nothing stands."""
+    del vessel
+    balls = [t.name for t in draft.room.movable if t.form.kind == "ball" and t.name != thing.name]
+    if not balls or thing.form.kind == "ball":
+        return False
+    ball = draft.pick(balls)
+    draft.used.add(ball)
+    draft.add("stack", {"object": thing.name, "support": ball}, f"on({thing.name}, {ball})")
+    return True
+
+
+def _make_twice(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+    """In two places at once."""
+    others = [v.name for v in draft.room.vessels if v.name != vessel.name]
+    if not others:
+        return False
+    both = (f"inside({thing.name}, {vessel.name})", f"inside({thing.name}, {draft.pick(others)})")
+    draft.add("pick_and_place", {"object": thing.name, "destination": vessel.name}, *both)
+    return True
+
+
+IMPOSSIBLE: dict[str, Callable[[Draft, Thing, Thing], bool]] = {
+    "too_wide": _make_too_wide,
+    "slippery": _make_slippery,
+    "heavy": _make_heavy,
+    "far": _make_far,
+    "small_vessel": _make_small_vessel,
+    "full": _make_full,
+    "on_ball": _make_on_ball,
+    "twice": _make_twice,
+}

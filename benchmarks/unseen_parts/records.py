@@ -1,0 +1,301 @@
+"""One goal as it ended, judged: a line of the results file, from which every figure can be computed again."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmarks.unseen_parts.cases import Case, Node
+from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
+from benchmarks.unseen_parts.judge import Judge, open_judge, open_start
+
+LOOK_AGAIN = "EVIDENCE_MISSING"
+CLEAR = 2.5  # tolerances of the judge: 2.5 mm, 2.5 degrees
+STILL_RAD = 0.02  # joints that turn less have not been commanded anywhere
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionRecord:
+    """One session and what the recorded world says of it.
+
+    Attributes:
+        truth: `met`, `unmet`, or `open` where two honest judges may differ; empty without a recorded end.
+        against: What decided against it, as `predicate: value in tolerances`.
+        moved: Whether the arm moved.
+        is_open: Whether it was unknown whether the objective was met, and a later session of the node looked or tried.
+        is_clear: Whether the truth is farther from turning over than cameras may be off.
+    """
+
+    id: str
+    node: str
+    skill: str
+    attempt: int
+    verdict: str
+    cause: str
+    code: str
+    reason: str
+    truth: str
+    against: tuple[str, ...] = ()
+    moved: bool = False
+    is_open: bool = False
+    is_clear: bool = True
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether a verdict stands beside a recorded end."""
+        return bool(self.verdict) and self.truth != ""
+
+    @property
+    def is_met(self) -> bool:
+        """Clearly met, and not one that only asked to look again."""
+        return self.truth == "met" and self.is_clear and not self.is_open
+
+    @property
+    def is_false_success(self) -> bool:
+        """Said to be met, and it is not."""
+        return self.verdict == "success" and self.truth == "unmet"
+
+    @property
+    def is_false_failure(self) -> bool:
+        """Said at last not to be met, or still not known, and it clearly is met."""
+        return self.is_judged and self.verdict != "success" and self.is_met
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeRecord:
+    """One node.
+
+    Attributes:
+        feasible: `yes`, `no`, or `open`: a claim that is false, or nearly so, before anything moves, or twins.
+        why: What makes it infeasible.
+        first: Whether its first session was judged a success and is one.
+    """
+
+    name: str
+    skill: str
+    feasible: str
+    why: str
+    first: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoalRecord:
+    """One goal.
+
+    Attributes:
+        kind: `plain`, `fault` or `impossible`; of a stress table with its name before it.
+        ended: `over`, `crashed` or `hung`.
+        truth: Of its own acceptance at the end of its last session, as of a session; empty where it has none.
+        feasible: `yes`, `no`, or `open` where a false claim, a lasting fault or a twin spoils it.
+        error: What a crash said.
+    """
+
+    seed: int
+    table: str
+    kind: str
+    detail: str
+    faults: tuple[str, ...]
+    ended: str
+    verdict: str = ""
+    reason: str = ""
+    truth: str = ""
+    against: tuple[str, ...] = ()
+    feasible: str = "yes"
+    wall_s: float = 0.0
+    nodes: tuple[NodeRecord, ...] = ()
+    sessions: tuple[SessionRecord, ...] = ()
+    error: str = ""
+
+    @property
+    def is_false_success(self) -> bool:
+        """Said to be met, and it is not."""
+        return self.verdict == "success" and self.truth == "unmet"
+
+    @property
+    def is_met(self) -> bool:
+        """Said to be met, and it is."""
+        return self.verdict == "success" and self.truth != "unmet"
+
+    @property
+    def is_refused(self) -> bool:
+        """An infeasible goal: no session of a node that cannot be met moved the arm, and a reason is given."""
+        hopeless = {node.name for node in self.nodes if node.feasible == "no"}
+        moved = any(session.moved for session in self.sessions if session.node in hopeless)
+        return self.ended == "over" and self.verdict != "success" and bool(self.reason) and not moved
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> "GoalRecord":
+        """From plain data."""
+        nodes = tuple(NodeRecord(**node) for node in data["nodes"])
+        sessions = tuple(SessionRecord(**each | {"against": tuple(each["against"])}) for each in data["sessions"])
+        lists = {"faults": tuple(data["faults"]), "against": tuple(data["against"])}
+        return cls(**data | lists | {"nodes": nodes, "sessions": sessions})
+
+
+@dataclass(slots=True)
+class Recorder:
+    """Judges one goal that has ended from its bundles.
+
+    Attributes:
+        case: What was asked.
+        table: Name of the table that it counts in.
+        folder: Of the bundles.
+        report: As `paos run --json` prints it.
+    """
+
+    case: Case
+    table: str
+    folder: Path
+    report: dict[str, Any]
+    _judges: dict[str, Judge] = field(default_factory=dict)
+
+    def record(self, wall_s: float) -> GoalRecord:
+        """The line of this goal."""
+        sessions = mark_open([self._record_session(each) for each in self.report["sessions"]])
+        ended = [each["id"] for each in self.report["sessions"] if self._has_end(each["id"])]
+        nodes = tuple(self._record_node(node, sessions, ended[:1]) for node in self.case.nodes)
+        truth, against = "", tuple[str, ...]()
+        if ended:
+            last = max(ended, key=self._find_time)
+            first = self.folder / ended[0]
+            truth, against = decide(open_judge(self.case.room, self.folder / last, first, self._broken), self._asked)
+        return begin_record(
+            self.case,
+            self.table,
+            ended="over",
+            verdict=self.report["verdict"],
+            reason=self.report["reason"],
+            truth=truth,
+            against=against,
+            feasible=self._weigh(nodes),
+            wall_s=round(wall_s, 2),
+            nodes=nodes,
+            sessions=sessions,
+        )
+
+    @property
+    def _asked(self) -> tuple[str, ...]:
+        return self.case.accept + tuple(text for text in self.case.constraints if "moved" not in text)
+
+    @property
+    def _broken(self) -> frozenset[str]:
+        return frozenset(str(fault["camera"]) for fault in self.case.faults if "camera" in fault)
+
+    def _weigh(self, nodes: tuple[NodeRecord, ...]) -> str:
+        if any(node.feasible == "no" for node in nodes) or find_contradiction(self.case):
+            return "no"
+        is_spoilt = any(is_lasting(fault) for fault in self.case.faults)
+        return "open" if is_spoilt or any(node.feasible == "open" for node in nodes) else "yes"
+
+    def _has_end(self, session: str) -> bool:
+        return all((self.folder / session / name).exists() for name in ("scene.mjb", "initial.npz", "terminal.npz"))
+
+    def _find_time(self, session: str) -> float:
+        with np.load(self.folder / session / "terminal.npz") as stored:
+            return float(stored["time"])
+
+    def _record_session(self, told: dict[str, Any]) -> SessionRecord:
+        bundle, truth, against, is_clear = self.folder / told["id"], "", tuple[str, ...](), False
+        if self._has_end(told["id"]):
+            judge = open_judge(self.case.room, bundle, broken=self._broken)
+            asked = list_asked(bundle, told)
+            truth, against = decide(judge, asked)
+            is_clear = min((judge.judge(text) for text in asked), default=0.0) >= CLEAR
+        return SessionRecord(
+            id=told["id"],
+            node=told["node"],
+            skill=told["skill"],
+            attempt=told["attempt"],
+            verdict=told["verdict"],
+            cause=told["cause"],
+            code=told["code"],
+            reason=told["reason"],
+            truth=truth,
+            against=against,
+            moved=has_moved(bundle),
+            is_clear=is_clear,
+        )
+
+    def _record_node(self, node: Node, sessions: tuple[SessionRecord, ...], begun: list[str]) -> NodeRecord:
+        why = "; ".join(list_obstacles(self.case, node))
+        feasible = "no" if why else "yes"
+        if not why and (why := find_ambiguity(self.case, node)):
+            feasible = "open"
+        if node.is_claim and begun:
+            truth, against = decide(open_start(self.case.room, self.folder / begun[0]), node.accept)
+            feasible, why = (feasible, why) if truth == "met" else ("open", "; ".join(against))
+        first = next((s for s in sessions if s.node == node.name and s.attempt == 0), None)
+        met = first is not None and first.verdict == "success" and first.truth != "unmet"
+        return NodeRecord(name=node.name, skill=node.skill, feasible=feasible, why=why, first=met)
+
+
+def list_asked(bundle: Path, told: dict[str, Any]) -> list[str]:
+    """What a session was to meet: by its contract, and by the verdict, which a look gives about another session too.
+
+    `moved` of that other session counts from a beginning that this bundle does not hold, and is left out.
+    """
+    accept = yaml.safe_load((bundle / "contract.yaml").read_text())["session"].get("accept", [])
+    judged = [each["text"] for each in told["criteria"] if each["kind"] == "accept"]
+    return list(dict.fromkeys([*accept, *(text for text in judged if "moved(" not in text)]))
+
+
+def mark_open(sessions: list[SessionRecord]) -> tuple[SessionRecord, ...]:
+    """Mark each session that asked to look again and was followed by another one of its node."""
+    later: set[str] = set()
+    marked = []
+    for session in reversed(sessions):
+        marked.append(replace(session, is_open=session.cause == LOOK_AGAIN and session.node in later))
+        later |= {session.node} if session.truth else set()
+    return tuple(reversed(marked))
+
+
+def begin_record(case: Case, table: str, **rest: Any) -> GoalRecord:
+    """A record with what is known of a case before it runs."""
+    kind = "impossible" if case.detail else "fault" if case.faults else "plain"
+    faults = tuple(f"{fault['kind']} {fault.get('object') or fault.get('camera')}" for fault in case.faults)
+    return GoalRecord(seed=case.seed, table=table, kind=kind, detail=case.detail, faults=faults, **rest)
+
+
+def is_lasting(fault: dict[str, object]) -> bool:
+    """Whether a fault may leave a goal that nobody could meet: the thing is gone, or no camera is to be believed."""
+    return fault["kind"] == "remove" or fault.get("camera") == "*"
+
+
+def decide(judge: Judge, accept: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+    """`met`, `unmet` or `open`, with what decided against it; no truth where nothing is asked."""
+    if not accept:
+        return "", ()
+    values = {text: judge.judge(text) for text in accept}
+    least = min(values.values())
+    truth = "met" if least >= 1 else "unmet" if least <= -1 else "open"
+    return truth, tuple(f"{text}: {value:.2f}" for text, value in values.items() if value < 1)
+
+
+def has_moved(bundle: Path) -> bool:
+    """Whether the arm left the posture in which a session began."""
+    path = bundle / "trajectory.npz"
+    if not path.exists():
+        return False
+    with np.load(path) as stored:
+        q = stored["q_measured"]
+    return bool(len(q) and np.abs(q - q[0]).max() > STILL_RAD)
+
+
+def iter_findings(record: GoalRecord) -> Iterator[str]:
+    """What a person should look at, in words."""
+    for session in record.sessions:
+        if session.is_false_success or session.is_false_failure:
+            kind = "FALSE SUCCESS" if session.is_false_success else "false failure"
+            told = "; ".join(session.against) or session.reason
+            yield f"{kind}: seed {record.seed}, {session.id} ({session.skill}): {told}"
+    if record.is_false_success:
+        yield f"FALSE SUCCESS of the goal: seed {record.seed}: {'; '.join(record.against)}"
+    if record.ended != "over":
+        yield f"{record.ended}: seed {record.seed}: {record.error[-300:]}"

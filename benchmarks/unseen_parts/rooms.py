@@ -1,0 +1,307 @@
+"""Rooms, drawn from a seed: a table, supports and vessels at any yaw, things of twelve kinds, in colours that are near.
+
+All poses are in the frame of the robot's base, z = 0 is the top of the table. A room is its own truth for the judge and
+for `feasible`; `scene_file` writes it down as the scene that a robot gets.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.unseen_parts.forms import (
+    DRAWS,
+    KINDS,
+    Form,
+    Point,
+    Rng,
+    make_riser,
+    make_shelf,
+    make_vessel,
+)
+
+TABLE_RGB = (0.80, 0.66, 0.50)
+COLORS: dict[str, tuple[float, float, float]] = {
+    "red": (0.80, 0.16, 0.14),
+    "orange": (0.90, 0.48, 0.12),
+    "yellow": (0.93, 0.78, 0.15),
+    "green": (0.16, 0.58, 0.27),
+    "teal": (0.12, 0.55, 0.58),
+    "blue": (0.13, 0.33, 0.78),
+    "violet": (0.48, 0.25, 0.66),
+    "brown": (0.45, 0.30, 0.18),
+    "white": (0.90, 0.90, 0.87),
+    "grey": (0.45, 0.46, 0.48),
+}
+TWINS_SHARE = 0.3  # of rooms in which two equal things may stand
+GAP_M = 0.022  # between what stands beside each other
+BAND_M = (0.36, 0.68)  # distance from the base of what is meant to be had
+SIDE_RAD = 1.15  # to either side of straight ahead
+TABLE_X_M, TABLE_Y_M = (-0.14, 0.90), (-0.60, 0.70)
+TRIES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Thing:
+    """One body of a room.
+
+    Attributes:
+        at_m: Where its origin stands when the room is opened.
+        yaw_rad: None where it is drawn by the scene's own seed.
+        grip: Least and greatest friction of its surface.
+        drawn_by: How a fixed body's place stands in the scene file: as a point, or as `area` or `frame`.
+        on: Name of what it stands on, or in.
+    """
+
+    name: str
+    form: Form
+    at_m: Point
+    yaw_rad: float | None
+    color: str
+    rgb: tuple[float, float, float]
+    fixed: bool = False
+    mass_kg: float = 0.1
+    grip: tuple[float, float] = (0.4, 0.4)
+    drawn_by: str = "point"
+    on: str = "table"
+
+    @property
+    def top_m(self) -> float:
+        """Height of its top."""
+        return float(self.at_m[2] - self.form.bottom_m + self.form.span_m[2])
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A named box of space on the table."""
+
+    name: str
+    center_m: Point
+    half_m: Point
+
+
+@dataclass(frozen=True, slots=True)
+class Print:
+    """A coloured print on the table: seen, not in the inventory, touches nothing."""
+
+    at_m: Point
+    half_m: Point
+    yaw_rad: float
+    rgb: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """One world.
+
+    Attributes:
+        things: Bodies by name, fixed ones first.
+        spots: Named regions.
+        prints: Distractors outside the inventory.
+    """
+
+    seed: int
+    things: dict[str, Thing]
+    spots: dict[str, Spot]
+    prints: tuple[Print, ...]
+
+    @property
+    def movable(self) -> list[Thing]:
+        """What a robot may move, in the order of the file."""
+        return [thing for thing in self.things.values() if not thing.fixed]
+
+    @property
+    def vessels(self) -> list[Thing]:
+        """Fixed things with an interior."""
+        return [thing for thing in self.things.values() if thing.fixed and thing.form.interior]
+
+    def change(self, name: str, **changes: object) -> "Room":
+        """The same room with one thing changed."""
+        return replace(self, things=self.things | {name: replace(self.things[name], **changes)})  # type: ignore[arg-type]
+
+
+class Floor:
+    """Circles of the table that are taken."""
+
+    def __init__(self, rng: Rng) -> None:
+        self._rng = rng
+        self._taken: list[tuple[float, float, float]] = [(0.0, 0.0, 0.22)]
+
+    def find(self, radius_m: float, band_m: tuple[float, float] = BAND_M) -> tuple[float, float] | None:
+        """A free place between two distances from the base; None where the table is full."""
+        for _ in range(TRIES):
+            far, turn = self._rng.uniform(*band_m), self._rng.uniform(-SIDE_RAD, SIDE_RAD)
+            x, y = float(far * np.cos(turn)), float(far * np.sin(turn))
+            is_on = TABLE_X_M[0] + radius_m < x < TABLE_X_M[1] - radius_m
+            is_on &= TABLE_Y_M[0] + radius_m < y < TABLE_Y_M[1] - radius_m
+            if is_on and all(np.hypot(x - a, y - b) > radius_m + r + GAP_M for a, b, r in self._taken):
+                self._taken.append((x, y, radius_m))
+                return x, y
+        return None
+
+
+def draw_room(seed: int, rng: Rng, *, friction: tuple[float, float] = (0.2, 0.6)) -> tuple[Room, Floor]:
+    """A room of three to eight things, and the places of it that are taken."""
+    floor, things = Floor(rng), dict[str, Thing]()
+    for thing in _draw_fixed(rng, floor):
+        things[_name(things, f"{thing.color}_{thing.form.kind}")] = thing
+    things = {name: replace(thing, name=name) for name, thing in things.items()}
+    spots = dict[str, Spot]()
+    if rng.random() < 0.5 and (place := floor.find(0.08)):
+        spots["spot"] = Spot("spot", (*place, 0.06), (0.06, 0.06, 0.06))
+    used: list[tuple[float, float, float]] = []
+    for _ in range(int(rng.integers(3, 9))):
+        for thing in _draw_thing(rng, floor, things, used, friction):
+            name = _name(things, f"{thing.color}_{thing.form.kind}")
+            things[name] = replace(thing, name=name)
+            used.append(thing.rgb)
+    room = Room(seed, things, spots, tuple(_draw_prints(rng)))
+    own = np.random.default_rng([20_261_015, seed, 2])
+    return room if own.random() < TWINS_SHARE else _distinguish(room, own), floor
+
+
+def find_twin(room: Room, thing: Thing) -> Thing | None:
+    """A movable thing that nobody could tell from this one: equal in form and colour."""
+    alike = (o for o in room.movable if o.name != thing.name and (o.form, o.rgb) == (thing.form, thing.rgb))
+    return None if thing.fixed else next(alike, None)
+
+
+def _distinguish(room: Room, rng: Rng) -> Room:
+    """The same room, in which the second of two equal things has a colour of its own."""
+    things = dict[str, Thing]()
+    for thing in room.things.values():
+        if find_twin(Room(0, things | {thing.name: thing}, {}, ()), thing):
+            others = [color for color in COLORS if color != thing.color]
+            color = others[int(rng.integers(len(others)))]
+            thing = replace(thing, color=color, rgb=COLORS[color])
+            thing = replace(thing, name=_name(things | room.things, f"{color}_{thing.form.kind}"))
+        things[thing.name] = thing
+    return replace(room, things=things)
+
+
+def _name(things: dict[str, Thing], wish: str) -> str:
+    """A name that is free; numbers are no endings, for the solids of a body are numbered so."""
+    lettered = (wish + ending for ending in ("", *(f"_{letter}" for letter in "bcdefghijklm")))
+    return next(name for name in lettered if name not in things)
+
+
+def _draw_fixed(rng: Rng, floor: Floor) -> Iterator[Thing]:
+    """One to three vessels, and perhaps a shelf or a block to stand things on."""
+    kinds = list(rng.choice(["tray", "tray", "box", "bin"], size=int(rng.integers(1, 4))))
+    kinds += ["shelf"] * (rng.random() < 0.25) + ["riser"] * (rng.random() < 0.4)
+    for kind in kinds:
+        form = draw_support(str(kind), rng)
+        place = floor.find(form.radius_m, (0.42, 0.64))
+        if place is None:
+            continue
+        color = str(rng.choice(list(COLORS)))
+        pale = tuple(float(0.55 * c + 0.35) for c in COLORS[color])
+        rgb = (pale[0], pale[1], pale[2])
+        drawn_by = str(rng.choice(["point", "area", "frame"], p=[0.90, 0.05, 0.05]))
+        yaw = float(rng.uniform(-np.pi, np.pi))
+        yield Thing("", form, (*place, 0.0), yaw, color, rgb, fixed=True, drawn_by=drawn_by)
+
+
+def draw_support(kind: str, rng: Rng) -> Form:
+    """A tray, box, bin, shelf or riser."""
+    if kind == "shelf":
+        return make_shelf(rng.uniform(0.12, 0.16), rng.uniform(0.16, 0.22), rng.uniform(0.06, 0.20))
+    if kind == "riser":
+        return make_riser(rng.uniform(0.09, 0.15), rng.uniform(0.09, 0.15), rng.uniform(0.015, 0.12))
+    wall = {"tray": (0.015, 0.030), "box": (0.040, 0.060), "bin": (0.070, 0.100)}[kind]
+    return make_vessel(rng.uniform(0.10, 0.15), rng.uniform(0.12, 0.20), rng.uniform(*wall), kind)
+
+
+def draw_color(rng: Rng, used: list[tuple[float, float, float]]) -> tuple[str, tuple[float, float, float]]:
+    """A colour: free, near one that is used, or near the table's; and the word for it."""
+    mood = rng.random()
+    if mood < 0.25 and used:
+        base = np.array(used[int(rng.integers(len(used)))]) + rng.uniform(-0.08, 0.08, 3)
+    elif mood < 0.35:
+        base = np.array(TABLE_RGB) + rng.uniform(-0.08, 0.08, 3)
+    else:
+        base = np.array(list(COLORS.values())[int(rng.integers(len(COLORS)))]) + rng.uniform(-0.04, 0.04, 3)
+    rgb = np.clip(base, 0.04, 0.96)
+    word = min(COLORS, key=lambda name: float(np.linalg.norm(np.array(COLORS[name]) - rgb)))
+    return word, (round(float(rgb[0]), 3), round(float(rgb[1]), 3), round(float(rgb[2]), 3))
+
+
+def draw_mass(form: Form, rng: Rng) -> float:
+    """By volume and a density between cork and stone, 4 g to 2.5 kg."""
+    return round(float(np.clip(form.volume_m3 * np.exp(rng.uniform(np.log(200), np.log(2500))), 0.004, 2.5)), 4)
+
+
+def _draw_thing(
+    rng: Rng,
+    floor: Floor,
+    things: dict[str, Thing],
+    used: list[tuple[float, float, float]],
+    friction: tuple[float, float],
+) -> Iterator[Thing]:
+    """One thing; or two alike; or one that leans on the edge of a slab."""
+    one, mood = _draw_one(str(rng.choice(KINDS)), rng, used, friction), rng.random()
+    if mood < 0.10 and one.form.kind in {"cube", "box"} and one.form.span_m[2] > 0.02:
+        yield from _lean(rng, floor, one)
+        return
+    for _ in range(2 if mood > 0.88 else 1):
+        if (placed := _place(rng, floor, one, things)) is not None:
+            yield placed
+
+
+def _draw_one(kind: str, rng: Rng, used: list[tuple[float, float, float]], friction: tuple[float, float]) -> Thing:
+    form = DRAWS[kind](rng)
+    (color, rgb), mass = draw_color(rng, used), draw_mass(form, rng)
+    low = float(rng.uniform(friction[0], max(friction[0], friction[1] - 0.05)))
+    grip = (round(low, 3), round(min(low + 0.05, friction[1]), 3))
+    return Thing("", form, (0.0, 0.0, 0.0), None, color, rgb, mass_kg=mass, grip=grip)
+
+
+def add_leaning(room: Room, floor: Floor, rng: Rng, friction: tuple[float, float]) -> tuple[Room, str]:
+    """The room with a small thing that leans on the edge of a slab, and its name; empty where there is no place."""
+    one, things = _draw_one("cube", rng, [], friction), dict(room.things)
+    for thing in _lean(rng, floor, one):
+        name = _name(things, f"{thing.color}_{thing.form.kind}")
+        things[name] = replace(thing, name=name)
+    found = next(reversed(things)) if len(things) > len(room.things) else ""
+    return replace(room, things=things), found
+
+
+def _place(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Thing | None:
+    """On the table, or on a free support, or in a vessel."""
+    taken = {thing.on for thing in things.values()}
+    free = [t for t in things.values() if t.fixed and t.name not in taken and t.form.kind in {"shelf", "riser", "tray"}]
+    if free and rng.random() < 0.25:
+        under = free[int(rng.integers(len(free)))]
+        room = min(under.form.interior[1][:2]) if under.form.interior else under.form.top_m
+        if one.form.radius_m < room:
+            level = under.form.interior[0][2] - under.form.interior[1][2] if under.form.interior else under.top_m
+            x, y, _ = under.at_m
+            return replace(one, at_m=(x, y, level + one.form.bottom_m + 0.001), on=under.name)
+    place = floor.find(one.form.radius_m)
+    return replace(one, at_m=(*place, one.form.bottom_m + 0.001)) if place else None
+
+
+def _lean(rng: Rng, floor: Floor, one: Thing) -> Iterator[Thing]:
+    """A slab, and a thing whose middle is just past the slab's edge, so that it comes to lean on it."""
+    slab = DRAWS["slab"](rng)
+    reach = slab.span_m[0] / 2 + one.form.span_m[0]
+    place = floor.find(float(reach) + 0.01)
+    if place is None:
+        return
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    color, rgb = draw_color(rng, [])
+    under = Thing("", slab, (*place, slab.bottom_m + 0.001), yaw, color, rgb, mass_kg=0.3, grip=one.grip)
+    yield under
+    past = slab.span_m[0] / 2 + rng.uniform(0.1, 0.4) * one.form.span_m[0]
+    x, y = place[0] + past * np.cos(yaw), place[1] + past * np.sin(yaw)
+    high = slab.span_m[2] + one.form.bottom_m + 0.002
+    yield replace(one, at_m=(float(x), float(y), float(high)), yaw_rad=yaw)
+
+
+def _draw_prints(rng: Rng) -> Iterator[Print]:
+    """None to three flat prints anywhere on the table."""
+    for _ in range(int(rng.choice([0, 0, 1, 2, 3]))):
+        far, turn = rng.uniform(0.3, 0.75), rng.uniform(-SIDE_RAD, SIDE_RAD)
+        x, y = float(np.clip(far * np.cos(turn), 0.0, 0.85)), float(np.clip(far * np.sin(turn), -0.55, 0.6))
+        half = (float(rng.uniform(0.01, 0.04)), float(rng.uniform(0.01, 0.04)), 0.0002)
+        yield Print((x, y, 0.0002), half, float(rng.uniform(-3, 3)), draw_color(rng, [])[1])

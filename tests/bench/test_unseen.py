@@ -1,0 +1,294 @@
+"""The generator of unseen worlds: what it draws, what it calls feasible, and how it counts."""
+
+import ast
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks import unseen
+from benchmarks.unseen_parts.cases import Case, Node
+from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
+from benchmarks.unseen_parts.figures import Tally, find_interval
+from benchmarks.unseen_parts.files import render_goal, render_scene, write_project
+from benchmarks.unseen_parts.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
+from benchmarks.unseen_parts.goals import draw_case
+from benchmarks.unseen_parts.lanes import run_lanes
+from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, begin_record, mark_open
+from benchmarks.unseen_parts.rooms import Room, Thing, find_twin
+from phyagentos.cli.lint import lint_paths
+
+PARTS = Path(unseen.__file__).parent / "unseen_parts"
+PURE = ("forms", "rooms", "cases", "faults", "impossible", "goals", "feasible", "judge", "records")
+
+CASES = [draw_case(seed) for seed in range(160)]
+
+
+def test_seed_gives_the_same_case_whatever_was_drawn_before():
+    assert [draw_case(seed) for seed in (7, 3)] == [CASES[7], CASES[3]]
+    assert len({json.dumps(render_scene(case.room, "x"), default=float) for case in CASES}) == len(CASES)
+
+
+def test_scenes_goals_and_faults_pass_lint(tmp_path):
+    write_project(CASES[:12], tmp_path)
+    files, problems = lint_paths([tmp_path])
+    assert not problems
+    assert len(files) == 25
+
+
+def test_all_twelve_kinds_and_all_sorts_of_nodes_and_faults_are_drawn():
+    kinds = {thing.form.kind for case in CASES for thing in case.room.movable}
+    assert len(KINDS) == 12
+    assert kinds == set(KINDS)
+    assert {node.skill for case in CASES for node in case.nodes} == {
+        "pick_and_place", "stack", "pick", "push", "set_aside", "inspect",
+    }  # fmt: skip
+    assert {fault["kind"] for case in CASES for fault in case.faults} == {
+        "slip", "nudge", "move", "remove", "stall", "freeze", "blackout", "misdate", "miscalibrate",
+    }  # fmt: skip
+    assert {len(case.nodes) for case in CASES} == {1, 2, 3, 4}
+
+
+def test_at_least_three_in_ten_goals_carry_a_fault_or_an_impossible_detail():
+    assert sum(bool(case.faults or case.detail) for case in CASES) >= 0.3 * len(CASES)
+
+
+def test_no_name_ends_as_the_numbered_solids_of_a_body_do():
+    assert not [name for case in CASES for name in case.room.things if re.search(r"_\d+$", name)]
+
+
+def test_three_rooms_in_ten_may_hold_twins_and_the_others_hold_none():
+    with_twins = sum(any(find_twin(case.room, thing) for thing in case.room.movable) for case in CASES)
+    assert 0.05 < with_twins / len(CASES) < 0.3
+
+
+def test_sizes_and_masses_are_those_that_are_asked():
+    for case in CASES:
+        for thing in case.room.movable:
+            assert min(thing.form.span_m) >= 0.0112
+            assert max(thing.form.span_m) <= (0.2 if thing.name == "filling" else 0.112)
+            assert 0.004 <= thing.mass_kg <= 7.0
+
+
+@pytest.mark.parametrize("module", PURE)
+def test_judge_and_feasibility_import_nothing_of_the_package(module):
+    tree = ast.parse((PARTS / f"{module}.py").read_text())
+    names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    names += [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    own = {f"benchmarks.unseen_parts.{name}" for name in PURE}
+    assert not [name for name in names if name.startswith("phyagentos")]
+    assert not [name for name in names if name.startswith("benchmarks") and name not in own]
+
+
+def test_euler_angles_give_the_rotation_they_were_found_from():
+    turn = rotate((0.3, -0.4, 2.1))
+    assert rotate(find_euler(turn)) == pytest.approx(turn)
+
+
+# -- feasible ----------------------------------------------------------------------------------------------------------
+
+
+def make_thing(name="thing", form=None, at=(0.5, 0.0), **rest):
+    form = form or make_box(0.04, 0.04, 0.04)
+    return Thing(name, form, (*at, form.bottom_m), None, "red", (0.8, 0.1, 0.1), **rest)
+
+
+def find_why(thing, node, *others):
+    tray = make_thing("tray", make_vessel(0.12, 0.16, 0.02, "tray"), (0.5, 0.3), fixed=True)
+    room = Room(0, {each.name: each for each in (tray, thing, *others)}, {}, ())
+    return list_obstacles(Case(0, room, (node,)), node)
+
+
+PUT = Node("n1", "pick_and_place", {"object": "thing", "destination": "tray"}, ("inside(thing, tray)",))
+
+
+@pytest.mark.parametrize(
+    ("thing", "said"),
+    [
+        (make_thing(), None),
+        (make_thing(form=make_box(0.079, 0.11, 0.05)), None),
+        (make_thing(form=make_box(0.081, 0.11, 0.05)), "81 mm wide"),
+        (make_thing(at=(0.8, 0.3)), None),
+        (make_thing(at=(0.8, 0.5)), "0.94 m from the base"),
+        (make_thing(mass_kg=3.1, grip=(0.9, 1.0)), "the arm carries 3.0 kg"),
+        (make_thing(mass_kg=2.8, grip=(0.15, 0.19)), "friction of both fingers"),
+        (make_thing(mass_kg=2.8, grip=(0.15, 0.21)), None),
+    ],
+)
+def test_reach_opening_payload_and_friction_decide(thing, said):
+    found = find_why(thing, PUT)
+    assert (said is None) == (found == [])
+    assert said is None or said in found[0]
+
+
+def test_volume_decides_and_a_ball_may_sink_between_walls():
+    long = make_thing(form=make_box(0.03, 0.05, 0.25))
+    wide = make_thing(form=make_box(0.125, 0.07, 0.125))
+    assert find_why(long, PUT) == []
+    assert "does not go into" in "".join(find_why(make_thing(form=make_box(0.075, 0.21, 0.21)), PUT))
+    assert find_why(wide, PUT) == []
+    assert find_why(make_thing(form=Form("ball", (Solid("sphere", (0.035,)),), 0.07)), PUT) == []
+
+
+def test_a_vessel_that_is_filled_for_good_is_infeasible_and_one_with_a_cube_is_not():
+    block = make_thing("filling", make_box(0.116, 0.156, 0.03), (0.5, 0.3), on="tray")
+    assert "filled by filling" in find_why(make_thing(), PUT, block)[0]
+    assert find_why(make_thing(), PUT, make_thing("cube", at=(0.5, 0.3), on="tray")) == []
+
+
+def test_nothing_stands_on_a_ball():
+    node = Node("n1", "stack", {"object": "thing", "support": "ball"}, ("on(thing, ball)",))
+    ball = make_thing("ball", Form("ball", (Solid("sphere", (0.03,)),), 0.06), (0.4, 0.1))
+    assert "no level top" in find_why(make_thing(), node, ball)[0]
+
+
+def test_four_things_that_cover_more_than_a_flat_tray_have_no_room():
+    things = [make_thing(f"box_{letter}", make_box(0.079, 0.079, 0.09), (0.4, 0.1)) for letter in "abcd"]
+    nodes = tuple(replace(PUT, arguments={"object": each.name, "destination": "tray"}) for each in things)
+    tray = make_thing("tray", make_vessel(0.12, 0.16, 0.02, "tray"), (0.5, 0.3), fixed=True)
+    room = Room(0, {each.name: each for each in (tray, *things)}, {}, ())
+    assert list_obstacles(Case(0, room, nodes[:2]), nodes[0]) == []
+    assert "have no room" in "".join(list_obstacles(Case(0, room, (*nodes, nodes[0])), nodes[0]))
+    deep = make_thing("tray", make_vessel(0.12, 0.16, 0.1, "bin"), (0.5, 0.3), fixed=True)
+    assert list_obstacles(Case(0, replace(room, things=room.things | {"tray": deep}), nodes), nodes[0]) == []
+
+
+def test_a_name_of_one_of_two_equal_things_is_left_open():
+    room = Room(0, {each.name: each for each in (make_thing("thing"), make_thing("other"))}, {}, ())
+    assert find_ambiguity(Case(0, room, (PUT,)), PUT) == "thing looks as other does"
+    room = room.change("other", rgb=(0.1, 0.1, 0.8))
+    assert find_ambiguity(Case(0, room, (PUT,)), PUT) == ""
+
+
+def test_one_thing_is_not_in_two_vessels():
+    both = replace(PUT, accept=("inside(thing, tray)", "inside(thing, bin)"))
+    assert "cannot be in" in find_contradiction(Case(0, Room(0, {}, {}, ()), (both,)))
+    assert find_contradiction(Case(0, Room(0, {}, {}, ()), (replace(both, is_claim=True),))) == ""
+
+
+# -- counting ----------------------------------------------------------------------------------------------------------
+
+
+def make_session(verdict, truth, **rest):
+    told = {"id": "g.n1", "node": "n1", "skill": "pick", "attempt": 0, "cause": "", "code": "", "reason": ""}
+    return SessionRecord(verdict=verdict, truth=truth, **told | rest)
+
+
+def make_record(seed, *sessions, feasible="yes", verdict="success", truth="met", **rest):
+    node = NodeRecord(name="n1", skill="pick", feasible=feasible, why="", first=truth == "met")
+    told = {"nodes": (node,), "sessions": sessions, "feasible": feasible, "verdict": verdict, "truth": truth}
+    return begin_record(CASES[seed], "unseen", ended="over", reason="because", **told | rest)
+
+
+def test_figures_count_verdicts_against_truth():
+    records = [
+        make_record(3, make_session("success", "met")),
+        make_record(4, make_session("success", "unmet"), truth="unmet"),
+        make_record(5, make_session("replan", "met"), make_session("replan", "open"), verdict="failure", truth="unmet"),
+        make_record(6, feasible="no", verdict="failure", truth=""),
+        make_record(8, make_session("replan", "unmet", moved=True), feasible="no", verdict="failure", truth="unmet"),
+        begin_record(CASES[9], "unseen", ended="hung"),
+    ]
+    figures = Tally(records).build_figures()
+    assert figures["goals"] == 6
+    assert figures["judged_sessions"] == 5
+    assert figures["false_successes"] == 2  # a session, and its goal
+    assert figures["judged_unmet_in_truth"] == 2
+    assert figures["judged_open"] == 1
+    assert figures["false_failures"] == 0.5
+    assert figures["infeasible_refused"] == 0.5
+    assert figures["feasible_goals_met"] == 0.25
+    assert figures["hung"] == 1
+    assert figures["false_success_bound"] > 2 / 5
+
+
+def test_a_session_that_asks_to_look_again_is_no_false_failure_when_a_look_follows():
+    sessions = [make_session("replan", "met", cause="EVIDENCE_MISSING", id=id) for id in ("g.n1", "g.n1.r1")]
+    assert [session.is_false_failure for session in mark_open(sessions)] == [False, True]
+    other = make_session("success", "met", node="n2")
+    assert mark_open([sessions[0], other])[0].is_false_failure
+
+
+def test_what_is_met_by_less_than_cameras_can_tell_is_no_false_failure():
+    assert not make_session("replan", "met", is_clear=False).is_false_failure
+    assert make_session("success", "unmet", is_clear=False).is_false_success
+
+
+def test_where_every_camera_lies_no_false_failure_is_counted():
+    record = make_record(3, make_session("replan", "met"), make_session("success", "unmet"))
+    assert Tally([record]).build_figures()["false_failures"] == 1.0
+    blind = Tally([replace(record, faults=("blackout *",))]).build_figures()
+    assert blind["false_failures"] != blind["false_failures"]  # NaN: nothing to count
+    assert blind["false_successes"] == 1
+
+
+def test_interval_is_exact():
+    assert find_interval(0, 1000)[1] == pytest.approx(1 - 0.025 ** (1 / 1000))
+    assert find_interval(0, 0) == (0.0, 1.0)
+
+
+def test_record_survives_the_results_file():
+    record = make_record(3, make_session("success", "met", against=("on(a, b): 0.50",)))
+    assert GoalRecord.from_json(json.loads(json.dumps(record.as_json()))) == record
+
+
+def test_resume_runs_what_is_missing_and_counts_nothing_twice(tmp_path, monkeypatch, capsys):
+    results = tmp_path / "results.jsonl"
+    lines = [json.dumps(make_record(seed, make_session("success", "met")).as_json()) for seed in (0, 1, 1)]
+    results.write_text("\n".join([*lines, lines[0][:50]]) + "\n")  # the last one was cut off by a kill
+    asked = []
+
+    def run(seeds, *_rest, **_more):
+        asked.extend(seeds)
+        yield from (make_record(seed, make_session("success", "met")) for seed in seeds)
+
+    monkeypatch.setattr(unseen, "run_lanes", run)
+    argv = ["unseen", "--development", "--goals", "3", "--results", str(results)]
+    for expected in ([2], []):
+        asked.clear()
+        monkeypatch.setattr(sys, "argv", argv)
+        assert unseen.main() == 1
+        assert asked == expected
+        figures = json.loads(capsys.readouterr().out.splitlines()[-1])["figures"]
+        assert (figures["goals"], figures["judged_sessions"]) == (3, 3)
+
+
+LANE = """
+import json, sys, time
+_, folder, table, sense, *seeds = sys.argv
+sys.path.insert(0, {root!r})
+from benchmarks.unseen_parts.lane import draw_table
+from benchmarks.unseen_parts.records import begin_record
+for seed in map(int, seeds):
+    print(json.dumps({{"begun": seed}}), flush=True)
+    if seed == 1:
+        raise SystemExit("fell over")
+    if seed == 2:
+        time.sleep(600)
+    print("noise of a library")
+    print(json.dumps({{"done": begin_record(draw_table(seed, table), table, ended="over").as_json()}}), flush=True)
+"""
+
+
+def test_lane_that_dies_or_hangs_costs_one_goal_and_the_rest_goes_on(tmp_path):
+    script = tmp_path / "lane.py"
+    script.write_text(LANE.format(root=str(Path(unseen.__file__).parents[1])))
+    command = (sys.executable, str(script))
+    records = list(run_lanes([0, 1, 2, 3], "unseen", "truth", tmp_path / "work", 1, 3.0, command=command))
+    assert [(record.seed, record.ended) for record in records] == [
+        (0, "over"),
+        (1, "crashed"),
+        (2, "hung"),
+        (3, "over"),
+    ]
+    assert "fell over" in records[1].error
+
+
+def test_goal_file_names_every_node_and_its_order():
+    case = next(case for case in CASES if any(node.after for node in case.nodes))
+    sessions = render_goal(case)["sessions"]
+    assert list(sessions) == [node.name for node in case.nodes]
+    assert any("after" in each for each in sessions.values())

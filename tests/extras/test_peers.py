@@ -1,0 +1,25 @@
+"""The systems that `benchmarks/orchestration.py` compares with run, in an environment that has them."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PEERS = Path(__file__).resolve().parents[2] / "benchmarks" / "orchestration_peers"
+
+pytestmark = pytest.mark.extras
+
+
+@pytest.mark.parametrize("shape", ["chain", "layered"])
+@pytest.mark.parametrize("peer", sorted(path.stem for path in PEERS.glob("run_*.py")))
+def test_a_peer_does_every_task_and_says_how_long_it_took(pytestconfig, tmp_path, peer, shape):
+    command = [pytestconfig.option.peers_python, str(PEERS / f"{peer}.py"), shape, "20"]
+    environment = os.environ | {"DO_NOT_TRACK": "1", "HOME": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment, check=False)
+
+    assert done.returncode == 0, done.stderr[-4000:]
+    (told,) = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"seconds"')]
+    assert told["seconds"] > 0.0
+    assert told["version"]
