@@ -25,7 +25,7 @@ from rich.text import Text
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_json
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.store.edits.exchange import exchange
 from phyagentos.store.watch import Watch
 
@@ -78,7 +78,7 @@ def examine_machine(
 ) -> None:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     if not folder.is_dir():
-        raise DefinitionError(Problem(code="UNKNOWN_FOLDER", address=str(folder), expected="a folder that exists"))
+        raise DefinitionError.of("UNKNOWN_FOLDER", str(folder), expected="a folder that exists")
     findings = list(iter_findings(folder, SystemClock()))
     if as_json:
         print_json(findings)

@@ -89,13 +89,9 @@ def _check_looks(folder: Path) -> "list[Problem]":
         worlds = [msgspec.json.decode(path.read_bytes(), type=Environment) for path in snapshots]
         return find_look_problems(folder, worlds, manifest.gone if manifest is not None else ())
     except ExecutionError as error:
-        return (
-            []
-            if error.code == "MANIFEST_DAMAGED"
-            else [Problem(code=error.code, address=str(folder), found=str(error))]
-        )
+        return [] if error.code == "MANIFEST_DAMAGED" else [Problem(error.code, str(folder), str(error))]
     except msgspec.MsgspecError as error:
-        return [Problem(code="EVIDENCE_UNREADABLE", address=str(folder), found=str(error))]
+        return [Problem("EVIDENCE_UNREADABLE", str(folder), str(error))]
 
 
 def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem | None":
@@ -111,7 +107,7 @@ def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem |
     if folder.is_dir():
         return None
     expected = f"the bundle of {status.contract.id}"
-    return Problem(code="MISSING", address=str(folder), found="no such folder", expected=expected)
+    return Problem("MISSING", str(folder), "no such folder", expected)
 
 
 def _describe(report: "RetentionReport", *, dry_run: bool) -> list[str]:

@@ -109,7 +109,7 @@ def _opened(root: Path) -> "Iterator[Memory]":
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     """The entry as it is recorded; raises `UNKNOWN_ENTRY`."""
     from phyagentos.agent.memory import methodological, semantic
-    from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+    from phyagentos.errors import DefinitionError, format_hint, format_names
 
     experience = memory.experience
     if (lesson := experience.corrections.get(entry)) is not None:
@@ -119,15 +119,8 @@ def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     if (fact := experience.facts.get(entry)) is not None:
         return fact
     known = [*experience.corrections, *experience.patterns, *experience.facts]
-    raise DefinitionError(
-        Problem(
-            code="UNKNOWN_ENTRY",
-            address=str(root),
-            found=repr(entry),
-            expected=format_names(known[:20]) if known else "nothing is remembered yet",
-            hint=format_hint(entry, known),
-        )
-    )
+    expected = format_names(known[:20]) if known else "nothing is remembered yet"
+    raise DefinitionError.of("UNKNOWN_ENTRY", str(root), repr(entry), expected, format_hint(entry, known))
 
 
 def _trace(memory: "Memory", entry: str) -> "tuple[list[Episode], list[Edit]]":

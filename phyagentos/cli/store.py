@@ -131,10 +131,7 @@ def _find_partition(workspace: Path, partition: str | None) -> Path:
     folder = sessions / (partition or choose_partition(sessions))
     if not folder.is_dir():
         problem = Problem(
-            code="NO_JOURNAL",
-            address=str(folder),
-            found="no such folder",
-            expected="a partition of the journal, which the first run makes",
+            "NO_JOURNAL", str(folder), "no such folder", "a partition of the journal, which the first run makes"
         )
         raise DefinitionError(problem)
     return folder

@@ -128,9 +128,7 @@ def _read(path: Path, format: DocumentFormat[_BlockT]) -> dict[str, _BlockT]:
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise DefinitionError(
-            Problem(code="UNREADABLE_FILE", address=str(path), found=str(error), hint="Is this a workspace?")
-        ) from error
+        raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error), hint="Is this a workspace?") from error
     return read_document(text, format, str(path)).blocks
 
 

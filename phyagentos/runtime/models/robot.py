@@ -87,7 +87,7 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise DefinitionError(Problem(code="MODEL_UNREADABLE", address=str(path), found=str(error))) from error
+        raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
     _check_names(spec, profile, path)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
@@ -107,11 +107,7 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
     ]
     problems = [
         Problem(
-            code=f"UNKNOWN_{kind.upper()}",
-            address=str(path),
-            found=repr(name),
-            expected=format_names(known[kind]),
-            hint=format_hint(name, known[kind]),
+            f"UNKNOWN_{kind.upper()}", str(path), repr(name), format_names(known[kind]), format_hint(name, known[kind])
         )
         for kind, name in wanted
         if name not in known[kind]

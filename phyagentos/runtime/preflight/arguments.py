@@ -39,13 +39,11 @@ def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Prob
             yield make_problem("INVALID_CONTRACT", f"limits.{name}", value, "a number of seconds above 0")
     allowed_s = limits.session_duration_max.value
     if isinstance(allowed_s, float | int) and session.limits.timeout_s > allowed_s:
+        expected = f"at most {allowed_s:g} s"
+        by = "safety.yaml: session_duration_max"
+        fix = "Shorten 'timeout_s', or split the session."
         yield make_problem(
-            "SESSION_TOO_LONG",
-            "limits.timeout_s",
-            session.limits.timeout_s,
-            f"at most {allowed_s:g} s",
-            triggered_by="safety.yaml: session_duration_max",
-            fix="Shorten 'timeout_s', or split the session.",
+            "SESSION_TOO_LONG", "limits.timeout_s", session.limits.timeout_s, expected, triggered_by=by, fix=fix
         )
 
 
@@ -91,14 +89,10 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
         except DefinitionError:
             continue  # reported by `iter_predicate_problems`
         if evaluation.truth is not Truth.TRUE:
+            found = f"{text} is {evaluation.truth}"
+            by = f"requires: {text}"
             yield make_problem(
-                "PRECONDITION_UNMET",
-                "requires",
-                f"{text} is {evaluation.truth}",
-                "true",
-                triggered_by=f"requires: {text}",
-                fix=evaluation.because,
-                subject=text,
+                "PRECONDITION_UNMET", "requires", found, "true", triggered_by=by, fix=evaluation.because, subject=text
             )
 
 

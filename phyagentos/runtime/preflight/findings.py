@@ -18,15 +18,7 @@ def make_problem(
 ) -> Problem:
     """One finding; the address is completed with the session's id by `locate`."""
     shown = found if isinstance(found, str) else f"{found:g}" if isinstance(found, float) else repr(found)
-    return Problem(
-        code=code,
-        address=address,
-        found=shown,
-        expected=expected,
-        hint=fix,
-        triggered_by=triggered_by,
-        subject=subject,
-    )
+    return Problem(code, address, shown, expected, fix, triggered_by=triggered_by, subject=subject)
 
 
 def make_unknown(

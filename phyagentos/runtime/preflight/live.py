@@ -65,14 +65,9 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
 def iter_live_ability_problems(skill: SkillRuntime, profile: TargetProfile, live: Description) -> Iterator[Problem]:
     """What the profile promises, the skill needs and the live target does not give."""
     if "render" in skill.needs.operations and not live.cameras:
-        yield make_problem(
-            "OPERATION_UNAVAILABLE",
-            "target.cameras",
-            "none",
-            "a camera",
-            triggered_by=f"skill {skill.skill}: needs.operations",
-            fix=f"Give the scene of {profile.target} a camera.",
-        )
+        by = f"skill {skill.skill}: needs.operations"
+        fix = f"Give the scene of {profile.target} a camera."
+        yield make_problem("OPERATION_UNAVAILABLE", "target.cameras", "none", "a camera", triggered_by=by, fix=fix)
 
 
 def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> Iterator[Problem]:

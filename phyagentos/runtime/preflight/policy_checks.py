@@ -36,12 +36,9 @@ def iter_policy_problems(
             "ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, triggered_by=by
         )
     if policy.protocol != POLICY_PROTOCOL:
+        found = f"version {policy.protocol}"
         yield make_problem(
-            "VERSION_MISMATCH",
-            "skill.policy.protocol",
-            f"version {policy.protocol}",
-            f"version {POLICY_PROTOCOL}",
-            triggered_by=by,
+            "VERSION_MISMATCH", "skill.policy.protocol", found, f"version {POLICY_PROTOCOL}", triggered_by=by
         )
     for name, stream in policy.observations.items():
         yield from _iter_stream_problems(name, stream, profile, sensors, by)
@@ -66,13 +63,11 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
     try:
         served = ask(policy.endpoint)
     except ExecutionError as error:
+        expected = f"a policy server at {policy.endpoint}"
+        by = f"policy {policy.policy}"
+        fix = "Start the server."
         yield make_problem(
-            "POLICY_UNREACHABLE",
-            "skill.policy.endpoint",
-            str(error),
-            f"a policy server at {policy.endpoint}",
-            triggered_by=f"policy {policy.policy}",
-            fix="Start the server.",
+            "POLICY_UNREACHABLE", "skill.policy.endpoint", str(error), expected, triggered_by=by, fix=fix
         )
         return
     for name in PolicyDescriptor.model_fields:

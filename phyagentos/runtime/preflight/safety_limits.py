@@ -67,14 +67,11 @@ def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iter
     chain, n = live.kinematics, len(profile.arm.joints)
     if chain is not None and {len(chain.axes), len(chain.anchors_m), len(chain.slides or chain.axes)} == {n}:
         return
-    yield make_problem(
-        "LIMIT_UNENFORCEABLE",
-        "target.kinematics",
-        "none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors",
-        f"where each of {n} joints brings the tool",
-        triggered_by="safety.yaml: workspace_box, keep_out",
-        fix="Let the target's description declare which way each joint turns or slides, and about which point.",
-    )
+    found = "none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors"
+    expected = f"where each of {n} joints brings the tool"
+    by = "safety.yaml: workspace_box, keep_out"
+    fix = "Let the target's description declare which way each joint turns or slides, and about which point."
+    yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, triggered_by=by, fix=fix)
 
 
 def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: float) -> Iterator[Problem]:
@@ -109,14 +106,11 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
         is_room = name == "workspace_box"
         if bool(((low <= point) & (point <= high)).all() if is_room else not ((low < point) & (point < high)).all()):
             continue  # never true of NaN in the workspace
-        yield make_problem(
-            "START_OUTSIDE",
-            _place(profile, name),
-            f"the tool stands at {_show(point)}",
-            f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}",
-            triggered_by=f"safety.yaml: {name}",
-            fix="Move the robot by hand, or correct the box.",
-        )
+        found = f"the tool stands at {_show(point)}"
+        expected = f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}"
+        by = f"safety.yaml: {name}"
+        fix = "Move the robot by hand, or correct the box."
+        yield make_problem("START_OUTSIDE", _place(profile, name), found, expected, triggered_by=by, fix=fix)
 
 
 def iter_tool_problems(profile: TargetProfile, live: Description, now: Environment) -> Iterator[Problem]:
@@ -130,14 +124,11 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
         return
     away_m = math.dist(point, state.tcp.position_m)
     if not away_m <= TOOL_TOLERANCE_M:
-        yield make_problem(
-            "LIMIT_UNENFORCEABLE",
-            "target.kinematics",
-            f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands",
-            f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m",
-            triggered_by="safety.yaml: workspace_box, keep_out",
-            fix="Let the target declare the kinematics of this arm, with this tool, where it is mounted.",
-        )
+        found = f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands"
+        expected = f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m"
+        by = "safety.yaml: workspace_box, keep_out"
+        fix = "Let the target declare the kinematics of this arm, with this tool, where it is mounted."
+        yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, triggered_by=by, fix=fix)
 
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -145,13 +136,10 @@ def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
     for name in PER_JOINT:
         limit = getattr(limits, name)
         if not _fits(limit, n):
-            yield make_problem(
-                "WRONG_LENGTH",
-                _place(profile, name),
-                f"{len(limit.value)} numbers",
-                f"one, or {n}: one per joint",
-                triggered_by=f"target {profile.target}: arm.joints",
-            )
+            found = f"{len(limit.value)} numbers"
+            expected = f"one, or {n}: one per joint"
+            by = f"target {profile.target}: arm.joints"
+            yield make_problem("WRONG_LENGTH", _place(profile, name), found, expected, triggered_by=by)
     arm = profile.arm
     fields = ("home_rad", "velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "stiffness_nm_rad")
     for field in (*fields, "damping_nms_rad"):
@@ -181,13 +169,11 @@ def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Ite
         if index < len(home) and low[index] < high[index] and not low[index] <= home[index] <= high[index]
     ]
     if outside:
+        found = f"{', '.join(outside)} stands outside in the home posture"
+        expected = "a range that holds arm.home_rad"
+        by = f"target {profile.target}: arm.home_rad"
         yield make_problem(
-            "LIMIT_TOO_NARROW",
-            _place(profile, "joint_position_min"),
-            f"{', '.join(outside)} stands outside in the home posture",
-            "a range that holds arm.home_rad",
-            triggered_by=f"target {profile.target}: arm.home_rad",
-            fix=_NARROW,
+            "LIMIT_TOO_NARROW", _place(profile, "joint_position_min"), found, expected, triggered_by=by, fix=_NARROW
         )
 
 
@@ -197,14 +183,11 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
     low, high = np.asarray(limits.workspace_box.value)
     own_low, own_high = np.asarray(profile.workspace_m)
     if np.any(low < own_low - RELATIVE_TOLERANCE) or np.any(high > own_high + RELATIVE_TOLERANCE):
-        yield make_problem(
-            "LIMIT_WIDER",
-            _place(profile, "workspace_box"),
-            f"{_show(low)} to {_show(high)}",
-            f"inside {_show(own_low)} to {_show(own_high)}",
-            triggered_by=f"target {profile.target}: workspace_m",
-            fix="The target stops by itself at its own box.",
-        )
+        found = f"{_show(low)} to {_show(high)}"
+        expected = f"inside {_show(own_low)} to {_show(own_high)}"
+        by = f"target {profile.target}: workspace_m"
+        fix = "The target stops by itself at its own box."
+        yield make_problem("LIMIT_WIDER", _place(profile, "workspace_box"), found, expected, triggered_by=by, fix=fix)
 
 
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
