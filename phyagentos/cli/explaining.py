@@ -10,6 +10,7 @@ from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, iter_edges, iter_steps
+from phyagentos.protocol.workspace.workspace import Workspace
 
 Id = Annotated[str, typer.Argument(metavar="SESSION", help="A session id; the part after the goal is enough.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
@@ -19,7 +20,6 @@ def why(session: Id, workspace: Space) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it."""
     from phyagentos.cli.history import read_ledger
     from phyagentos.cli.why import explain_session
-    from phyagentos.protocol.workspace.workspace import Workspace
 
     ledger = read_ledger(workspace, session)
     print_result(explain_session(Workspace.open(workspace), ledger, get_session(session, ledger.sessions)))

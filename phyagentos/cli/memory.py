@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from phyagentos.cli.outcome import print_json, print_note, print_result
+from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 if TYPE_CHECKING:
     from phyagentos.agent.memory.episodes import Episode
@@ -95,9 +99,6 @@ def forget(
 @contextmanager
 def _opened(root: Path) -> "Iterator[Memory]":
     from phyagentos.agent.memory.memory import Memory
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.sessions.lifecycle import Side
-    from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
     shared = root / "memory"
     is_shared = shared.is_dir() and not (root / MARKER).exists()
@@ -109,7 +110,6 @@ def _opened(root: Path) -> "Iterator[Memory]":
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     """The entry as it is recorded; raises `UNKNOWN_ENTRY`."""
     from phyagentos.agent.memory import methodological, semantic
-    from phyagentos.errors import DefinitionError, format_hint, format_names
 
     experience = memory.experience
     if (lesson := experience.corrections.get(entry)) is not None:

@@ -47,7 +47,7 @@ def merge(
 ) -> Merge:
     """Merge one edited document; `base` is what was rendered at its sequence number, `sessions` the present."""
     accepted: list[Accepted] = []
-    refused = list(_refuse_words(edited.head, base.head, "the text above the sessions"))
+    refused = list(_refuse_lines(_find_new(edited.head, base.head), "the text above the sessions"))
     known = {section.name: section for section in base.sections}
     changed = [section for section in edited.sections if not _is_as_rendered(section, known.get(section.name))]
     times = Counter(section.name for section in changed)
@@ -72,10 +72,8 @@ def _is_as_rendered(section: Section, base: Section | None) -> bool:
 
 
 def _says_the_same(section: Section, base: Section) -> bool:
-    return (section.yaml, [text for _, text in section.prose]) == (
-        base.yaml,
-        [text for _, text in base.prose],
-    )
+    words, rendered = ([text for _, text in each.prose] for each in (section, base))
+    return section.yaml == base.yaml and words == rendered
 
 
 class _SectionMerge:
@@ -301,10 +299,6 @@ def _explain_fixed(path: _Path) -> tuple[str, str]:
 
 def _refuse(section: Section, reason: str, possible: str) -> Refused:
     return Refused(line=section.line, about=section.name, reason=reason, possible=possible, text=section.text)
-
-
-def _refuse_words(lines: Sequence[Line], base: Sequence[Line], about: str) -> list[Refused]:
-    return _refuse_lines(_find_new(lines, base), about)
 
 
 def _refuse_lines(lines: Sequence[Line], about: str) -> list[Refused]:
