@@ -105,11 +105,8 @@ def read_target(path: Path) -> TargetProfile:
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
     if profile.target != path.parent.name:
-        raise DefinitionError(
-            located.problem(
-                "NAME_MISMATCH", ("target",), repr(profile.target), f"the folder's name {path.parent.name!r}"
-            )
-        )
+        expected = f"the folder's name {path.parent.name!r}"
+        raise DefinitionError(located.problem("NAME_MISMATCH", ("target",), repr(profile.target), expected))
     return profile
 
 

@@ -213,11 +213,8 @@ def _read_block(block: Block, format: DocumentFormat[BlockT], source: str) -> Bl
     if format.key:
         name = attrgetter(format.key)(value)
         if name != block.name:
-            raise DefinitionError(
-                located.problem(
-                    "NAME_MISMATCH", tuple(format.key.split(".")), repr(name), f"its heading {block.name!r}"
-                )
-            )
+            address = tuple(format.key.split("."))
+            raise DefinitionError(located.problem("NAME_MISMATCH", address, repr(name), f"its heading {block.name!r}"))
     return value
 
 

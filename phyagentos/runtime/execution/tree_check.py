@@ -124,11 +124,9 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
                 problems += _iter_wiring_problems(tree, node, ports, written)
     for name in tree.header.outputs:
         if name not in written:
-            problems.append(
-                tree.located.problem(
-                    "UNWRITTEN_OUTPUT", ("outputs", name), repr(name), format_names(written), format_hint(name, written)
-                )
-            )
+            address = ("outputs", name)
+            hint = format_hint(name, written)
+            problems.append(tree.located.problem("UNWRITTEN_OUTPUT", address, repr(name), format_names(written), hint))
     return problems
 
 

@@ -45,11 +45,9 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
         )
     steps = profile.control_period_s / profile.physics_step_s
     if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
-        problems.append(
-            located.problem(
-                "INVALID_VALUE", ("control_period_s",), str(profile.control_period_s), "a whole number of physics steps"
-            )
-        )
+        address = ("control_period_s",)
+        found = str(profile.control_period_s)
+        problems.append(located.problem("INVALID_VALUE", address, found, "a whole number of physics steps"))
     if problems:
         raise DefinitionError(problems)
     return profile, path.parent

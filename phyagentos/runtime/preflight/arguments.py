@@ -26,9 +26,9 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
         if value is None:
             if not parameter.optional and parameter.default is None:
                 fix = f"Give {name!r} under 'with'."
-                yield make_problem("PARAMETER_MISSING", address, "nothing", parameter.type, triggered_by=by, fix=fix)
+                yield make_problem("PARAMETER_MISSING", address, "nothing", parameter.type, by, fix)
         elif reason := find_mismatch(parameter, value):
-            yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, triggered_by=by)
+            yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, by)
 
 
 def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Problem]:
@@ -42,9 +42,7 @@ def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Prob
         expected = f"at most {allowed_s:g} s"
         by = "safety.yaml: session_duration_max"
         fix = "Shorten 'timeout_s', or split the session."
-        yield make_problem(
-            "SESSION_TOO_LONG", "limits.timeout_s", session.limits.timeout_s, expected, triggered_by=by, fix=fix
-        )
+        yield make_problem("SESSION_TOO_LONG", "limits.timeout_s", session.limits.timeout_s, expected, by, fix)
 
 
 def iter_predicate_problems(session: Session) -> Iterator[Problem]:
@@ -91,9 +89,7 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
         if evaluation.truth is not Truth.TRUE:
             found = f"{text} is {evaluation.truth}"
             by = f"requires: {text}"
-            yield make_problem(
-                "PRECONDITION_UNMET", "requires", found, "true", triggered_by=by, fix=evaluation.because, subject=text
-            )
+            yield make_problem("PRECONDITION_UNMET", "requires", found, "true", by, evaluation.because, text)
 
 
 def _find_names(text: str) -> list[str]:

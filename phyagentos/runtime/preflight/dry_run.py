@@ -319,7 +319,7 @@ def make_trial_problem(trial: Trial, session: Session) -> Problem:
     expected = "a motion that exists"
     by = f"skill {session.skill}: its first motion"
     fix = "Choose another thing, destination or target."
-    return make_problem(trial.code, f"dry run: {trial.motion}", trial.message, expected, triggered_by=by, fix=fix)
+    return make_problem(trial.code, f"dry run: {trial.motion}", trial.message, expected, by, fix)
 
 
 def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = True) -> Trial:

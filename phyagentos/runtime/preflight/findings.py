@@ -11,7 +11,6 @@ def make_problem(
     address: str,
     found: object,
     expected: str,
-    *,
     triggered_by: str = "",
     fix: str = "",
     subject: str = "",

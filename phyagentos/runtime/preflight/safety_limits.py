@@ -71,7 +71,7 @@ def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iter
     expected = f"where each of {n} joints brings the tool"
     by = "safety.yaml: workspace_box, keep_out"
     fix = "Let the target's description declare which way each joint turns or slides, and about which point."
-    yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, triggered_by=by, fix=fix)
+    yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, by, fix)
 
 
 def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: float) -> Iterator[Problem]:
@@ -86,10 +86,8 @@ def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: fl
         if is_known
         else "a gripper whose force the target does not declare",
         f"at most {force_n:g} N",
-        triggered_by="safety.yaml: gripper_force_max",
-        fix="Use a weaker gripper, or raise the limit with a source."
-        if is_known
-        else "Let the target declare its force.",
+        "safety.yaml: gripper_force_max",
+        "Use a weaker gripper, or raise the limit with a source." if is_known else "Let the target declare its force.",
     )
 
 
@@ -110,7 +108,7 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
         expected = f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}"
         by = f"safety.yaml: {name}"
         fix = "Move the robot by hand, or correct the box."
-        yield make_problem("START_OUTSIDE", _place(profile, name), found, expected, triggered_by=by, fix=fix)
+        yield make_problem("START_OUTSIDE", _place(profile, name), found, expected, by, fix)
 
 
 def iter_tool_problems(profile: TargetProfile, live: Description, now: Environment) -> Iterator[Problem]:
@@ -128,7 +126,7 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
         expected = f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m"
         by = "safety.yaml: workspace_box, keep_out"
         fix = "Let the target declare the kinematics of this arm, with this tool, where it is mounted."
-        yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, triggered_by=by, fix=fix)
+        yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, by, fix)
 
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -139,17 +137,15 @@ def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
             found = f"{len(limit.value)} numbers"
             expected = f"one, or {n}: one per joint"
             by = f"target {profile.target}: arm.joints"
-            yield make_problem("WRONG_LENGTH", _place(profile, name), found, expected, triggered_by=by)
+            yield make_problem("WRONG_LENGTH", _place(profile, name), found, expected, by)
     arm = profile.arm
     fields = ("home_rad", "velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "stiffness_nm_rad")
     for field in (*fields, "damping_nms_rad"):
         if len(getattr(arm, field)) != n:
+            address = f"target.arm.{field}"
+            asked_by = f"target {profile.target}: arm.joints"
             yield make_problem(
-                "WRONG_LENGTH",
-                f"target.arm.{field}",
-                f"{len(getattr(arm, field))} numbers",
-                f"{n}: one per joint",
-                triggered_by=f"target {profile.target}: arm.joints",
+                "WRONG_LENGTH", address, f"{len(getattr(arm, field))} numbers", f"{n}: one per joint", asked_by
             )
 
 
@@ -172,9 +168,7 @@ def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Ite
         found = f"{', '.join(outside)} stands outside in the home posture"
         expected = "a range that holds arm.home_rad"
         by = f"target {profile.target}: arm.home_rad"
-        yield make_problem(
-            "LIMIT_TOO_NARROW", _place(profile, "joint_position_min"), found, expected, triggered_by=by, fix=_NARROW
-        )
+        yield make_problem("LIMIT_TOO_NARROW", _place(profile, "joint_position_min"), found, expected, by, _NARROW)
 
 
 def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -187,7 +181,7 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
         expected = f"inside {_show(own_low)} to {_show(own_high)}"
         by = f"target {profile.target}: workspace_m"
         fix = "The target stops by itself at its own box."
-        yield make_problem("LIMIT_WIDER", _place(profile, "workspace_box"), found, expected, triggered_by=by, fix=fix)
+        yield make_problem("LIMIT_WIDER", _place(profile, "workspace_box"), found, expected, by, fix)
 
 
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -202,10 +196,10 @@ def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
         value, place, by_field = float(np.asarray(getattr(limits, name).value)), _place(profile, name), f"{by}: {field}"
         found = f"{value:g} {unit}"
         if value > most * (1.0 + RELATIVE_TOLERANCE):
-            yield make_problem("LIMIT_WIDER", place, found, f"at most {most:g} {unit}", triggered_by=by_field)
+            yield make_problem("LIMIT_WIDER", place, found, f"at most {most:g} {unit}", by_field)
         elif value < least * (1.0 - RELATIVE_TOLERANCE):
             expected = f"at least {least:g} {unit}"
-            yield make_problem("LIMIT_TOO_NARROW", place, found, expected, triggered_by=by_field, fix=_NARROW)
+            yield make_problem("LIMIT_TOO_NARROW", place, found, expected, by_field, _NARROW)
 
 
 def _iter_wider(
@@ -213,14 +207,11 @@ def _iter_wider(
 ) -> Iterator[Problem]:
     for index, joint in enumerate(profile.arm.joints[: len(own)]):
         if not values[index] <= own[index]:  # also when the target declares NaN
-            yield make_problem(
-                "LIMIT_WIDER",
-                f"{_place(profile, name)}[{index}]",
-                f"{joint} {sign * values[index]:g}",
-                f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}",
-                triggered_by=f"target {profile.target}: {whose}",
-                fix="A limit may narrow what the target can do, never widen it.",
-            )
+            address = f"{_place(profile, name)}[{index}]"
+            found = f"{joint} {sign * values[index]:g}"
+            expected = f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}"
+            fix = "A limit may narrow what the target can do, never widen it."
+            yield make_problem("LIMIT_WIDER", address, found, expected, f"target {profile.target}: {whose}", fix)
 
 
 def _place(profile: TargetProfile, name: str) -> str:

@@ -76,15 +76,8 @@ def compile_chain(
     if problems:
         return tuple(problems)
     if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
-        return (
-            Problem(
-                "CHUNK_LENGTH",
-                "chunk_length",
-                f"{source.chunk_length} rows",
-                f"1 to {target.chunk_length} rows",
-                "Shorten the chunk.",
-            ),
-        )
+        expected = f"1 to {target.chunk_length} rows"
+        return (Problem("CHUNK_LENGTH", "chunk_length", f"{source.chunk_length} rows", expected, "Shorten the chunk."),)
     return BridgeChain(source, target, tuple(links))
 
 
