@@ -195,13 +195,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     heartbeat = HeartbeatWriter(workspace.heartbeats, target, clock)
-    handle = open_handle(
-        connection,
-        settings.limits,
-        workspace,
-        profile_path,
-        sees_truth=sees_truth,
-    )
+    handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
     world = open_world_model(workspace, target, profile, handle, settings)
     embodiment = Embodiment(handle=handle, world=world, profile=profile, limits=settings.limits)
     policies = Policies(
@@ -323,12 +317,7 @@ def open_detector(settings: "Settings") -> "Detector | None":
 
 
 def open_handle(
-    connection: Channel,
-    limits: TargetLimits,
-    workspace: Workspace,
-    description: Path,
-    *,
-    sees_truth: bool = False,
+    connection: Channel, limits: TargetLimits, workspace: Workspace, description: Path, *, sees_truth: bool = False
 ) -> "TargetSessionHandle":
     """The worker's access to its target; its guard checks the emergency stop before every command.
 
@@ -343,11 +332,7 @@ def open_handle(
     if limit is not None:
         collision = PostureCollision(*read_profile(description), min(as_numbers(limit)))
     return TargetSessionHandle(
-        connection,
-        limits,
-        is_stopped=lambda: is_latched(signals),
-        collision=collision,
-        sees_truth=sees_truth,
+        connection, limits, is_stopped=lambda: is_latched(signals), collision=collision, sees_truth=sees_truth
     )
 
 

@@ -21,11 +21,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 
 def build_verifier(
-    workspace: Workspace,
-    clock: Clock,
-    *,
-    mode: VerificationMode | None = None,
-    judges: Sequence[str] | None = None,
+    workspace: Workspace, clock: Clock, *, mode: VerificationMode | None = None, judges: Sequence[str] | None = None
 ) -> SessionVerifier:
     """The verifier that the workspace's settings describe; without runtime_contract.yaml the strictest defaults hold.
 

@@ -27,14 +27,7 @@ from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.store.follower import Follower, Position
 from phyagentos.store.ledger import GoalImage, Image, Ledger, SessionImage
 from phyagentos.store.records import Tail
-from phyagentos.store.segments import (
-    FileIO,
-    damage,
-    open_segment,
-    read_front,
-    sync_folder,
-    write_file,
-)
+from phyagentos.store.segments import FileIO, damage, open_segment, read_front, sync_folder, write_file
 
 NAME = "checkpoint.md"
 _TEMPORARY = ".checkpoint.tmp"

@@ -26,12 +26,7 @@ from phyagentos.protocol.documents.body_codec import prepare_body, render_body
 from phyagentos.protocol.sessions.lifecycle import Fenced, Side
 from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.admission_cache import AdmissionCache, NotCached
-from phyagentos.store.checkpoint import (
-    find_checkpoint,
-    find_seen_seq,
-    refuse_missing_end,
-    start_reading,
-)
+from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, refuse_missing_end, start_reading
 from phyagentos.store.consumer_offset import ConsumerOffset
 from phyagentos.store.follower import Follower
 from phyagentos.store.ledger import Ledger

@@ -12,15 +12,7 @@ from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, Amendment, Limits, SessionId, SessionStatus
 from phyagentos.store.admission import Entry
-from phyagentos.store.edits.changes import (
-    CANCELS,
-    Accepted,
-    Impossible,
-    Refused,
-    plan_amend,
-    plan_cancel,
-    plan_submit,
-)
+from phyagentos.store.edits.changes import CANCELS, Accepted, Impossible, Refused, plan_amend, plan_cancel, plan_submit
 from phyagentos.store.edits.form import parse_form, read_amendment, read_contract
 from phyagentos.store.edits.reading import Line, Section, Sheet
 from phyagentos.store.views.sessions import build_data
