@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 
 
-class Problem(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
     """One finding about one place of one authored file or contract.
 
     Attributes:
@@ -54,6 +54,17 @@ class DefinitionError(PhyAgentOSError):
     def __init__(self, problems: Problem | Sequence[Problem]) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+    @classmethod
+    def of(cls, code: str, address: str, found: str = "", expected: str = "", hint: str = "") -> "DefinitionError":
+        """The error of one `Problem`."""
+        return cls(Problem(code, address, found, expected, hint))
+
+    @classmethod
+    def unknown(cls, code: str, address: str, name: str, possible: Iterable[str]) -> "DefinitionError":
+        """The error of a name that is not among the possible ones, with the nearest of them."""
+        possible = tuple(possible)
+        return cls.of(code, address, repr(name), format_names(possible), format_hint(name, possible))
 
 
 class ExecutionError(PhyAgentOSError):

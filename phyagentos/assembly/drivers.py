@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from phyagentos.assembly.paths import FAULTS, RECORDED_FAULTS, TOKENS
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_unshared
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.driver_registry import DriverRegistry, DriverSite, DriverSpec
@@ -71,15 +71,10 @@ def _open_robot(world: "SimulatedWorld", site: DriverSite) -> "MujocoDriver":
     from phyagentos.runtime.drivers.mujoco.world import MujocoDriver
 
     if site.profile.end_effector != "opening":
-        raise DefinitionError(
-            Problem(
-                code="NO_DRIVER",
-                address=f"{site.profile.target}/target.yaml: end_effector",
-                found=repr(site.profile.end_effector),
-                expected="'opening', for driver 'mujoco'",
-                hint="Name a driver that moves such a hand, or give the model a gripper.",
-            )
-        )
+        found = repr(site.profile.end_effector)
+        expected = "'opening', for driver 'mujoco'"
+        hint = "Name a driver that moves such a hand, or give the model a gripper."
+        raise DefinitionError.of("NO_DRIVER", f"{site.profile.target}/target.yaml: end_effector", found, expected, hint)
     return MujocoDriver(world, site.profile, site.folder)
 
 
@@ -123,7 +118,7 @@ def _open_remote(site: DriverSite) -> "TargetDriver":
         channel.close()
         if error.code == "TARGET_LOST":
             raise
-        raise DefinitionError(Problem(code=error.code, address=str(path), found=str(error))) from error
+        raise DefinitionError.of(error.code, str(path), str(error)) from error
     return RemoteDriver(site.profile, channel, key)
 
 
@@ -143,4 +138,4 @@ def read_secret(path: Path) -> bytes:
     found = "no key" if is_private else "a file that other users can read"
     hint = "Write the key that the serving side was started with there, with mode 0600."
     expected = f"{2 * KEY_BYTES} hexadecimal digits"
-    raise DefinitionError(Problem(code="NO_TOKEN", address=str(path), found=found, expected=expected, hint=hint))
+    raise DefinitionError.of("NO_TOKEN", str(path), found, expected, hint)

@@ -87,10 +87,6 @@ class Examination:
 
 def _refuse(session: Session, known: Mapping[str, object]) -> Checked:
     problem = Problem(
-        code="TARGET_UNKNOWN",
-        address=f"{session.id}: target",
-        found=repr(session.target),
-        expected=format_names(known),
-        triggered_by="the session",
+        "TARGET_UNKNOWN", f"{session.id}: target", repr(session.target), format_names(known), triggered_by="the session"
     )
     return Checked(session=session.id, plan=None, tools=None, problems=(problem,))

@@ -50,11 +50,11 @@ def _check_settings(workspace: Workspace, folder: Path) -> None:
     recorded = read_yaml(folder / CONTRACT).data.get("settings_sha256", {})
     changed = [
         Problem(
-            code="SETTINGS_CHANGED",
-            address=str(path),
-            found="another file than the session ran with",
-            expected=f"sha256 {recorded[path.name]}",
-            hint=f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames.",
+            "SETTINGS_CHANGED",
+            str(path),
+            "another file than the session ran with",
+            f"sha256 {recorded[path.name]}",
+            f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames.",
         )
         for path in (workspace.perception, workspace.sensors)
         if path.name in recorded and compute_file_hash(path) != recorded[path.name]

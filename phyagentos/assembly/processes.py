@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from phyagentos.assembly.drivers import build_driver_registry, choose_driver, choose_graphics
+from phyagentos.assembly.drivers import build_driver_registry, choose_driver, choose_graphics, open_shared_world
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
@@ -23,6 +23,8 @@ from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import SPIN_S, Channel, Link
+from phyagentos.runtime.targets.driver_registry import DriverSite
+from phyagentos.runtime.targets.handshake import Tokens, greet
 
 if TYPE_CHECKING:
     from phyagentos.runtime.actions.handle import TargetSessionHandle
@@ -30,8 +32,6 @@ if TYPE_CHECKING:
     from phyagentos.runtime.perception.look import FrameSource
     from phyagentos.runtime.perception.world_model import WorldModel
     from phyagentos.runtime.preflight.settings import Settings
-    from phyagentos.runtime.targets.driver_registry import DriverSite
-    from phyagentos.runtime.targets.handshake import Tokens
     from phyagentos.runtime.targets.server import Door
 
 WORLD_START_S = 60.0  # a cold machine imports and compiles once
@@ -57,7 +57,6 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
     from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole, is_held_by
     from phyagentos.runtime.supervision.workers import end_with_parent
     from phyagentos.runtime.supervision.world_process import end_when_unwatched, get_lock
-    from phyagentos.runtime.targets.handshake import Tokens
 
     workspace, clock = Workspace.open(root), SystemClock()
     become_sole(get_lock(workspace.root, world), clock, "TARGET_BUSY", f"another world process has {world}")
@@ -86,10 +85,9 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool) -> None:
         serve_shared(sites, Path(socket).parent, tokens, pace_by)
 
 
-def find_sites(workspace: Workspace, world: str, clock: Clock) -> "list[DriverSite]":
+def find_sites(workspace: Workspace, world: str, clock: Clock) -> list[DriverSite]:
     """The targets of a world, by name: those that name it, or the one of that name that shares none."""
     from phyagentos.runtime.models.robot import read_profile
-    from phyagentos.runtime.targets.driver_registry import DriverSite
 
     library = workspace.library()
     found = [read_profile(library.get_target(name)) for name in sorted(library.names_of_targets())]
@@ -100,7 +98,7 @@ def find_sites(workspace: Workspace, world: str, clock: Clock) -> "list[DriverSi
     ]
 
 
-def serve_one(site: "DriverSite", socket: str, tokens: "Tokens", pace_by: Clock | None) -> None:
+def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | None) -> None:
     """Serve the only target of a world."""
     from phyagentos.runtime.targets.realtime import serve_realtime
     from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -121,11 +119,8 @@ def serve_one(site: "DriverSite", socket: str, tokens: "Tokens", pace_by: Clock 
         serve(served, open_door(socket), tokens)
 
 
-def serve_shared(
-    sites: "list[DriverSite]", sockets: Path, tokens: "Mapping[str, Tokens]", pace_by: Clock | None
-) -> None:
+def serve_shared(sites: list[DriverSite], sockets: Path, tokens: Mapping[str, Tokens], pace_by: Clock | None) -> None:
     """Serve the robots of a world that several targets share."""
-    from phyagentos.assembly.drivers import open_shared_world
     from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, serve_together
     from phyagentos.runtime.targets.agreement import AgreementReceiver
     from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -166,7 +161,6 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     from phyagentos.runtime.preflight.examination import Examiner
     from phyagentos.runtime.preflight.settings import read_settings
     from phyagentos.runtime.supervision.workers import end_with_parent
-    from phyagentos.runtime.targets.driver_registry import DriverSite
     from phyagentos.runtime.targets.receive_log import ReceiveLog
     from phyagentos.runtime.targets.served_target import ServedTarget
     from phyagentos.runtime.targets.server import Loopback
@@ -201,13 +195,7 @@ def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: 
     connection: Channel = Loopback(local) if local is not None else connect_to_world(socket, token, clock)
     sees_truth = settings.perception.sensing is Sensing.TRUTH or not profile.model
     heartbeat = HeartbeatWriter(workspace.heartbeats, target, clock)
-    handle = open_handle(
-        connection,
-        settings.limits,
-        workspace,
-        profile_path,
-        sees_truth=sees_truth,
-    )
+    handle = open_handle(connection, settings.limits, workspace, profile_path, sees_truth=sees_truth)
     world = open_world_model(workspace, target, profile, handle, settings)
     embodiment = Embodiment(handle=handle, world=world, profile=profile, limits=settings.limits)
     policies = Policies(
@@ -329,12 +317,7 @@ def open_detector(settings: "Settings") -> "Detector | None":
 
 
 def open_handle(
-    connection: Channel,
-    limits: TargetLimits,
-    workspace: Workspace,
-    description: Path,
-    *,
-    sees_truth: bool = False,
+    connection: Channel, limits: TargetLimits, workspace: Workspace, description: Path, *, sees_truth: bool = False
 ) -> "TargetSessionHandle":
     """The worker's access to its target; its guard checks the emergency stop before every command.
 
@@ -349,11 +332,7 @@ def open_handle(
     if limit is not None:
         collision = PostureCollision(*read_profile(description), min(as_numbers(limit)))
     return TargetSessionHandle(
-        connection,
-        limits,
-        is_stopped=lambda: is_latched(signals),
-        collision=collision,
-        sees_truth=sees_truth,
+        connection, limits, is_stopped=lambda: is_latched(signals), collision=collision, sees_truth=sees_truth
     )
 
 
@@ -379,8 +358,6 @@ def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
         ExecutionError: `TARGET_LOST` when the socket is not served within the start-up time; `BAD_TOKEN`,
             `VERSION_MISMATCH`.
     """
-    from phyagentos.runtime.targets.handshake import greet
-
     deadline_s = clock.now_s() + WORLD_START_S
     while True:
         try:

@@ -70,9 +70,7 @@ def _refuse_without_start(folder: Path) -> None:
         found = own.name if own.exists() else "a file that was pruned" if is_pruned else "no such file"
         expected = "the state of the target at the session's start"
         hint = "Run the goal again; `paos verify` judges the evidence that there is."
-        raise DefinitionError(
-            Problem(code="NO_SNAPSHOT", address=str(start), found=found, expected=expected, hint=hint)
-        )
+        raise DefinitionError.of("NO_SNAPSHOT", str(start), found, expected, hint)
 
 
 def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
@@ -81,15 +79,9 @@ def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
     world = targets[status.contract.target].world
     others = [name for name, profile in targets.items() if world and profile.world == world]
     if len(others) > 1:
-        raise DefinitionError(
-            Problem(
-                code="WORLD_SHARED",
-                address=status.contract.id,
-                found=f"the world {world!r} of {', '.join(others)}",
-                expected="a session in a world of one target",
-                hint="Run the goal again in a new workspace: the same seed gives the same bits.",
-            )
-        )
+        found = f"the world {world!r} of {', '.join(others)}"
+        hint = "Run the goal again in a new workspace: the same seed gives the same bits."
+        raise DefinitionError.of("WORLD_SHARED", status.contract.id, found, "a session in a world of one target", hint)
 
 
 def _order(worker: Worker, status: SessionStatus, folder: Path) -> Execution:
@@ -115,8 +107,6 @@ def find_session(workspace: Workspace, session: str) -> SessionStatus:
     with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
         status = histories.find_status(SessionId(session))
     if status is None or status.execution is None:
-        problem = Problem(
-            code="NOT_EXECUTED", address=str(workspace.root), found=repr(session), expected="a session with evidence"
-        )
+        problem = Problem("NOT_EXECUTED", str(workspace.root), repr(session), "a session with evidence")
         raise DefinitionError(problem)
     return status

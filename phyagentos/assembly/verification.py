@@ -13,7 +13,7 @@ from phyagentos.agent.judging.judges.vision import VisionJudge
 from phyagentos.agent.judging.judges.vision_endpoint import OpenAiEndpoint
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.settings.verification import JudgeName, Verification
 from phyagentos.protocol.settings.verification_mode import VerificationMode
@@ -21,11 +21,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 
 def build_verifier(
-    workspace: Workspace,
-    clock: Clock,
-    *,
-    mode: VerificationMode | None = None,
-    judges: Sequence[str] | None = None,
+    workspace: Workspace, clock: Clock, *, mode: VerificationMode | None = None, judges: Sequence[str] | None = None
 ) -> SessionVerifier:
     """The verifier that the workspace's settings describe; without runtime_contract.yaml the strictest defaults hold.
 
@@ -87,25 +83,15 @@ def _open_vision(settings: JudgeSettings) -> VisionJudge:
     model = settings.verification.vision
     if model is None:
         hint = "Write 'vision: {url: ..., model: ...}' below 'verification'; until then no model is asked."
-        raise DefinitionError(
-            Problem(
-                code="VISION_NOT_CONFIGURED",
-                address=settings.address,
-                found="no block 'vision'",
-                expected="a model",
-                hint=hint,
-            )
-        )
+        raise DefinitionError.of("VISION_NOT_CONFIGURED", settings.address, "no block 'vision'", "a model", hint)
     key = os.environ.get(model.api_key_env, "") if model.api_key_env else ""
     if model.api_key_env and not key:
-        raise DefinitionError(
-            Problem(
-                code="API_KEY_MISSING",
-                address=f"{settings.address}.vision.api_key_env",
-                found=f"environment variable {model.api_key_env} is not set",
-                expected="the key of the endpoint",
-                hint=f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint needs no key.",
-            )
+        raise DefinitionError.of(
+            "API_KEY_MISSING",
+            f"{settings.address}.vision.api_key_env",
+            f"environment variable {model.api_key_env} is not set",
+            "the key of the endpoint",
+            f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint needs no key.",
         )
     endpoint = OpenAiEndpoint(
         url=model.url, model=model.model, clock=settings.clock, key=key, timeout_s=model.timeout_s

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 
 Overrides = Annotated[
@@ -49,15 +49,8 @@ def get_file(argument: Path, folder: str) -> Path:
             if candidate.is_file():
                 return candidate
     known = sorted({path.stem for root in roots for path in (root / folder).glob("*.yaml")})
-    raise DefinitionError(
-        Problem(
-            code="UNKNOWN_FILE",
-            address=str(argument),
-            found="no such file",
-            expected=f"a path, or one of: {format_names(known)}",
-            hint=format_hint(argument.stem, known),
-        )
-    )
+    expected = f"a path, or one of: {format_names(known)}"
+    raise DefinitionError.of("UNKNOWN_FILE", str(argument), "no such file", expected, format_hint(argument.stem, known))
 
 
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from phyagentos.cli.arguments import Overrides, parse_overrides
+from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
 from phyagentos.cli.outcome import ExitCode, print_note, print_problems, print_result
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ def compile_graph(
     """Show the DAG and the sessions that a goal graph would make; start nothing."""
     from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.goals.graph import read_goal_graph, render_mermaid
-    from phyagentos.cli.arguments import get_file, open_library
 
     path = get_file(graph, "goal_graphs")
     compiled = read_goal_graph(path, Catalogue.read(open_library(path)), parse_overrides(set_))

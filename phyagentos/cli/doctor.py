@@ -25,7 +25,7 @@ from rich.text import Text
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_json
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.store.edits.exchange import exchange
 from phyagentos.store.watch import Watch
 
@@ -78,7 +78,7 @@ def examine_machine(
 ) -> None:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     if not folder.is_dir():
-        raise DefinitionError(Problem(code="UNKNOWN_FOLDER", address=str(folder), expected="a folder that exists"))
+        raise DefinitionError.of("UNKNOWN_FOLDER", str(folder), expected="a folder that exists")
     findings = list(iter_findings(folder, SystemClock()))
     if as_json:
         print_json(findings)
@@ -166,7 +166,6 @@ def check_graphics() -> Finding:
 
 def check_space(folder: Path, clock: Clock) -> Finding:
     """Free bytes."""
-    del clock
     free = shutil.disk_usage(folder).free
     found = f"{free / 1e9:.1f} GB free"
     if free < FREE_MIN_BYTES:
@@ -176,7 +175,6 @@ def check_space(folder: Path, clock: Clock) -> Finding:
 
 def check_file_system(folder: Path, clock: Clock) -> Finding:
     """Whether it is a local one, on which locks and appends are what they promise."""
-    del clock
     kind = find_file_system(folder)
     if kind in LOCAL:
         return Finding("file system", Grade.FINE, kind)
@@ -202,7 +200,6 @@ def check_syncs(folder: Path, clock: Clock) -> Finding:
 
 def check_locks(folder: Path, clock: Clock) -> Finding:
     """Whether flock keeps a second holder out."""
-    del clock
     with tempfile.NamedTemporaryFile(dir=folder) as first, Path(first.name).open("rb") as second:
         fcntl.flock(first.fileno(), fcntl.LOCK_EX)
         try:
@@ -214,7 +211,6 @@ def check_locks(folder: Path, clock: Clock) -> Finding:
 
 def check_exchange(folder: Path, clock: Clock) -> Finding:
     """Whether two names can be exchanged in one step, which keeps a person's edit from being lost."""
-    del clock
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         one, two = Path(scratch) / "one", Path(scratch) / "two"
         one.touch()

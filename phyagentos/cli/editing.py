@@ -11,6 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal, choose_partition
 
 if TYPE_CHECKING:
     from phyagentos.store.edits.edit_intake import EditIntake
@@ -27,10 +32,7 @@ def edit(
     ] = "",
 ) -> int:
     """Edit SESSIONS.md, with or without a runtime: limits and priority of pending sessions, ends, new sessions."""
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.workspace.workspace import Workspace
     from phyagentos.store.edits.edit_intake import EditIntake
-    from phyagentos.store.journal import choose_partition
     from phyagentos.store.views.history import History
 
     place = Workspace.open(workspace)
@@ -46,11 +48,6 @@ def judge(workspace: Annotated[Path, typer.Argument(help="Folder of the run.")] 
     """Judge the sessions by hand that have run: those that serve no goal, which no agent looks at."""
     from phyagentos.agent.judging.review import judge_goalless_sessions
     from phyagentos.assembly.verification import build_verifier
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.sessions.lifecycle import Side
-    from phyagentos.protocol.sessions.verdicts import Verdict
-    from phyagentos.protocol.workspace.workspace import Workspace
-    from phyagentos.store.journal import Journal
 
     place, clock = Workspace.open(workspace), SystemClock()
     verifier = build_verifier(place, clock)

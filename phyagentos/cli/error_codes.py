@@ -7,7 +7,7 @@ import typer
 
 from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.codes import CODES, Actor, Code, Phase, Retry
-from phyagentos.errors import DefinitionError, Problem, format_hint
+from phyagentos.errors import DefinitionError, format_hint
 from phyagentos.protocol.documents.markdown import publish
 
 _HEAD = """# Error codes
@@ -44,14 +44,8 @@ def show_codes(
     elif code := CODES.get(name.upper()):
         print_result(_describe(code))
     else:
-        raise DefinitionError(
-            Problem(
-                code="UNKNOWN_CODE",
-                address="paos codes",
-                found=repr(name),
-                expected="a code of `paos codes`",
-                hint=format_hint(name.upper(), CODES),
-            )
+        raise DefinitionError.of(
+            "UNKNOWN_CODE", "paos codes", repr(name), "a code of `paos codes`", format_hint(name.upper(), CODES)
         )
 
 

@@ -4,15 +4,19 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 from msgspec.structs import asdict
 
 from phyagentos.cli.outcome import ExitCode, print_problems, print_result
+from phyagentos.clock import SystemClock
+from phyagentos.errors import ExecutionError, Problem
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
+from phyagentos.protocol.sessions.session import Ended, SessionId, SessionStatus
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment
 
 if TYPE_CHECKING:
-    from phyagentos.errors import Problem
-    from phyagentos.protocol.sessions.session import SessionStatus
-    from phyagentos.protocol.workspace.workspace import Workspace
     from phyagentos.store.retention import RetentionReport
 
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
@@ -21,8 +25,6 @@ AsJson = Annotated[bool, typer.Option("--json", help="The report as JSON on stdo
 
 def verify(workspace: Space, as_json: AsJson = False) -> int:
     """Hash every bundle of an ended session again, and follow what its snapshots point at."""
-    from phyagentos.protocol.workspace.workspace import Workspace
-
     checked, problems = _verify(Workspace.open(workspace))
     if as_json:
         print_result(json.dumps({"bundles": checked, "problems": [asdict(problem) for problem in problems]}))
@@ -39,26 +41,20 @@ def prune(
     as_json: AsJson = False,
 ) -> None:
     """Thin bundles of succeeded sessions, by `evidence` of runtime_contract.yaml; all others stay whole."""
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.workspace.workspace import Workspace
     from phyagentos.store.retention import apply_retention, read_retention
 
     place = Workspace.open(workspace)
     report = apply_retention(place, read_retention(place), SystemClock(), dry_run=dry_run)
     if as_json:
-        import msgspec
-
         print_result(msgspec.json.encode(report).decode())
     else:
         print_result("\n".join(_describe(report, dry_run=dry_run)))
 
 
-def _verify(workspace: "Workspace") -> tuple[int, "list[Problem]"]:
+def _verify(workspace: Workspace) -> tuple[int, list[Problem]]:
     """How many bundles there are, and what is wrong with them; a session that has not ended may be half written."""
     from phyagentos.cli.history import read_ledger
     from phyagentos.protocol.sessions.evidence_manifest import MANIFEST, check_bundle, check_objects, iter_bundles
-    from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
-    from phyagentos.protocol.sessions.session import SessionId
 
     sessions = read_ledger(workspace.root).sessions
     problems: list[Problem] = []
@@ -73,15 +69,11 @@ def _verify(workspace: "Workspace") -> tuple[int, "list[Problem]"]:
     return checked + len(gone), [*gone, *problems, *check_objects(workspace.evidence)]
 
 
-def _check_looks(folder: Path) -> "list[Problem]":
+def _check_looks(folder: Path) -> list[Problem]:
     """Looks that are missing, and pointers that lead to no pixel."""
-    import msgspec
-
-    from phyagentos.errors import ExecutionError, Problem
     from phyagentos.protocol.sessions.evidence import AFTER, BEFORE
     from phyagentos.protocol.sessions.evidence_manifest import read_manifest
     from phyagentos.protocol.sessions.looks import find_look_problems
-    from phyagentos.protocol.world.environment import Environment
 
     try:
         manifest = read_manifest(folder)
@@ -89,21 +81,13 @@ def _check_looks(folder: Path) -> "list[Problem]":
         worlds = [msgspec.json.decode(path.read_bytes(), type=Environment) for path in snapshots]
         return find_look_problems(folder, worlds, manifest.gone if manifest is not None else ())
     except ExecutionError as error:
-        return (
-            []
-            if error.code == "MANIFEST_DAMAGED"
-            else [Problem(code=error.code, address=str(folder), found=str(error))]
-        )
+        return [] if error.code == "MANIFEST_DAMAGED" else [Problem(error.code, str(folder), str(error))]
     except msgspec.MsgspecError as error:
-        return [Problem(code="EVIDENCE_UNREADABLE", address=str(folder), found=str(error))]
+        return [Problem("EVIDENCE_UNREADABLE", str(folder), str(error))]
 
 
-def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem | None":
+def _find_missing(workspace: Workspace, status: SessionStatus) -> Problem | None:
     """The bundle that an ended session left and that is gone; a lost target may have left none."""
-    from phyagentos.errors import Problem
-    from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
-    from phyagentos.protocol.sessions.session import Ended
-
     done = status.execution
     if status.state not in FINAL_STATES or done is None or not done.evidence or done.ended is Ended.TARGET_LOST:
         return None
@@ -111,7 +95,7 @@ def _find_missing(workspace: "Workspace", status: "SessionStatus") -> "Problem |
     if folder.is_dir():
         return None
     expected = f"the bundle of {status.contract.id}"
-    return Problem(code="MISSING", address=str(folder), found="no such folder", expected=expected)
+    return Problem("MISSING", str(folder), "no such folder", expected)
 
 
 def _describe(report: "RetentionReport", *, dry_run: bool) -> list[str]:

@@ -7,9 +7,10 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note, print_result
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, iter_edges, iter_steps
+from phyagentos.protocol.workspace.workspace import Workspace
 
 Id = Annotated[str, typer.Argument(metavar="SESSION", help="A session id; the part after the goal is enough.")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run.")]
@@ -19,7 +20,6 @@ def why(session: Id, workspace: Space) -> None:
     """Explain a verdict: the layer, the leaf and the number that decided it."""
     from phyagentos.cli.history import read_ledger
     from phyagentos.cli.why import explain_session
-    from phyagentos.protocol.workspace.workspace import Workspace
 
     ledger = read_ledger(workspace, session)
     print_result(explain_session(Workspace.open(workspace), ledger, get_session(session, ledger.sessions)))
@@ -63,11 +63,7 @@ def _get_goal(text: str, workspace: Path, known: Mapping[GoalId, GoalStatus]) ->
         return next(iter(known.values()))
     found = repr(text) if text else f"{len(known)} goals"
     expected = format_names(known) if known else "a goal that was submitted there"
-    raise DefinitionError(
-        Problem(
-            code="UNKNOWN_GOAL", address=str(workspace), found=found, expected=expected, hint=format_hint(text, known)
-        )
-    )
+    raise DefinitionError.of("UNKNOWN_GOAL", str(workspace), found, expected, format_hint(text, known))
 
 
 def rerun(session: Id, workspace: Space) -> int:

@@ -110,11 +110,11 @@ def _unknown_kind(path: Path) -> Problem:
     expected = ", ".join(f"{key!r} ({kind})" for key, kind in _KEYS.items())
     nearest = next((near for key in keys if (near := find_nearest(key, _KEYS))), None)
     return Problem(
-        code="UNKNOWN_KIND",
-        address=f"{path}:1:1",
-        found=f"top-level keys {', '.join(keys) or '(none)'}",
-        expected=f"one of the keys {expected}, a SKILL.md, a protocol document or a settings file",
-        hint=f"Did you mean {nearest!r}?" if nearest else "",
+        "UNKNOWN_KIND",
+        f"{path}:1:1",
+        f"top-level keys {', '.join(keys) or '(none)'}",
+        f"one of the keys {expected}, a SKILL.md, a protocol document or a settings file",
+        f"Did you mean {nearest!r}?" if nearest else "",
     )
 
 

@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from phyagentos.cli.outcome import print_json, print_note, print_result
+from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 if TYPE_CHECKING:
     from phyagentos.agent.memory.episodes import Episode
@@ -95,9 +99,6 @@ def forget(
 @contextmanager
 def _opened(root: Path) -> "Iterator[Memory]":
     from phyagentos.agent.memory.memory import Memory
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.sessions.lifecycle import Side
-    from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
     shared = root / "memory"
     is_shared = shared.is_dir() and not (root / MARKER).exists()
@@ -109,7 +110,6 @@ def _opened(root: Path) -> "Iterator[Memory]":
 def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     """The entry as it is recorded; raises `UNKNOWN_ENTRY`."""
     from phyagentos.agent.memory import methodological, semantic
-    from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 
     experience = memory.experience
     if (lesson := experience.corrections.get(entry)) is not None:
@@ -119,15 +119,8 @@ def _find(memory: "Memory", entry: str, root: Path) -> "MemoryEntry":
     if (fact := experience.facts.get(entry)) is not None:
         return fact
     known = [*experience.corrections, *experience.patterns, *experience.facts]
-    raise DefinitionError(
-        Problem(
-            code="UNKNOWN_ENTRY",
-            address=str(root),
-            found=repr(entry),
-            expected=format_names(known[:20]) if known else "nothing is remembered yet",
-            hint=format_hint(entry, known),
-        )
-    )
+    expected = format_names(known[:20]) if known else "nothing is remembered yet"
+    raise DefinitionError.of("UNKNOWN_ENTRY", str(root), repr(entry), expected, format_hint(entry, known))
 
 
 def _trace(memory: "Memory", entry: str) -> "tuple[list[Episode], list[Edit]]":

@@ -23,9 +23,9 @@ from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.cli.arguments import get_file, open_library, parse_overrides
 from phyagentos.cli.console import RunConsole
 from phyagentos.cli.lint import lint_file
-from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.progress import RunFold
-from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
+from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.documents.schema import Address, read_yaml
@@ -127,7 +127,7 @@ def run_mission(order: Order, clock: Clock | None = None) -> int:
     code = ExitCode.INTERRUPTED if interrupts.count else compute_exit_code(fold)
     report = build_report(fold, workspace=root, wall_s=clock.now_s() - started_s, exit_code=code)
     if order.as_json:
-        print_result(render_json(report))
+        print_json(report)
     print_report(report, fold, Console(stderr=order.as_json, highlight=False))
     return int(code)
 

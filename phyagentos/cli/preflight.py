@@ -10,16 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import typer
 
-from phyagentos.cli.arguments import Overrides, parse_overrides
+from phyagentos.cli.arguments import Overrides, get_file, open_library, parse_overrides
+from phyagentos.cli.explaining import get_session
 from phyagentos.cli.outcome import Exit, ExitCode, print_note, print_result
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.session import GoalId, Session
+from phyagentos.protocol.workspace.workspace import Workspace
 
 if TYPE_CHECKING:
-    from phyagentos.errors import Problem
-    from phyagentos.protocol.capabilities.library import Library
-    from phyagentos.protocol.sessions.session import Session
-    from phyagentos.protocol.workspace.workspace import Workspace
     from phyagentos.runtime.worker.orders import Checked
 
 OPEN = "${"  # begins a reference to an output that does not exist yet
@@ -62,7 +64,7 @@ class _Order:
         forecasts: Session -> its forecast, for those that have one.
     """
 
-    library: "Library"
+    library: Library
     source: "Workspace | None"
     sessions: "tuple[Session, ...]"
     after: Mapping[str, tuple[str, ...]]
@@ -73,9 +75,6 @@ def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str
     from phyagentos.agent.goals.catalogue import Catalogue
     from phyagentos.agent.goals.compiler import SessionCompiler
     from phyagentos.agent.goals.graph import read_goal_graph
-    from phyagentos.cli.arguments import get_file, open_library
-    from phyagentos.protocol.sessions.session import GoalId
-    from phyagentos.protocol.workspace.workspace import Workspace
 
     file = get_file(path, "goal_graphs")
     source = Workspace.open(root) if root is not None else None
@@ -90,12 +89,8 @@ def _read_graph(path: Path, root: Path | None, seed: int, overrides: Mapping[str
 
 def _find_session(subject: str, root: Path | None) -> _Order | None:
     """The order for a session of a workspace; None when a goal graph is meant."""
-    from phyagentos.cli.arguments import get_file
-    from phyagentos.cli.explaining import get_session
     from phyagentos.cli.forecasts import find_forecast
     from phyagentos.cli.history import read_ledger
-    from phyagentos.errors import DefinitionError
-    from phyagentos.protocol.workspace.workspace import Workspace
 
     if root is None:
         return None
@@ -115,10 +110,8 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
     )
 
 
-def _settle(session: "Session") -> "Session":
+def _settle(session: Session) -> Session:
     """The session without what only earlier sessions provide: arguments and conditions with open references."""
-    import msgspec
-
     arguments = {name: value for name, value in session.parameters.items() if OPEN not in str(value)}
     conditions = {
         name: tuple(text for text in getattr(session, name) if OPEN not in text)
@@ -127,10 +120,8 @@ def _settle(session: "Session") -> "Session":
     return msgspec.structs.replace(session, parameters=arguments, **conditions)
 
 
-def _report(session: "Session", checked: "Checked", order: _Order) -> dict[str, Any]:
+def _report(session: Session, checked: "Checked", order: _Order) -> dict[str, Any]:
     """One session as data."""
-    import msgspec
-
     from phyagentos.runtime.preflight.findings import describe_problem
 
     after = order.after[session.id]

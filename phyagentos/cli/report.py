@@ -63,11 +63,6 @@ def find_pictures(bundle: Path) -> tuple[str, ...]:
     return tuple(str(bundle / name) for name in (PICTURE_BEFORE, PICTURE_AFTER) if (bundle / name).is_file())
 
 
-def render_json(report: RunReport) -> str:
-    """Indented JSON."""
-    return msgspec.json.format(msgspec.json.encode(report), indent=2).decode() + "\n"
-
-
 def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
     """The final table, the goal's own criteria, and where the pictures are; `paos why` explains more."""
     if not console.is_terminal:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from phyagentos.cli.arguments import Overrides, parse_overrides
+from phyagentos.cli.arguments import Overrides, get_file, parse_overrides
 from phyagentos.cli.outcome import Exit, ExitCode, print_result
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -99,7 +99,6 @@ def agent(
 ) -> int:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
     from phyagentos.assembly.agent_plane import run_agent
-    from phyagentos.cli.arguments import get_file
 
     _prepare(with_parent)
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
@@ -119,7 +118,6 @@ def watch(
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
-    from phyagentos.cli.arguments import get_file
 
     _prepare(with_parent)
     run_watch(

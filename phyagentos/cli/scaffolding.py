@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.outcome import print_note, print_result
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 
 TEMPLATES = Path(__file__).with_name("scaffold")
 
@@ -23,13 +23,7 @@ def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder th
 def copy_scaffold(folder: Path) -> None:
     """Copy the templates; raises `WOULD_OVERWRITE` when the folder holds anything."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise DefinitionError(
-            Problem(
-                code="WOULD_OVERWRITE",
-                address=str(folder),
-                found="a file" if folder.is_file() else "a folder that is not empty",
-                expected="a folder that is missing or empty",
-                hint="Choose another name.",
-            )
-        )
+        found = "a file" if folder.is_file() else "a folder that is not empty"
+        expected = "a folder that is missing or empty"
+        raise DefinitionError.of("WOULD_OVERWRITE", str(folder), found, expected, "Choose another name.")
     shutil.copytree(TEMPLATES, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__", ".*"))

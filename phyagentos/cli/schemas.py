@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.schema import Authored
 
 BASE = "https://json-schema.org/draft/2020-12/schema"
@@ -30,15 +30,7 @@ def build_schema(kind: str) -> dict[str, Any]:
     """The schema as data; raises DefinitionError for an unknown kind."""
     builders = _builders()
     if kind not in builders:
-        raise DefinitionError(
-            Problem(
-                code="UNKNOWN_SCHEMA",
-                address="paos schema",
-                found=repr(kind),
-                expected=format_names(builders),
-                hint=format_hint(kind, builders),
-            )
-        )
+        raise DefinitionError.unknown("UNKNOWN_SCHEMA", "paos schema", kind, builders)
     return builders[kind]()
 
 

@@ -7,6 +7,9 @@ from typing import Annotated
 import typer
 
 from phyagentos.cli.outcome import print_note, print_result
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
+from phyagentos.protocol.world.predicates.library import get_predicate_library
 
 
 class Listing(StrEnum):
@@ -62,7 +65,6 @@ def show_lifecycle(
     target: Annotated[bool, typer.Option("--target", help="The phases of a target instead.")] = False,
 ) -> None:
     """Print the statechart of a session, or of a target: the table that is also the code."""
-    from phyagentos.protocol.sessions.lifecycle import SESSION_TRANSITIONS, render_mermaid
     from phyagentos.runtime.supervision.target_phase import PHASE_TRANSITIONS, render_phases
 
     if mermaid:
@@ -92,7 +94,6 @@ def show_tree(
 
 
 def _find_names(kind: Listing) -> list[str]:
-    from phyagentos.protocol.capabilities.library import Library
 
     library = Library.open(Path.cwd())
     match kind:
@@ -103,8 +104,6 @@ def _find_names(kind: Listing) -> list[str]:
 
             return build_registry(library).names()
         case Listing.PREDICATES:
-            from phyagentos.protocol.world.predicates.library import get_predicate_library
-
             known = get_predicate_library()
             return [definition.signature for name in known.names() if (definition := known.find(name))]
         case Listing.SCENES:

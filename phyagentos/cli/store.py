@@ -6,9 +6,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import typer
 
 from phyagentos.cli.outcome import ExitCode, print_note, print_result
+from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal, choose_partition
+from phyagentos.store.segments import SystemIO
 
 if TYPE_CHECKING:
     from phyagentos.store.repair import Repair
@@ -25,7 +32,6 @@ Json = Annotated[bool, typer.Option("--json", help="As one JSON object.")]
 
 def check(workspace: Space, partition: Partition = None, as_json: Json = False) -> int:
     """Read every byte, archive included, and report every problem; changes nothing. Exit code 1 with damage."""
-    from phyagentos.clock import SystemClock
     from phyagentos.store.inspection import inspect_partition
 
     folder = _find_partition(workspace, partition)
@@ -54,11 +60,7 @@ def repair(
     as_json: Json = False,
 ) -> int:
     """Cut a torn end; mend damage where --accept-loss is given. Damaged files are kept beside. See docs/journal.md."""
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.sessions.lifecycle import Side
-    from phyagentos.store.journal import Journal
     from phyagentos.store.repair import repair_partition
-    from phyagentos.store.segments import SystemIO
 
     folder = _find_partition(workspace, partition)
     done = repair_partition(folder, accept_loss=accept_loss, by=_BY, clock=SystemClock(), file_io=SystemIO())
@@ -81,9 +83,7 @@ def repair(
 
 def compact(workspace: Space, partition: Partition = None, as_json: Json = False) -> None:
     """Seal and archive every segment that nothing alive needs, and write a fresh checkpoint."""
-    from phyagentos.clock import SystemClock
     from phyagentos.store.compaction import compact_partition
-    from phyagentos.store.segments import SystemIO
 
     folder = _find_partition(workspace, partition)
     done = compact_partition(folder, by=_BY, clock=SystemClock(), file_io=SystemIO())
@@ -102,9 +102,6 @@ def stats(
     as_json: Json = False,
 ) -> int:
     """Count what the journal holds; `sha256` is the same for every reader in any language."""
-    import msgspec
-
-    from phyagentos.clock import SystemClock
     from phyagentos.store.statistics import compute_statistics, measure_sync
 
     folder = _find_partition(workspace, partition)
@@ -123,20 +120,12 @@ def stats(
 
 
 def _find_partition(workspace: Path, partition: str | None) -> Path:
-    from phyagentos.errors import DefinitionError, Problem
-    from phyagentos.protocol.workspace.workspace import Workspace
-    from phyagentos.store.journal import choose_partition
 
     sessions = Workspace.open(workspace).sessions
     folder = sessions / (partition or choose_partition(sessions))
     if not folder.is_dir():
-        problem = Problem(
-            code="NO_JOURNAL",
-            address=str(folder),
-            found="no such folder",
-            expected="a partition of the journal, which the first run makes",
-        )
-        raise DefinitionError(problem)
+        expected = "a partition of the journal, which the first run makes"
+        raise DefinitionError.of("NO_JOURNAL", str(folder), "no such folder", expected)
     return folder
 
 

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 
 from phyagentos.cli.arguments import find_project
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
 from phyagentos.protocol.documents.markdown import escape_label
@@ -80,9 +80,7 @@ def _draw_node(node: Node, tree: Tree, library: Library, inside: tuple[str, ...]
     if node.kind is NodeKind.SUBTREE:
         if node.type in inside:
             way = " -> ".join((*inside, node.type))
-            raise DefinitionError(
-                Problem(code="CYCLE", address=tree.located.address_of(node.address), found=way, hint="Break the cycle.")
-            )
+            raise DefinitionError.of("CYCLE", tree.located.address_of(node.address), way, hint="Break the cycle.")
         below = _draw_tree(read_tree(library.get_tree(node.type)), library, (*inside, node.type))
         return Drawing(kind="subtree", name=node.name, ports=ports, children=below.children)
     children = tuple(_draw_node(child, tree, library, inside) for child in node.children)

@@ -4,16 +4,22 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
+from phyagentos.cli.explaining import get_session
 from phyagentos.cli.outcome import ExitCode, print_result
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.settings.verification import JudgeName
 from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Journal
 
 if TYPE_CHECKING:
     from phyagentos.agent.judging.verifier import SessionVerifier
-    from phyagentos.protocol.sessions.session import SessionStatus
-    from phyagentos.protocol.workspace.workspace import Workspace
 
 
 def verify(
@@ -35,17 +41,9 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="The judgement as JSON on stdout.")] = False,
 ) -> int:
     """Add a judgement to a session that has its verdict; erases none and changes no state."""
-    import msgspec
-
     from phyagentos.agent.judging.review import review_session
     from phyagentos.assembly.verification import build_verifier
-    from phyagentos.cli.explaining import get_session
     from phyagentos.cli.history import read_ledger
-    from phyagentos.clock import SystemClock
-    from phyagentos.protocol.sessions.lifecycle import Side
-    from phyagentos.protocol.sessions.verdicts import Verdict
-    from phyagentos.protocol.workspace.workspace import Workspace
-    from phyagentos.store.journal import Journal
 
     place, clock = Workspace.open(workspace), SystemClock()
     names = None if with_ is None else tuple(filter(None, map(str.strip, with_.split(",")))) or (with_,)
@@ -68,11 +66,9 @@ def verify(
 
 
 def _verify_from_frames(
-    workspace: "Workspace", status: "SessionStatus", verifier: "SessionVerifier", *, as_json: bool
+    workspace: Workspace, status: SessionStatus, verifier: "SessionVerifier", *, as_json: bool
 ) -> int:
     """Exit code 0 where what is perceived and judged again is equal to what was recorded."""
-    import msgspec
-
     from phyagentos.agent.judging.from_frames import judge_again
     from phyagentos.agent.judging.goal_judgement import Evidence
     from phyagentos.assembly.from_frames import perceive_again

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, PhyAgentOSError, format_hint, format_names
 from phyagentos.protocol.sessions.lifecycle import (
     FINAL_STATES,
     REVIEW,
@@ -231,9 +231,7 @@ class Admission:
     def _check_contract(self, entry: Entry, side: Side) -> Session:
         session = _convert(entry, Session)
         if session.id != entry.id:
-            raise DefinitionError(
-                Problem(code="NAME_MISMATCH", address=f"session {entry.id}", found=session.id, expected=entry.id)
-            )
+            raise DefinitionError.of("NAME_MISMATCH", f"session {entry.id}", session.id, entry.id)
         if side is Side.OPERATOR and self._find(GOAL_PREFIX + session.goal) is not None:
             raise IllegalEvent(entry.id, entry.ev, f"the sessions of goal {session.goal!r} belong to the agent")
         return session
@@ -278,13 +276,8 @@ def _convert(entry: Entry, kind: type[_StructT]) -> _StructT:
     try:
         return msgspec.convert(entry.body or {}, kind)
     except msgspec.ValidationError as error:
-        raise DefinitionError(
-            Problem(
-                code="INVALID_CONTRACT",
-                address=f"session {entry.id}",
-                found=str(error),
-                expected=f"{kind.__name__} as a mapping (msgspec.to_builtins)",
-            )
+        raise DefinitionError.of(
+            "INVALID_CONTRACT", f"session {entry.id}", str(error), f"{kind.__name__} as a mapping (msgspec.to_builtins)"
         ) from error
 
 
@@ -293,25 +286,14 @@ def _check_review(entry: Entry) -> None:
     attempt = (entry.body or {}).get("attempt")
     is_review = attempt.get("is_review") if isinstance(attempt, dict) else getattr(attempt, "is_review", False)
     if not is_review:
-        raise DefinitionError(
-            Problem(
-                code="INVALID_CONTRACT",
-                address=f"session {entry.id}: {REVIEW}",
-                found="no attempt with is_review",
-                expected="a judgement marked as added after the verdict",
-            )
-        )
+        found = "no attempt with is_review"
+        expected = "a judgement marked as added after the verdict"
+        raise DefinitionError.of("INVALID_CONTRACT", f"session {entry.id}: {REVIEW}", found, expected)
 
 
 def _check_amendment(entry: Entry) -> None:
     for name in _convert(entry, Amendment).limits:
         if name not in Limits.__struct_fields__:
-            raise DefinitionError(
-                Problem(
-                    code="INVALID_CONTRACT",
-                    address=f"session {entry.id}: limits",
-                    found=repr(name),
-                    expected=format_names(Limits.__struct_fields__),
-                    hint=format_hint(name, Limits.__struct_fields__),
-                )
+            raise DefinitionError.unknown(
+                "INVALID_CONTRACT", f"session {entry.id}: limits", name, Limits.__struct_fields__
             )

@@ -27,14 +27,7 @@ from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.store.follower import Follower, Position
 from phyagentos.store.ledger import GoalImage, Image, Ledger, SessionImage
 from phyagentos.store.records import Tail
-from phyagentos.store.segments import (
-    FileIO,
-    damage,
-    open_segment,
-    read_front,
-    sync_folder,
-    write_file,
-)
+from phyagentos.store.segments import FileIO, damage, open_segment, read_front, sync_folder, write_file
 
 NAME = "checkpoint.md"
 _TEMPORARY = ".checkpoint.tmp"
@@ -196,13 +189,10 @@ def _is_finite(value: Any) -> bool:
 
 def _read_tail_crc(folder: Path, position: Position) -> int:
     """CRC of the bytes before a position; raises OSError or ExecutionError where another segment stands."""
-    fd = open_segment(folder, position.segment)
-    try:
-        front = read_front(folder / f"{position.segment}.md", os.pread(fd, _TAIL_BYTES, 0))
+    with os.fdopen(open_segment(folder, position.segment), "rb") as file:
+        front = read_front(folder / f"{position.segment}.md", os.pread(file.fileno(), _TAIL_BYTES, 0))
         begin = max(0, position.offset - _TAIL_BYTES)
-        tail = os.pread(fd, position.offset - begin, begin)
-    finally:
-        os.close(fd)
+        tail = os.pread(file.fileno(), position.offset - begin, begin)
     if front.first_seq != position.first_seq or len(tail) != position.offset - begin:
         raise FileNotFoundError(f"segment {position.segment} does not hold record {position.seq}")
     return zlib.crc32(tail)

@@ -55,11 +55,8 @@ def keep_still(folder: Path) -> Iterator[PartitionLock]:
     lock = PartitionLock(folder)
     try:
         fcntl.flock(maintenance, fcntl.LOCK_EX)  # held for milliseconds, by one who waits for no other lock
-        lock.acquire()
-        try:
+        with lock.held():
             yield lock
-        finally:
-            lock.release()
     finally:
         lock.close()
         os.close(maintenance)
@@ -72,7 +69,8 @@ def _compact(folder: Path, lock: PartitionLock, today: str, file_io: FileIO) -> 
             ledger.apply(record)
         if follower.tail is not Tail.CLEAN or follower.position is None:
             raise follower.describe_damage()
-        _sync(follower.path, file_io)
+        with follower.path.open("rb") as file:
+            file_io.fsync(file.fileno())
         sealed = None
         horizon_seq = ledger.find_horizon()
         if follower.first_seq <= follower.seq < horizon_seq:
@@ -92,8 +90,3 @@ def _seal(folder: Path, follower: Follower, lock: PartitionLock, today: str, fil
     create_segment(folder, front, file_io, durable=True)
     sync_folder(folder, file_io)
     follower.advance()
-
-
-def _sync(path: Path, file_io: FileIO) -> None:
-    with path.open("rb") as file:
-        file_io.fsync(file.fileno())

@@ -114,11 +114,8 @@ class Histories:
         return fold(self.find(id)).sessions.get(id)
 
     def _read(self, place: RecordPosition, id: str) -> Record:
-        fd = open_segment(self._folder, place.segment)
-        try:
-            data = os.pread(fd, place.length, place.offset)
-        finally:
-            os.close(fd)
+        with os.fdopen(open_segment(self._folder, place.segment), "rb") as file:
+            data = os.pread(file.fileno(), place.length, place.offset)
         found = read_record(data, 0)
         if found is None or found[0].id != id:
             path = locate(self._folder, place.segment)

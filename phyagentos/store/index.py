@@ -139,13 +139,9 @@ class HistoryIndex:
         if row is None:
             return None
         last = _Segment(*row)
-        with contextlib.suppress(FileNotFoundError):
-            fd = open_segment(self._folder, last.name)
-            try:
-                if os.fstat(fd).st_size == last.bytes:
-                    return last
-            finally:
-                os.close(fd)
+        with contextlib.suppress(FileNotFoundError), os.fdopen(open_segment(self._folder, last.name), "rb") as file:
+            if os.fstat(file.fileno()).st_size == last.bytes:
+                return last
         connection.execute("DELETE FROM segment")
         connection.execute("DELETE FROM place")
         return None

@@ -17,7 +17,7 @@ is harmless, or when a durable one follows before any process acts on it. A sess
 
 import contextlib
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from phyagentos.clock import Clock
@@ -26,12 +26,7 @@ from phyagentos.protocol.documents.body_codec import prepare_body, render_body
 from phyagentos.protocol.sessions.lifecycle import Fenced, Side
 from phyagentos.store.admission import Entry, IllegalEvent
 from phyagentos.store.admission_cache import AdmissionCache, NotCached
-from phyagentos.store.checkpoint import (
-    find_checkpoint,
-    find_seen_seq,
-    refuse_missing_end,
-    start_reading,
-)
+from phyagentos.store.checkpoint import find_checkpoint, find_seen_seq, refuse_missing_end, start_reading
 from phyagentos.store.consumer_offset import ConsumerOffset
 from phyagentos.store.follower import Follower
 from phyagentos.store.ledger import Ledger
@@ -101,7 +96,7 @@ class Journal:
         self._reading = ConsumerOffset(self.folder)
         self._maintenance = Maintenance(self.folder, clock, io, durable=durable)
         try:
-            with self._mutex, self._locked():
+            with self._mutex, self._lock.held():
                 self._catch_up()
         except BaseException:
             self._let_go()
@@ -146,7 +141,7 @@ class Journal:
             self._writer.refuse_if_failed()
             while True:
                 try:
-                    with self._locked():
+                    with self._lock.held():
                         self._catch_up()
                         at = self._clock.wall_iso()
                         self._rotate_if_due(at[:10])
@@ -216,14 +211,6 @@ class Journal:
     def _let_go(self) -> None:
         for each in (self._writer, self._follower, self._reading, self._cache, self._lock):
             each.close()
-
-    @contextlib.contextmanager
-    def _locked(self) -> Iterator[None]:
-        self._lock.acquire()
-        try:
-            yield
-        finally:
-            self._lock.release()
 
     def _note(self, records: Sequence[Record]) -> None:
         if records:

@@ -109,11 +109,8 @@ class Maintenance:
     def _make_durable(self, position: Position) -> None:
         """A checkpoint may never be ahead of what the disk holds."""
         if self._durable:
-            fd = open_segment(self._folder, position.segment)
-            try:
-                sync_file(fd, self._io.fdatasync)
-            finally:
-                os.close(fd)
+            with os.fdopen(open_segment(self._folder, position.segment), "rb") as file:
+                sync_file(file.fileno(), self._io.fdatasync)
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:

@@ -62,6 +62,15 @@ class PartitionLock:
             self.release()
             raise describe_move(self._path)
 
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold the lock while the block runs; raises as `acquire`."""
+        self.acquire()
+        try:
+            yield
+        finally:
+            self.release()
+
     def release(self) -> None:
         """Let the next writer in."""
         fcntl.flock(self._fd, fcntl.LOCK_UN)

@@ -14,7 +14,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.body_codec import parse_body
 from phyagentos.protocol.sessions.session import Session
 
@@ -106,15 +106,10 @@ def encode_record(record: Record) -> bytes:
     """The record as it stands in a segment; raises DefinitionError `RECORD_TOO_LARGE`."""
     payload = f"- {_encode_line(record)}\n{record.markdown}\n".encode()
     if len(payload) > MAX_PAYLOAD_BYTES:
-        raise DefinitionError(
-            Problem(
-                code="RECORD_TOO_LARGE",
-                address=f"{record.id}: {record.ev}",
-                found=f"{len(payload)} bytes",
-                expected=f"at most {MAX_PAYLOAD_BYTES}",
-                hint="Put large values into a file of the evidence folder and name it here.",
-            )
-        )
+        found = f"{len(payload)} bytes"
+        expected = f"at most {MAX_PAYLOAD_BYTES}"
+        hint = "Put large values into a file of the evidence folder and name it here."
+        raise DefinitionError.of("RECORD_TOO_LARGE", f"{record.id}: {record.ev}", found, expected, hint)
     return frame_payload(record.seq, payload)
 
 

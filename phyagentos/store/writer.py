@@ -13,14 +13,7 @@ from typing import Any
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
 from phyagentos.store.partition_lock import PartitionLock
-from phyagentos.store.segments import (
-    FileIO,
-    Front,
-    SyncFailedError,
-    create_segment,
-    sync_folder,
-    write_all,
-)
+from phyagentos.store.segments import FileIO, Front, SyncFailedError, create_segment, sync_folder, write_all
 
 
 class SegmentWriter:

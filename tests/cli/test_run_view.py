@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from rich.console import Console
 
@@ -17,7 +18,7 @@ from phyagentos.cli.console import RunConsole, build_progress_table
 from phyagentos.cli.mission_run import Interrupts, ask_for_end, choose_workspace, follow_run, mute_if_gone, raise_for
 from phyagentos.cli.outcome import Exit, ExitCode
 from phyagentos.cli.progress import compute_depth
-from phyagentos.cli.report import build_report, compute_exit_code, print_report, render_json
+from phyagentos.cli.report import build_report, compute_exit_code, print_report
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -83,7 +84,7 @@ def test_the_report_is_one_json_value_with_every_judgement(replanned):
     replanned.end("success")
     code = compute_exit_code(replanned.fold)
     report = build_report(replanned.fold, workspace=replanned.workspace.root, wall_s=2.0, exit_code=code)
-    data = json.loads(render_json(report))
+    data = json.loads(msgspec.json.encode(report))
     assert (data["exit_code"], data["goal"]["verdict"]) == (0, "success")
     assert [session["id"] for session in data["goal"]["sessions"]] == [f"{GOAL}.red", f"{GOAL}.red.r1"]
     assert data["goal"]["sessions"][0]["criteria"][0]["measured"] == {"distance_m": 0.31}

@@ -184,7 +184,7 @@ def test_a_lock_that_stays_taken_names_its_holder(open_journal, submit, monkeypa
     monkeypatch.setattr("phyagentos.store.partition_lock._TRIES", 3)
 
     with (
-        one._locked(),
+        one._lock.held(),
         pytest.raises(ExecutionError, match=rf"JOURNAL_LOCKED: .*held for .* by process {os.getpid()} "),
     ):
         two.commit([submit("s")])

@@ -179,10 +179,10 @@ class _Resolver:
 def _check_resolved(parameters: Mapping[str, Any], goal: GoalId, node: str) -> None:
     problems = [
         Problem(
-            code="OUTPUT_MISSING",
-            address=f"{goal}.{node}: {'.'.join(map(str, path))}",
-            found=f"no value for {reference}",
-            expected="an output that the session before left",
+            "OUTPUT_MISSING",
+            f"{goal}.{node}: {'.'.join(map(str, path))}",
+            f"no value for {reference}",
+            "an output that the session before left",
         )
         for path, text in iter_strings(parameters)
         for reference in REFERENCE.findall(text)

@@ -8,15 +8,7 @@ import networkx as nx
 
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.sessions.tasks import (
-    PAST,
-    GoalStatus,
-    NodeState,
-    NodeStatus,
-    Relation,
-    Replan,
-    get_step_name,
-)
+from phyagentos.protocol.sessions.tasks import PAST, GoalStatus, NodeState, NodeStatus, Relation, Replan, get_step_name
 
 
 class GoalDag:

@@ -135,16 +135,12 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
         for parent in parents:
             inner = place.get(parent)
             if inner is not None and not isinstance(inner, dict):
-                raise DefinitionError(
-                    Problem(code="INVALID_OVERRIDE", address=dotted, found=f"{parent!r} is no mapping")
-                )
+                raise DefinitionError.of("INVALID_OVERRIDE", dotted, f"{parent!r} is no mapping")
             place[parent] = dict(inner or {})
             place = place[parent]
         if parents == ["targets"] and key not in place:  # a role that no node names binds nothing
             roles = [str(role) for role in place]
             expected, hint = format_names(roles), format_hint(key, roles)
-            raise DefinitionError(
-                Problem(code="INVALID_OVERRIDE", address=dotted, found=repr(key), expected=expected, hint=hint)
-            )
+            raise DefinitionError.of("INVALID_OVERRIDE", dotted, repr(key), expected, hint)
         place[key] = parse_yaml(text, f"--set {dotted}").data
     return Located(data=data, source=located.source, marks=located.marks)

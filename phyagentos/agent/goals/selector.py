@@ -227,15 +227,7 @@ def _describe_nothing(
 ) -> Problem:
     if isinstance(skill, str) and skill not in catalogue.skills:
         names = list(catalogue.skills)
-        return Problem(
-            code="UNKNOWN_SKILL",
-            address=address,
-            found=repr(skill),
-            expected=format_names(names),
-            hint=format_hint(skill, names),
-        )
+        return Problem("UNKNOWN_SKILL", address, repr(skill), format_names(names), format_hint(skill, names))
     wanted = f"skill {skill!r}" if isinstance(skill, str) else f"a skill that guarantees {skill.guarantees!r}"
     reasons = "; ".join(f"{name}: {why}" for name, why in rejected.items()) or "there is none"
-    return Problem(
-        code="NO_CANDIDATE", address=address, found=f"{wanted} on target {target!r}", hint=f"Rejected: {reasons}."
-    )
+    return Problem("NO_CANDIDATE", address, f"{wanted} on target {target!r}", hint=f"Rejected: {reasons}.")

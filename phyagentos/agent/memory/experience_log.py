@@ -5,6 +5,7 @@ lifecycle does not judge its records, hence it is not the journal itself.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -80,14 +81,11 @@ class ExperienceLog:
             raise FileNotFoundError(f"{self.folder}: not the records that were read before")
         if not self.folder.is_dir():
             return [], None
-        follower = Follower(self.folder, place.position if place else None)
-        try:
+        with closing(Follower(self.folder, place.position if place else None)) as follower:
             records = follower.read_new()
             self._known = follower.position
             known = LogPosition(self._known, self._read_mark(self._known)) if self._known else None
             return list(_iter_events(records)), known
-        finally:
-            follower.close()
 
     def _read_mark(self, position: Position) -> str:
         """Raises FileNotFoundError without such a segment."""
@@ -108,12 +106,9 @@ class ExperienceLog:
         writer = SegmentWriter(self.folder, lock, SystemIO(), durable=self._durable)
         follower = Follower(self.folder, self._known)
         try:
-            lock.acquire()
-            try:
+            with lock.held():
                 records = self._write(events, writer, follower)
                 self._known = follower.position
-            finally:
-                lock.release()
             if self._durable:
                 writer.sync(records[-1].seq, follower)
         finally:

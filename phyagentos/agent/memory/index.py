@@ -99,8 +99,7 @@ def _write_lessons(
         changed = {*changed, *(known - corrections.keys()), *(corrections.keys() - known)}
         cursor.executemany("DELETE FROM lesson WHERE id = ?", [(id,) for id in changed])
     cursor.executemany(
-        "INSERT INTO lesson VALUES (?, ?, ?, ?)",
-        [_to_row(corrections[id]) for id in changed if id in corrections],
+        "INSERT INTO lesson VALUES (?, ?, ?, ?)", [_to_row(corrections[id]) for id in changed if id in corrections]
     )
 
 

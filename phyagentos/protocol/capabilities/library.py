@@ -11,7 +11,7 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError
 
 ENTRY_POINT_GROUP = "phyagentos.libraries"
 
@@ -90,15 +90,8 @@ class Library:
             if os.path.isfile(path):  # noqa: PTH113 - for every session, several times
                 return path
         known = list_names()
-        raise DefinitionError(
-            Problem(
-                code=f"UNKNOWN_{what.upper().replace(' ', '_')}",
-                address=", ".join(str(root) for root in self.roots),
-                found=repr(name),
-                expected=format_names(known),
-                hint=format_hint(name, known),
-            )
-        )
+        code = f"UNKNOWN_{what.upper().replace(' ', '_')}"
+        raise DefinitionError.unknown(code, ", ".join(map(str, self.roots)), name, known)
 
 
 @lru_cache(maxsize=1024)

@@ -105,11 +105,8 @@ def read_target(path: Path) -> TargetProfile:
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
     if profile.target != path.parent.name:
-        raise DefinitionError(
-            located.problem(
-                "NAME_MISMATCH", ("target",), repr(profile.target), f"the folder's name {path.parent.name!r}"
-            )
-        )
+        expected = f"the folder's name {path.parent.name!r}"
+        raise DefinitionError(located.problem("NAME_MISMATCH", ("target",), repr(profile.target), expected))
     return profile
 
 
@@ -128,9 +125,7 @@ def _read(path: Path, format: DocumentFormat[_BlockT]) -> dict[str, _BlockT]:
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise DefinitionError(
-            Problem(code="UNREADABLE_FILE", address=str(path), found=str(error), hint="Is this a workspace?")
-        ) from error
+        raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error), hint="Is this a workspace?") from error
     return read_document(text, format, str(path)).blocks
 
 

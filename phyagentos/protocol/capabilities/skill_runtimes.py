@@ -174,13 +174,7 @@ def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
 
 def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:
     """The problem of a name that no SKILL.md carries."""
-    return Problem(
-        code="UNKNOWN_SKILL",
-        address=address,
-        found=repr(name),
-        expected=format_names(known),
-        hint=format_hint(name, known),
-    )
+    return Problem("UNKNOWN_SKILL", address, repr(name), format_names(known), format_hint(name, known))
 
 
 def find_mismatch(parameter: Parameter, value: Any) -> str:

@@ -159,10 +159,10 @@ def find_unshared(profiles: Collection[TargetProfile]) -> list[Problem]:
     sizes = Counter(each.world for each in profiles if each.world)
     return [
         Problem(
-            code="WORLD_NOT_SHARED",
-            address=f"{each.target}/target.yaml: world",
-            found=f"driver {driver!r} of {each.target!r} in the shared world {each.world!r}",
-            expected=f"the driver {SHARING!r}, or a world of its own",
+            "WORLD_NOT_SHARED",
+            f"{each.target}/target.yaml: world",
+            f"driver {driver!r} of {each.target!r} in the shared world {each.world!r}",
+            f"the driver {SHARING!r}, or a world of its own",
         )
         for each in profiles
         if sizes[each.world] > 1 and (driver := find_driver_name(each)) != SHARING

@@ -106,7 +106,7 @@ def read_document(
         problems += error.problems
     found, unclosed = _scan(text)
     if unclosed:
-        problems.append(Problem(code="UNCLOSED_FENCE", address=f"{source}:{unclosed}:1", expected="a line '```' below"))
+        problems.append(Problem("UNCLOSED_FENCE", f"{source}:{unclosed}:1", expected="a line '```' below"))
     for block in found:
         if block.name in passed_over:
             continue
@@ -159,14 +159,8 @@ def split_front_matter(text: str, source: str) -> tuple[str, int]:
     """The YAML between the first two `---` lines, and the line it begins on; raises DefinitionError without any."""
     match = _FRONT.match(text)
     if match is None:
-        raise DefinitionError(
-            Problem(
-                code="FRONT_MATTER_MISSING",
-                address=f"{source}:1:1",
-                found=repr(text.split("\n", 1)[0][:40]),
-                expected="a first line '---', YAML, and a line '---'",
-            )
-        )
+        expected = "a first line '---', YAML, and a line '---'"
+        raise DefinitionError.of("FRONT_MATTER_MISSING", f"{source}:1:1", repr(text.split("\n", 1)[0][:40]), expected)
     return match[1], 2
 
 
@@ -219,11 +213,8 @@ def _read_block(block: Block, format: DocumentFormat[BlockT], source: str) -> Bl
     if format.key:
         name = attrgetter(format.key)(value)
         if name != block.name:
-            raise DefinitionError(
-                located.problem(
-                    "NAME_MISMATCH", tuple(format.key.split(".")), repr(name), f"its heading {block.name!r}"
-                )
-            )
+            address = tuple(format.key.split("."))
+            raise DefinitionError(located.problem("NAME_MISMATCH", address, repr(name), f"its heading {block.name!r}"))
     return value
 
 
@@ -247,4 +238,4 @@ def _build_block_schema(kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _problem(source: str, block: Block, code: str, found: str, expected: str, hint: str = "") -> Problem:
-    return Problem(code=code, address=f"{source}:{block.line}:1", found=found, expected=expected, hint=hint)
+    return Problem(code, f"{source}:{block.line}:1", found, expected, hint)

@@ -82,10 +82,10 @@ def _read_lines(text: str, source: str) -> tuple[list[LogLine], list[Problem]]:
             else:
                 problems.append(
                     Problem(
-                        code="INVALID_LINE",
-                        address=f"{source}:{number}:1",
-                        found=repr(line[:40]),
-                        expected="'- hh:mm:ss **about** (by) text' or '## yyyy-mm-dd'",
+                        "INVALID_LINE",
+                        f"{source}:{number}:1",
+                        repr(line[:40]),
+                        "'- hh:mm:ss **about** (by) text' or '## yyyy-mm-dd'",
                     )
                 )
     return lines, problems

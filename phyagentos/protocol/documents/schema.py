@@ -47,7 +47,7 @@ class Located:
 
     def problem(self, code: str, path: Address, found: str = "", expected: str = "", hint: str = "") -> Problem:
         """A `Problem` at this place."""
-        return Problem(code=code, address=self.address_of(path), found=found, expected=expected, hint=hint)
+        return Problem(code, self.address_of(path), found, expected, hint)
 
 
 def read_text(path: Path) -> str:
@@ -55,10 +55,8 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise DefinitionError(
-            Problem(
-                code="UNREADABLE_FILE", address=str(path), found=str(error), hint="Check the path and its encoding."
-            )
+        raise DefinitionError.of(
+            "UNREADABLE_FILE", str(path), str(error), hint="Check the path and its encoding."
         ) from error
 
 
@@ -93,7 +91,7 @@ def parse_yaml(text: str, source: str, first_line: int = 1) -> Located:
         mark = getattr(error, "problem_mark", None)
         place = f"{source}:{mark.line + 1 + offset}:{mark.column + 1}" if mark else source
         detail = getattr(error, "problem", None) or str(error)
-        raise DefinitionError(Problem(code="YAML_SYNTAX", address=place, found=str(detail))) from error
+        raise DefinitionError.of("YAML_SYNTAX", place, str(detail)) from error
     if problems:
         raise DefinitionError(problems)
     return Located(data=data, source=source, marks=marks)
@@ -155,9 +153,7 @@ def _collect_marks(
                 continue  # refused when it is constructed
             line, column = key.start_mark.line + 1 + offset, key.start_mark.column + 1
             if key.value in seen:
-                problems.append(
-                    Problem(code="DUPLICATE_KEY", address=f"{source}:{line}:{column}", found=repr(key.value))
-                )
+                problems.append(Problem("DUPLICATE_KEY", f"{source}:{line}:{column}", repr(key.value)))
             seen.add(key.value)
             marks[(*path, key.value)] = (line, column)
             _collect_marks(child, (*path, key.value), source, offset, marks, problems)

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_text import clean
 
 LATCH = "estop.json"
@@ -98,12 +98,10 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
         DefinitionError: `REASON_MISSING`; `NOT_LATCHED`.
     """
     if not reason.strip():
-        raise DefinitionError(
-            Problem(code="REASON_MISSING", address="reset", found="no reason", expected="why it is safe to move again")
-        )
+        raise DefinitionError.of("REASON_MISSING", "reset", "no reason", "why it is safe to move again")
     held = read_latch(signals)
     if held is None:
-        raise DefinitionError(Problem(code="NOT_LATCHED", address=str(signals), found="no latched emergency stop"))
+        raise DefinitionError.of("NOT_LATCHED", str(signals), "no latched emergency stop")
     at = clock.wall_iso()
     kept = signals / _KEPT.format(stamp=at.replace(":", "").replace(".", ""))
     temporary = signals / f".{LATCH}.{os.getpid()}.tmp"

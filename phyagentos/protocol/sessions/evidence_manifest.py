@@ -167,15 +167,15 @@ def check_bundle(folder: Path) -> list[Problem]:
     try:
         manifest = read_manifest(folder)
     except ExecutionError as error:
-        return [Problem(code=error.code, address=str(folder / MANIFEST), found=str(error), expected="a manifest")]
+        return [Problem(error.code, str(folder / MANIFEST), str(error), "a manifest")]
     if manifest is None:
         hint = "Its hashes were never recorded; `paos evidence prune` records them as they are now."
-        return [Problem(code="UNSEALED", address=str(folder), found="no manifest.json", hint=hint)]
+        return [Problem("UNSEALED", str(folder), "no manifest.json", hint=hint)]
     found = {entry.name: Path(entry.path) for entry in _iter_files(folder)}
     expected = manifest.gone | manifest.files  # a clean-up that was interrupted may have left what it had listed
     problems = [_missing(folder, name, record) for name, record in manifest.files.items() if name not in found]
     problems += [
-        Problem(code="UNLISTED", address=str(path), found="a file that the manifest does not name")
+        Problem("UNLISTED", str(path), "a file that the manifest does not name")
         for name, path in found.items()
         if name not in expected
     ]
@@ -254,15 +254,13 @@ def _check(path: Path, expected: FileRecord) -> Problem | None:
     found = hashlib.sha256(path.read_bytes()).hexdigest()
     if found == expected.sha256:
         return None
-    return Problem(code="MISMATCH", address=str(path), found=f"sha256 {found}", expected=expected.sha256)
+    return Problem("MISMATCH", str(path), f"sha256 {found}", expected.sha256)
 
 
 def _missing(folder: Path, name: str, record: FileRecord) -> Problem:
     shared = folder.parent / OBJECTS / get_object_name(name, record.sha256)
     hint = f"The same bytes are in {shared}." if shared.exists() else ""
-    return Problem(
-        code="MISSING", address=str(folder / name), found="no such file", expected=f"sha256 {record.sha256}", hint=hint
-    )
+    return Problem("MISSING", str(folder / name), "no such file", f"sha256 {record.sha256}", hint)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -191,16 +191,11 @@ def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collec
         try:
             looks.append(read_stored_look(folder / name))
         except ExecutionError as error:
-            problems.append(Problem(code=error.code, address=str(folder / name), found=str(error)))
+            problems.append(Problem(error.code, str(folder / name), str(error)))
     if not entries or problems or any(entry.file in gone for entry in entries):
         return problems
     return [
-        Problem(
-            code="POINTER_BROKEN",
-            address=f"{folder}: {entity.name}",
-            found=pointer,
-            expected="pixels that a look of this bundle holds",
-        )
+        Problem("POINTER_BROKEN", f"{folder}: {entity.name}", pointer, "pixels that a look of this bundle holds")
         for world in worlds
         for entity in world.entities.values()
         for pointer in entity.evidence

@@ -27,7 +27,7 @@ def check_goal_id(id: str, address: str) -> GoalId:
     """The id of a goal, which names files and folders; raises DefinitionError `INVALID_NAME` at `address`."""
     if _GOAL_ID.fullmatch(id) is None:
         expected = f"letters, digits, '.', '_', '-', the first a letter or digit, at most {GOAL_ID_MAX}"
-        raise DefinitionError(Problem(code="INVALID_NAME", address=address, found=repr(id), expected=expected))
+        raise DefinitionError.of("INVALID_NAME", address, repr(id), expected)
     return GoalId(id)
 
 

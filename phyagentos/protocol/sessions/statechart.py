@@ -40,10 +40,7 @@ class Statechart:
     """
 
     def __init__(
-        self,
-        states: type[StrEnum],
-        rows: Sequence[Row],
-        find_condition: Callable[[Row], Condition | None],
+        self, states: type[StrEnum], rows: Sequence[Row], find_condition: Callable[[Row], Condition | None]
     ) -> None:
         # late: a process that only reads records needs no machine
         from transitions import EventData, Machine, MachineError, Transition

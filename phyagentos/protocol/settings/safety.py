@@ -170,13 +170,7 @@ def as_numbers(limit: Limit) -> tuple[float, ...]:
 def get_target_limits(safety: Safety, target: str, source: str) -> TargetLimits:
     """The limits of one target; raises DefinitionError `LIMITS_MISSING`: nothing moves without limits."""
     if target not in safety.targets:
-        raise DefinitionError(
-            Problem(
-                code="LIMITS_MISSING",
-                address=source,
-                found=f"no limits for target {target!r}",
-                expected=format_names(safety.targets),
-                hint=f"Add targets.{target} with a source for each limit.",
-            )
-        )
+        found = f"no limits for target {target!r}"
+        hint = f"Add targets.{target} with a source for each limit."
+        raise DefinitionError.of("LIMITS_MISSING", source, found, format_names(safety.targets), hint)
     return safety.targets[target]

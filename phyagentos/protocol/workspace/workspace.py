@@ -11,7 +11,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import render_skill_registry, render_target_registry
 from phyagentos.protocol.documents.markdown import publish
@@ -138,15 +138,8 @@ class Workspace:
 
 
 def _not_a_workspace(root: Path, found: str) -> DefinitionError:
-    return DefinitionError(
-        Problem(
-            code="NOT_A_WORKSPACE",
-            address=str(root),
-            found=found,
-            expected=f"a workspace (a folder with {MARKER}), or an empty folder to make one in",
-            hint="Name another folder with --workspace.",
-        )
-    )
+    expected = f"a workspace (a folder with {MARKER}), or an empty folder to make one in"
+    return DefinitionError.of("NOT_A_WORKSPACE", str(root), found, expected, "Name another folder with --workspace.")
 
 
 def _copy_library(library: Library, destination: Path) -> None:

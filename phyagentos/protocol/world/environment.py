@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this vocabulary
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
@@ -350,12 +350,10 @@ def read_environment(text: str, source: str = "") -> Snapshot:
     """Read ENVIRONMENT.md; raises DefinitionError: every problem at file:line:column, `NOTHING_OBSERVED` when empty."""
     blocks = read_document(text, ENVIRONMENT, source).blocks
     if "Snapshot" not in blocks:
-        raise DefinitionError(
-            Problem(
-                code="NOTHING_OBSERVED",
-                address=f"{source or ENVIRONMENT.file}:1:1",
-                found="no block of YAML below '## Snapshot'",
-                hint="The worker of a target writes one at the end of its first session.",
-            )
+        raise DefinitionError.of(
+            "NOTHING_OBSERVED",
+            f"{source or ENVIRONMENT.file}:1:1",
+            "no block of YAML below '## Snapshot'",
+            hint="The worker of a target writes one at the end of its first session.",
         )
     return blocks["Snapshot"]

@@ -9,7 +9,7 @@ import operator
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Tree
 from phyagentos.runtime.execution.leaf import Leaf, Role
@@ -33,17 +33,12 @@ class LeafRegistry:
         """
         if not all((issubclass(leaf, Leaf), isinstance(getattr(leaf, "ROLE", None), Role))):
             expected = "a subclass of execution.leaf.Leaf that declares its ROLE"
-            raise DefinitionError(Problem(code="NOT_A_LEAF", address=name, found=repr(leaf), expected=expected))
+            raise DefinitionError.of("NOT_A_LEAF", name, repr(leaf), expected)
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
-            raise DefinitionError(
-                Problem(
-                    code="DUPLICATE_LEAF",
-                    address=f"{leaf.__module__}.{leaf.__qualname__}",
-                    found=f"{name!r}, already {existing.__module__}.{existing.__qualname__}",
-                    hint="Rename one of them.",
-                )
-            )
+            found = f"{name!r}, already {existing.__module__}.{existing.__qualname__}"
+            hint = "Rename one of them."
+            raise DefinitionError.of("DUPLICATE_LEAF", f"{leaf.__module__}.{leaf.__qualname__}", found, hint=hint)
         self._classes[name] = leaf
         self._sound.clear()
 
@@ -68,15 +63,7 @@ class LeafRegistry:
         """The class of a leaf; raises DefinitionError `UNKNOWN_LEAF`, with the nearest name."""
         leaf = self._classes.get(name)
         if leaf is None:
-            raise DefinitionError(
-                Problem(
-                    code="UNKNOWN_LEAF",
-                    address="leaf registry",
-                    found=repr(name),
-                    expected=format_names(self._classes),
-                    hint=format_hint(name, self._classes),
-                )
-            )
+            raise DefinitionError.unknown("UNKNOWN_LEAF", "leaf registry", name, self._classes)
         return leaf
 
 
@@ -103,7 +90,7 @@ def register_file(registry: LeafRegistry, path: Path) -> None:
     """
     spec = importlib.util.spec_from_file_location(f"phyagentos_skill_{path.parent.name}", path)
     if spec is None or spec.loader is None:
-        raise DefinitionError(Problem(code="BROKEN_BEHAVIOURS", address=str(path), found="not a Python file"))
+        raise DefinitionError.of("BROKEN_BEHAVIOURS", str(path), "not a Python file")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
@@ -111,12 +98,7 @@ def register_file(registry: LeafRegistry, path: Path) -> None:
     except DefinitionError:
         raise
     except Exception as error:
-        raise DefinitionError(
-            Problem(
-                code="BROKEN_BEHAVIOURS",
-                address=str(path),
-                found=f"{type(error).__name__}: {error}",
-                expected="a function register(registry)",
-            )
+        raise DefinitionError.of(
+            "BROKEN_BEHAVIOURS", str(path), f"{type(error).__name__}: {error}", "a function register(registry)"
         ) from error
     register(registry)

@@ -124,11 +124,9 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
                 problems += _iter_wiring_problems(tree, node, ports, written)
     for name in tree.header.outputs:
         if name not in written:
-            problems.append(
-                tree.located.problem(
-                    "UNWRITTEN_OUTPUT", ("outputs", name), repr(name), format_names(written), format_hint(name, written)
-                )
-            )
+            address = ("outputs", name)
+            hint = format_hint(name, written)
+            problems.append(tree.located.problem("UNWRITTEN_OUTPUT", address, repr(name), format_names(written), hint))
     return problems
 
 
@@ -195,13 +193,9 @@ def _iter_reference_problems(
     tree: Tree, place: tuple[str | int, ...], value: Reference, port: PortInformation, written: dict[str, type]
 ) -> Iterator[Problem]:
     if value.key not in written:
-        yield tree.located.problem(
-            "UNWRITTEN_KEY",
-            place,
-            f"'${value.key}', which nothing writes",
-            format_names(f"${key}" for key in written),
-            format_hint(value.key, written),
-        )
+        found = f"'${value.key}', which nothing writes"
+        expected = format_names(f"${key}" for key in written)
+        yield tree.located.problem("UNWRITTEN_KEY", place, found, expected, format_hint(value.key, written))
     elif port.data_type not in (written[value.key], object):
         yield tree.located.problem(
             "WRONG_TYPE",
@@ -228,13 +222,9 @@ def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -
         yield from error.problems
     for key in find_references(node.text):
         if key not in written:
-            yield tree.located.problem(
-                "UNWRITTEN_KEY",
-                node.address,
-                f"'${{{key}}}', which nothing writes",
-                format_names(f"${{{name}}}" for name in written),
-                format_hint(key, written),
-            )
+            found = f"'${{{key}}}', which nothing writes"
+            expected = format_names(f"${{{name}}}" for name in written)
+            yield tree.located.problem("UNWRITTEN_KEY", node.address, found, expected, format_hint(key, written))
 
 
 def convert_literal(value: Any, kind: type) -> Any:

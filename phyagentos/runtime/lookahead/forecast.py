@@ -88,12 +88,7 @@ class _Worlds:
     """Worlds that agree with an estimate, drawn on demand and shared by all strategies."""
 
     def __init__(
-        self,
-        stage: Stage,
-        spec: SceneSpec,
-        environment: Environment,
-        profile: TargetProfile,
-        request: LookaheadRequest,
+        self, stage: Stage, spec: SceneSpec, environment: Environment, profile: TargetProfile, request: LookaheadRequest
     ) -> None:
         self.stage, self.request = stage, request
         self._spec, self._environment, self._profile = spec, environment, profile

@@ -45,16 +45,16 @@ class LookaheadGate:
         address = f"{session.id}: look-ahead"
         if not tree:
             expected = "a skill that is a tree, on a target with a model"
-            return (Problem(code=LOOKAHEAD_FAILED, address=address, found=repr(session.skill), expected=expected),)
+            return (Problem(LOOKAHEAD_FAILED, address, repr(session.skill), expected),)
         try:
             self._world.enter(session.scene)
             estimate = self._world.observe(WORLD)
             question = Rehearse(session=session, request=session.lookahead, tree=tree, environment=estimate)
             result = self._forecasts.ask(question, should_stop)
         except ExecutionError as error:
-            return (Problem(code=error.code, address=address, found=str(error)),)
+            return (Problem(error.code, address, str(error)),)
         if result is None:
-            return (Problem(code=LOOKAHEAD_FAILED, address=address, found="an end was asked for"),)
+            return (Problem(LOOKAHEAD_FAILED, address, "an end was asked for"),)
         self._result = result
         if not result.is_low:
             return ()
@@ -79,10 +79,6 @@ def _explain(result: LookaheadResult, address: str) -> Problem:
     causes = ", ".join(f"{cause} {count}" for cause, count in sorted(result.causes.items(), key=lambda c: -c[1]))
     best = max(result.alternatives, key=lambda each: each.share, default=None)
     better = best is not None and best.share > result.share
-    return Problem(
-        code=LOOKAHEAD_LOW,
-        address=address,
-        found=f"{result.succeeded} of {result.samples} rollouts succeed ({causes})",
-        expected=f"at least {result.threshold:g} of them",
-        hint=f"With {best.strategy} it is {best.succeeded} of {best.samples}." if best is not None and better else "",
-    )
+    found = f"{result.succeeded} of {result.samples} rollouts succeed ({causes})"
+    hint = f"With {best.strategy} it is {best.succeeded} of {best.samples}." if best is not None and better else ""
+    return Problem(LOOKAHEAD_LOW, address, found, f"at least {result.threshold:g} of them", hint)

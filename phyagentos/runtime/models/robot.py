@@ -45,11 +45,9 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
         )
     steps = profile.control_period_s / profile.physics_step_s
     if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
-        problems.append(
-            located.problem(
-                "INVALID_VALUE", ("control_period_s",), str(profile.control_period_s), "a whole number of physics steps"
-            )
-        )
+        address = ("control_period_s",)
+        found = str(profile.control_period_s)
+        problems.append(located.problem("INVALID_VALUE", address, found, "a whole number of physics steps"))
     if problems:
         raise DefinitionError(problems)
     return profile, path.parent
@@ -87,7 +85,7 @@ def read_robot(profile: TargetProfile, folder: Path) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise DefinitionError(Problem(code="MODEL_UNREADABLE", address=str(path), found=str(error))) from error
+        raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
     _check_names(spec, profile, path)
     for body in spec.worldbody.bodies:
         body.pos, body.quat = profile.mount_position_m, profile.mount_quaternion_wxyz
@@ -107,11 +105,7 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
     ]
     problems = [
         Problem(
-            code=f"UNKNOWN_{kind.upper()}",
-            address=str(path),
-            found=repr(name),
-            expected=format_names(known[kind]),
-            hint=format_hint(name, known[kind]),
+            f"UNKNOWN_{kind.upper()}", str(path), repr(name), format_names(known[kind]), format_hint(name, known[kind])
         )
         for kind, name in wanted
         if name not in known[kind]

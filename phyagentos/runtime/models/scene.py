@@ -139,11 +139,7 @@ def _draw_properties(body: Body, seed: int) -> tuple[float, float | None]:
 
 
 def _draw_position(
-    spec: SceneSpec,
-    name: str,
-    place: Placement,
-    rng: np.random.Generator,
-    taken: dict[str, list[NDArray[np.float64]]],
+    spec: SceneSpec, name: str, place: Placement, rng: np.random.Generator, taken: dict[str, list[NDArray[np.float64]]]
 ) -> NDArray[np.float64]:
     base: NDArray[np.float64] = np.array(place.position_m) + rng.uniform(-1.0, 1.0, 3) * np.array(place.jitter_m)
     if place.area is None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Region
 from phyagentos.protocol.world.scenes import SceneSpec
@@ -94,16 +94,9 @@ def _join(robots: Sequence[Robot]) -> mujoco.MjSpec:
         return specs[0]
     periods = {profile.target: (profile.control_period_s, profile.physics_step_s) for profile, _ in robots}
     if len(set(periods.values())) > 1:
-        raise DefinitionError(
-            Problem(
-                code="PERIODS_DIFFER",
-                address="control_period_s and physics_step_s of the targets of one world",
-                found=", ".join(
-                    f"{target}: {period_s} s, {step_s} s" for target, (period_s, step_s) in periods.items()
-                ),
-                expected="the same control period and physics step for all",
-            )
-        )
+        address = "control_period_s and physics_step_s of the targets of one world"
+        found = ", ".join(f"{target}: {period_s} s, {step_s} s" for target, (period_s, step_s) in periods.items())
+        raise DefinitionError.of("PERIODS_DIFFER", address, found, "the same control period and physics step for all")
     world = mujoco.MjSpec()
     for (profile, _), robot in zip(robots, specs, strict=True):
         world.attach(robot, prefix=name_prefix(profile.target, len(robots)), frame=world.worldbody.add_frame())

@@ -26,9 +26,9 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
         if value is None:
             if not parameter.optional and parameter.default is None:
                 fix = f"Give {name!r} under 'with'."
-                yield make_problem("PARAMETER_MISSING", address, "nothing", parameter.type, triggered_by=by, fix=fix)
+                yield make_problem("PARAMETER_MISSING", address, "nothing", parameter.type, by, fix)
         elif reason := find_mismatch(parameter, value):
-            yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, triggered_by=by)
+            yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, by)
 
 
 def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Problem]:
@@ -39,14 +39,10 @@ def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Prob
             yield make_problem("INVALID_CONTRACT", f"limits.{name}", value, "a number of seconds above 0")
     allowed_s = limits.session_duration_max.value
     if isinstance(allowed_s, float | int) and session.limits.timeout_s > allowed_s:
-        yield make_problem(
-            "SESSION_TOO_LONG",
-            "limits.timeout_s",
-            session.limits.timeout_s,
-            f"at most {allowed_s:g} s",
-            triggered_by="safety.yaml: session_duration_max",
-            fix="Shorten 'timeout_s', or split the session.",
-        )
+        expected = f"at most {allowed_s:g} s"
+        by = "safety.yaml: session_duration_max"
+        fix = "Shorten 'timeout_s', or split the session."
+        yield make_problem("SESSION_TOO_LONG", "limits.timeout_s", session.limits.timeout_s, expected, by, fix)
 
 
 def iter_predicate_problems(session: Session) -> Iterator[Problem]:
@@ -91,15 +87,9 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
         except DefinitionError:
             continue  # reported by `iter_predicate_problems`
         if evaluation.truth is not Truth.TRUE:
-            yield make_problem(
-                "PRECONDITION_UNMET",
-                "requires",
-                f"{text} is {evaluation.truth}",
-                "true",
-                triggered_by=f"requires: {text}",
-                fix=evaluation.because,
-                subject=text,
-            )
+            found = f"{text} is {evaluation.truth}"
+            by = f"requires: {text}"
+            yield make_problem("PRECONDITION_UNMET", "requires", found, "true", by, evaluation.because, text)
 
 
 def _find_names(text: str) -> list[str]:

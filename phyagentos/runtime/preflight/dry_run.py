@@ -319,14 +319,10 @@ def _make_place(wired: Mapping[str, Any]) -> Place | None:
 
 def make_trial_problem(trial: Trial, session: Session) -> Problem:
     """Why a session is rejected whose first motion cannot exist."""
-    return make_problem(
-        trial.code,
-        f"dry run: {trial.motion}",
-        trial.message,
-        "a motion that exists",
-        triggered_by=f"skill {session.skill}: its first motion",
-        fix="Choose another thing, destination or target.",
-    )
+    expected = "a motion that exists"
+    by = f"skill {session.skill}: its first motion"
+    fix = "Choose another thing, destination or target."
+    return make_problem(trial.code, f"dry run: {trial.motion}", trial.message, expected, by, fix)
 
 
 def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = True) -> Trial:

@@ -104,7 +104,7 @@ class Examiner:
             problems += locate(session, error.problems)
         except ExecutionError as error:
             address = f"{session.id}: target {session.target}"
-            problems.append(Problem(code=error.code, address=address, found=str(error)))
+            problems.append(Problem(error.code, address, str(error)))
         ms = 1e3 * (self.clock.now_s() - began_s - loading_s)
         if problems:
             return Finding(plan=None, tools=None, problems=tuple(dict.fromkeys(problems)), trials=trials, ms=ms)

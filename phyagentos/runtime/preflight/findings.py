@@ -7,26 +7,11 @@ from phyagentos.errors import Problem, format_hint, format_names
 
 
 def make_problem(
-    code: str,
-    address: str,
-    found: object,
-    expected: str,
-    *,
-    triggered_by: str = "",
-    fix: str = "",
-    subject: str = "",
+    code: str, address: str, found: object, expected: str, triggered_by: str = "", fix: str = "", subject: str = ""
 ) -> Problem:
     """One finding; the address is completed with the session's id by `locate`."""
     shown = found if isinstance(found, str) else f"{found:g}" if isinstance(found, float) else repr(found)
-    return Problem(
-        code=code,
-        address=address,
-        found=shown,
-        expected=expected,
-        hint=fix,
-        triggered_by=triggered_by,
-        subject=subject,
-    )
+    return Problem(code, address, shown, expected, fix, triggered_by=triggered_by, subject=subject)
 
 
 def make_unknown(

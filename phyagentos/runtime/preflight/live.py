@@ -30,49 +30,40 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
     driver = find_driver_name(profile)
     if not driver:
         fix = "Name a driver in the target's profile; a simulation never stands in for a real robot."
-        yield make_problem("NO_DRIVER", "target.driver", f"kind {profile.kind!r}", "a driver", triggered_by=by, fix=fix)
+        yield make_problem("NO_DRIVER", "target.driver", f"kind {profile.kind!r}", "a driver", by, fix)
     else:
         pairs["driver"] = (live.driver.split("/")[0], driver)
     for name, (found, expected) in pairs.items():
         if found != expected:
             fix = "TARGETS.md and the running target must be the same robot."
-            yield make_problem("TARGET_MISMATCH", f"target.{name}", str(found), str(expected), triggered_by=by, fix=fix)
+            yield make_problem("TARGET_MISMATCH", f"target.{name}", str(found), str(expected), by, fix)
     for name in ("observations", "actions"):
         offered = getattr(live, name)
         for each in getattr(profile, name):
             if each not in offered:
                 found = format_names(offered)
-                yield make_problem("TARGET_MISMATCH", f"target.{name}", found, repr(each), triggered_by=by)
+                yield make_problem("TARGET_MISMATCH", f"target.{name}", found, repr(each), by)
     if live.mode != contract.world_mode:
-        yield make_problem(
-            "CONTRACT_MISMATCH",
-            "runtime_contract.yaml: world_mode",
-            contract.world_mode,
-            live.mode,
-            triggered_by=f"target {profile.target}, as it runs",
-        )
+        address = "runtime_contract.yaml: world_mode"
+        asked_by = f"target {profile.target}, as it runs"
+        yield make_problem("CONTRACT_MISMATCH", address, contract.world_mode, live.mode, asked_by)
     if live.version != WIRE_VERSION:
         yield make_problem(
             "VERSION_MISMATCH",
             "target.wire",
             f"version {live.version}",
             f"version {WIRE_VERSION}",
-            triggered_by="this runtime",
-            fix="Start target and worker from the same installation.",
+            "this runtime",
+            "Start target and worker from the same installation.",
         )
 
 
 def iter_live_ability_problems(skill: SkillRuntime, profile: TargetProfile, live: Description) -> Iterator[Problem]:
     """What the profile promises, the skill needs and the live target does not give."""
     if "render" in skill.needs.operations and not live.cameras:
-        yield make_problem(
-            "OPERATION_UNAVAILABLE",
-            "target.cameras",
-            "none",
-            "a camera",
-            triggered_by=f"skill {skill.skill}: needs.operations",
-            fix=f"Give the scene of {profile.target} a camera.",
-        )
+        by = f"skill {skill.skill}: needs.operations"
+        fix = f"Give the scene of {profile.target} a camera."
+        yield make_problem("OPERATION_UNAVAILABLE", "target.cameras", "none", "a camera", by, fix)
 
 
 def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> Iterator[Problem]:
@@ -87,19 +78,15 @@ def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> I
                 f"runtime_contract.yaml: {name}",
                 found,
                 f"{expected:g}",
-                triggered_by=f"{by}: {name}",
-                fix="Both sides of the wire must count on the same.",
+                f"{by}: {name}",
+                "Both sides of the wire must count on the same.",
             )
     rate_hz = 1.0 / profile.control_period_s
     if contract.sampling_hz > rate_hz * (1.0 + RELATIVE_TOLERANCE):
-        yield make_problem(
-            "CONTRACT_MISMATCH",
-            "runtime_contract.yaml: sampling_hz",
-            contract.sampling_hz,
-            f"at most {rate_hz:g} Hz",
-            triggered_by=f"{by}: control_period_s",
-            fix="The world is seen once in a control period.",
-        )
+        address = "runtime_contract.yaml: sampling_hz"
+        asked_by = f"{by}: control_period_s"
+        fix = "The world is seen once in a control period."
+        yield make_problem("CONTRACT_MISMATCH", address, contract.sampling_hz, f"at most {rate_hz:g} Hz", asked_by, fix)
     steps = profile.control_period_s / profile.physics_step_s
     if not math.isclose(steps, max(round(steps), 1), rel_tol=RELATIVE_TOLERANCE):
         yield make_problem(
@@ -107,5 +94,5 @@ def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> I
             "target.control_period_s",
             profile.control_period_s,
             f"a whole number of physics steps of {profile.physics_step_s:g} s",
-            triggered_by=f"{by}: physics_step_s",
+            f"{by}: physics_step_s",
         )

@@ -69,7 +69,7 @@ def iter_operation_problems(
             code, address, offered = "OPERATION_FORBIDDEN", "runtime_contract.yaml: operations", contract.operations
             fix = f"Permit {each!r} in runtime_contract.yaml, if sessions may do that here."
         if each not in offered:
-            yield make_problem(code, address, repr(each), format_names(offered), triggered_by=by, fix=fix)
+            yield make_problem(code, address, repr(each), format_names(offered), by, fix)
 
 
 def iter_version_problems(skill: SkillRuntime) -> Iterator[Problem]:
@@ -82,12 +82,10 @@ def iter_version_problems(skill: SkillRuntime) -> Iterator[Problem]:
     try:
         fits = SpecifierSet(wanted).contains(found, prereleases=True)
     except InvalidSpecifier:
-        yield make_problem(
-            "VERSION_MISMATCH", address, repr(wanted), "versions as in '>=0.2,<1' (PEP 440)", triggered_by=by
-        )
+        yield make_problem("VERSION_MISMATCH", address, repr(wanted), "versions as in '>=0.2,<1' (PEP 440)", by)
         return
     if not fits:
-        yield make_problem("VERSION_MISMATCH", address, f"phyagentos {found}", wanted, triggered_by=by)
+        yield make_problem("VERSION_MISMATCH", address, f"phyagentos {found}", wanted, by)
 
 
 def iter_payload_problems(
@@ -98,14 +96,10 @@ def iter_payload_problems(
     for name in grasped:
         load_kg = _compute_load_kg(name, spec.bodies) if name in spec.bodies else 0.0
         if load_kg > carried_kg:
-            yield make_problem(
-                "TOO_HEAVY",
-                f"scene {spec.scene}: bodies.{name}.mass_kg",
-                f"up to {load_kg:g} kg",
-                f"at most {carried_kg:g} kg",
-                triggered_by=f"skill {skill.skill}: its grasp",
-                fix=f"Choose another thing or target; arm.payload_kg is what {profile.target} carries.",
-            )
+            address = f"scene {spec.scene}: bodies.{name}.mass_kg"
+            by = f"skill {skill.skill}: its grasp"
+            fix = f"Choose another thing or target; arm.payload_kg is what {profile.target} carries."
+            yield make_problem("TOO_HEAVY", address, f"up to {load_kg:g} kg", f"at most {carried_kg:g} kg", by, fix)
 
 
 def _compute_load_kg(name: str, bodies: Mapping[str, Body]) -> float:

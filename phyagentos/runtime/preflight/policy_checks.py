@@ -27,22 +27,15 @@ def iter_policy_problems(
         for name, declared in (("policy", policy), ("action_space", skill.action_space)):
             if declared is None:
                 fix = f"Add {name!r} to SKILL.md: a policy is checked by what it declares."
-                yield make_problem("POLICY_UNDECLARED", f"skill.{name}", "nothing", name, triggered_by=by, fix=fix)
+                yield make_problem("POLICY_UNDECLARED", f"skill.{name}", "nothing", name, by, fix)
         return
     by = f"policy {policy.policy}"
     if not _is_endpoint(policy.endpoint):
         expected = f"SCHEME://HOST:PORT with one of {format_names(SCHEMES)}"
-        yield make_problem(
-            "ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, triggered_by=by
-        )
+        yield make_problem("ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, by)
     if policy.protocol != POLICY_PROTOCOL:
-        yield make_problem(
-            "VERSION_MISMATCH",
-            "skill.policy.protocol",
-            f"version {policy.protocol}",
-            f"version {POLICY_PROTOCOL}",
-            triggered_by=by,
-        )
+        found = f"version {policy.protocol}"
+        yield make_problem("VERSION_MISMATCH", "skill.policy.protocol", found, f"version {POLICY_PROTOCOL}", by)
     for name, stream in policy.observations.items():
         yield from _iter_stream_problems(name, stream, profile, sensors, by)
         yield from _iter_lateness_problems(name, stream, sensors, late_max_s, by)
@@ -53,8 +46,8 @@ def iter_policy_problems(
             "skill.policy.inference_s",
             f"{policy.inference_s:g} s",
             f"at most {chunk_s:g} s, which one chunk lasts",
-            triggered_by=f"{by}: chunk_length / rate_hz",
-            fix="Longer chunks, or a faster server: the robot would wait in the middle of a motion.",
+            f"{by}: chunk_length / rate_hz",
+            "Longer chunks, or a faster server: the robot would wait in the middle of a motion.",
         )
 
 
@@ -66,14 +59,10 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
     try:
         served = ask(policy.endpoint)
     except ExecutionError as error:
-        yield make_problem(
-            "POLICY_UNREACHABLE",
-            "skill.policy.endpoint",
-            str(error),
-            f"a policy server at {policy.endpoint}",
-            triggered_by=f"policy {policy.policy}",
-            fix="Start the server.",
-        )
+        expected = f"a policy server at {policy.endpoint}"
+        by = f"policy {policy.policy}"
+        fix = "Start the server."
+        yield make_problem("POLICY_UNREACHABLE", "skill.policy.endpoint", str(error), expected, by, fix)
         return
     for name in PolicyDescriptor.model_fields:
         declared, found = getattr(policy, name), getattr(served, name)
@@ -83,8 +72,8 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
                 f"skill.policy.{name}",
                 str(found),
                 str(declared),
-                triggered_by=f"policy {policy.policy}",
-                fix="The server at this endpoint is not the one that SKILL.md describes.",
+                f"policy {policy.policy}",
+                "The server at this endpoint is not the one that SKILL.md describes.",
             )
 
 
@@ -109,13 +98,13 @@ def _iter_stream_problems(
     if found is None:
         known = sorted({each for sensor in sensors.sensors.values() for each in sensor.provides})
         fix = f"Let a sensor of sensors.yaml provide {name!r}."
-        yield make_problem("SENSOR_MISSING", address, repr(name), format_names(known), triggered_by=by, fix=fix)
+        yield make_problem("SENSOR_MISSING", address, repr(name), format_names(known), by, fix)
         return
     sensor = found[1]
     signal = sensor.signals.get(name) or _describe_picture(stream, sensor)
     if signal is None:
         fix = f"Declare shape, dtype and unit of {name!r} in sensors.yaml, under sensors.{found[0]}.signals."
-        yield make_problem("OBSERVATION_SHAPE", address, "no form in sensors.yaml", "one", triggered_by=by, fix=fix)
+        yield make_problem("OBSERVATION_SHAPE", address, "no form in sensors.yaml", "one", by, fix)
     else:
         yield from _iter_form_problems(address, stream, signal, len(profile.arm.joints), by)
     yield from _iter_source_problems(address, stream, sensor, by)
@@ -131,14 +120,10 @@ def _iter_lateness_problems(
     sensor, latency_s = found[1], found[1].camera.latency_s
     most_s = late_max_s + 1.0 / stream.rate_hz - 1.0 / sensor.rate_hz
     if latency_s > most_s + TIME_TOLERANCE_S:
-        yield make_problem(
-            "SENSOR_RATE",
-            f"sensors.yaml: sensors.{found[0]}.camera.latency_s",
-            f"{latency_s:g} s",
-            f"at most {max(most_s, 0.0):.3g} s",
-            triggered_by=f"{by}: observations.{name}",
-            fix="A picture is older than embedded.max_age_s of perception.yaml and one period of the stream.",
-        )
+        address = f"sensors.yaml: sensors.{found[0]}.camera.latency_s"
+        expected = f"at most {max(most_s, 0.0):.3g} s"
+        fix = "A picture is older than embedded.max_age_s of perception.yaml and one period of the stream."
+        yield make_problem("SENSOR_RATE", address, f"{latency_s:g} s", expected, f"{by}: observations.{name}", fix)
 
 
 def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: int, by: str) -> Iterator[Problem]:
@@ -149,20 +134,18 @@ def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: 
         ("OBSERVATION_UNIT", "unit", stream.unit or "none", signal.unit or "none"),
     ):
         if found != expected:
-            yield make_problem(code, f"{address}.{name}", found, expected, triggered_by=by)
+            yield make_problem(code, f"{address}.{name}", found, expected, by)
 
 
 def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str) -> Iterator[Problem]:
     both = sensor.modality == "rgbd" and stream.modality in ("rgb", "depth")
     if stream.modality != sensor.modality and not both:
-        yield make_problem(
-            "OBSERVATION_MODALITY", f"{address}.modality", stream.modality, sensor.modality, triggered_by=by
-        )
+        yield make_problem("OBSERVATION_MODALITY", f"{address}.modality", stream.modality, sensor.modality, by)
     if stream.frame != sensor.frame:
-        yield make_problem("OBSERVATION_FRAME", f"{address}.frame", stream.frame, sensor.frame, triggered_by=by)
+        yield make_problem("OBSERVATION_FRAME", f"{address}.frame", stream.frame, sensor.frame, by)
     if stream.rate_hz > sensor.rate_hz * (1.0 + RATE_TOLERANCE):
         yield make_problem(
-            "OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, f"at most {sensor.rate_hz:g} Hz", triggered_by=by
+            "OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, f"at most {sensor.rate_hz:g} Hz", by
         )
 
 

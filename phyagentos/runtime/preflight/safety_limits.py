@@ -67,14 +67,11 @@ def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iter
     chain, n = live.kinematics, len(profile.arm.joints)
     if chain is not None and {len(chain.axes), len(chain.anchors_m), len(chain.slides or chain.axes)} == {n}:
         return
-    yield make_problem(
-        "LIMIT_UNENFORCEABLE",
-        "target.kinematics",
-        "none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors",
-        f"where each of {n} joints brings the tool",
-        triggered_by="safety.yaml: workspace_box, keep_out",
-        fix="Let the target's description declare which way each joint turns or slides, and about which point.",
-    )
+    found = "none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors"
+    expected = f"where each of {n} joints brings the tool"
+    by = "safety.yaml: workspace_box, keep_out"
+    fix = "Let the target's description declare which way each joint turns or slides, and about which point."
+    yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, by, fix)
 
 
 def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: float) -> Iterator[Problem]:
@@ -89,10 +86,8 @@ def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: fl
         if is_known
         else "a gripper whose force the target does not declare",
         f"at most {force_n:g} N",
-        triggered_by="safety.yaml: gripper_force_max",
-        fix="Use a weaker gripper, or raise the limit with a source."
-        if is_known
-        else "Let the target declare its force.",
+        "safety.yaml: gripper_force_max",
+        "Use a weaker gripper, or raise the limit with a source." if is_known else "Let the target declare its force.",
     )
 
 
@@ -109,14 +104,11 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
         is_room = name == "workspace_box"
         if bool(((low <= point) & (point <= high)).all() if is_room else not ((low < point) & (point < high)).all()):
             continue  # never true of NaN in the workspace
-        yield make_problem(
-            "START_OUTSIDE",
-            _place(profile, name),
-            f"the tool stands at {_show(point)}",
-            f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}",
-            triggered_by=f"safety.yaml: {name}",
-            fix="Move the robot by hand, or correct the box.",
-        )
+        found = f"the tool stands at {_show(point)}"
+        expected = f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}"
+        by = f"safety.yaml: {name}"
+        fix = "Move the robot by hand, or correct the box."
+        yield make_problem("START_OUTSIDE", _place(profile, name), found, expected, by, fix)
 
 
 def iter_tool_problems(profile: TargetProfile, live: Description, now: Environment) -> Iterator[Problem]:
@@ -130,14 +122,11 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
         return
     away_m = math.dist(point, state.tcp.position_m)
     if not away_m <= TOOL_TOLERANCE_M:
-        yield make_problem(
-            "LIMIT_UNENFORCEABLE",
-            "target.kinematics",
-            f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands",
-            f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m",
-            triggered_by="safety.yaml: workspace_box, keep_out",
-            fix="Let the target declare the kinematics of this arm, with this tool, where it is mounted.",
-        )
+        found = f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands"
+        expected = f"{_show(state.tcp.position_m)} m, within {TOOL_TOLERANCE_M} m"
+        by = "safety.yaml: workspace_box, keep_out"
+        fix = "Let the target declare the kinematics of this arm, with this tool, where it is mounted."
+        yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, by, fix)
 
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -145,23 +134,18 @@ def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
     for name in PER_JOINT:
         limit = getattr(limits, name)
         if not _fits(limit, n):
-            yield make_problem(
-                "WRONG_LENGTH",
-                _place(profile, name),
-                f"{len(limit.value)} numbers",
-                f"one, or {n}: one per joint",
-                triggered_by=f"target {profile.target}: arm.joints",
-            )
+            found = f"{len(limit.value)} numbers"
+            expected = f"one, or {n}: one per joint"
+            by = f"target {profile.target}: arm.joints"
+            yield make_problem("WRONG_LENGTH", _place(profile, name), found, expected, by)
     arm = profile.arm
     fields = ("home_rad", "velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "stiffness_nm_rad")
     for field in (*fields, "damping_nms_rad"):
         if len(getattr(arm, field)) != n:
+            address = f"target.arm.{field}"
+            asked_by = f"target {profile.target}: arm.joints"
             yield make_problem(
-                "WRONG_LENGTH",
-                f"target.arm.{field}",
-                f"{len(getattr(arm, field))} numbers",
-                f"{n}: one per joint",
-                triggered_by=f"target {profile.target}: arm.joints",
+                "WRONG_LENGTH", address, f"{len(getattr(arm, field))} numbers", f"{n}: one per joint", asked_by
             )
 
 
@@ -181,14 +165,10 @@ def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Ite
         if index < len(home) and low[index] < high[index] and not low[index] <= home[index] <= high[index]
     ]
     if outside:
-        yield make_problem(
-            "LIMIT_TOO_NARROW",
-            _place(profile, "joint_position_min"),
-            f"{', '.join(outside)} stands outside in the home posture",
-            "a range that holds arm.home_rad",
-            triggered_by=f"target {profile.target}: arm.home_rad",
-            fix=_NARROW,
-        )
+        found = f"{', '.join(outside)} stands outside in the home posture"
+        expected = "a range that holds arm.home_rad"
+        by = f"target {profile.target}: arm.home_rad"
+        yield make_problem("LIMIT_TOO_NARROW", _place(profile, "joint_position_min"), found, expected, by, _NARROW)
 
 
 def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -197,14 +177,11 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
     low, high = np.asarray(limits.workspace_box.value)
     own_low, own_high = np.asarray(profile.workspace_m)
     if np.any(low < own_low - RELATIVE_TOLERANCE) or np.any(high > own_high + RELATIVE_TOLERANCE):
-        yield make_problem(
-            "LIMIT_WIDER",
-            _place(profile, "workspace_box"),
-            f"{_show(low)} to {_show(high)}",
-            f"inside {_show(own_low)} to {_show(own_high)}",
-            triggered_by=f"target {profile.target}: workspace_m",
-            fix="The target stops by itself at its own box.",
-        )
+        found = f"{_show(low)} to {_show(high)}"
+        expected = f"inside {_show(own_low)} to {_show(own_high)}"
+        by = f"target {profile.target}: workspace_m"
+        fix = "The target stops by itself at its own box."
+        yield make_problem("LIMIT_WIDER", _place(profile, "workspace_box"), found, expected, by, fix)
 
 
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -219,10 +196,10 @@ def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
         value, place, by_field = float(np.asarray(getattr(limits, name).value)), _place(profile, name), f"{by}: {field}"
         found = f"{value:g} {unit}"
         if value > most * (1.0 + RELATIVE_TOLERANCE):
-            yield make_problem("LIMIT_WIDER", place, found, f"at most {most:g} {unit}", triggered_by=by_field)
+            yield make_problem("LIMIT_WIDER", place, found, f"at most {most:g} {unit}", by_field)
         elif value < least * (1.0 - RELATIVE_TOLERANCE):
             expected = f"at least {least:g} {unit}"
-            yield make_problem("LIMIT_TOO_NARROW", place, found, expected, triggered_by=by_field, fix=_NARROW)
+            yield make_problem("LIMIT_TOO_NARROW", place, found, expected, by_field, _NARROW)
 
 
 def _iter_wider(
@@ -230,14 +207,11 @@ def _iter_wider(
 ) -> Iterator[Problem]:
     for index, joint in enumerate(profile.arm.joints[: len(own)]):
         if not values[index] <= own[index]:  # also when the target declares NaN
-            yield make_problem(
-                "LIMIT_WIDER",
-                f"{_place(profile, name)}[{index}]",
-                f"{joint} {sign * values[index]:g}",
-                f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}",
-                triggered_by=f"target {profile.target}: {whose}",
-                fix="A limit may narrow what the target can do, never widen it.",
-            )
+            address = f"{_place(profile, name)}[{index}]"
+            found = f"{joint} {sign * values[index]:g}"
+            expected = f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}"
+            fix = "A limit may narrow what the target can do, never widen it."
+            yield make_problem("LIMIT_WIDER", address, found, expected, f"target {profile.target}: {whose}", fix)
 
 
 def _place(profile: TargetProfile, name: str) -> str:

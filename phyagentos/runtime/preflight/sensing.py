@@ -45,7 +45,7 @@ def iter_sensing_problems(
         if name not in read:
             fix = f"Name {name!r} in the pipeline that it feeds, or needs nothing of it."
             address = "perception.yaml: pipelines"
-            yield make_problem("SENSOR_UNREAD", address, repr(name), format_names(read), triggered_by=by, fix=fix)
+            yield make_problem("SENSOR_UNREAD", address, repr(name), format_names(read), by, fix)
         yield from iter_sensor_problems(name, sensor, profile, contract, by)
 
 
@@ -75,7 +75,7 @@ def _make_missing(need: str, sensors: Sensors, perception: Perception, by: str) 
         fix = f"Let a sensor of sensors.yaml provide {need!r}."
         address = "sensors.yaml: sensors"
         known = sorted({name for sensor in sensors.sensors.values() for name in sensor.provides})
-    return make_problem("SENSOR_MISSING", address, repr(need), format_names(known), triggered_by=by, fix=fix)
+    return make_problem("SENSOR_MISSING", address, repr(need), format_names(known), by, fix)
 
 
 def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception, by: str) -> Iterator[Problem]:
@@ -91,7 +91,7 @@ def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception,
             )
             fix = "A picture is older than embedded.max_age_s of perception.yaml before the next one comes."
             address = f"sensors.yaml: sensors.{name}.rate_hz"
-            yield make_problem("SENSOR_RATE", address, sensor.rate_hz, expected, triggered_by=by, fix=fix)
+            yield make_problem("SENSOR_RATE", address, sensor.rate_hz, expected, by, fix)
 
 
 def iter_sensor_problems(
@@ -104,28 +104,24 @@ def iter_sensor_problems(
         both = sensor.modality == "rgbd" and usual in ("rgb", "depth")
         if sensor.modality != usual and not both:
             address = f"{place}.modality"
-            yield make_problem(
-                "SENSOR_MODALITY", address, sensor.modality, f"{usual}, for {each!r}", triggered_by=triggered_by
-            )
+            yield make_problem("SENSOR_MODALITY", address, sensor.modality, f"{usual}, for {each!r}", triggered_by)
     if sensor.modality == "simulator_state" and profile.kind == "real_robot":
         fix = "A real robot has no simulator; use a camera."
         yield make_problem(
-            "SENSOR_MODALITY", f"{place}.modality", sensor.modality, "a sensor of the robot", fix=fix,
-            triggered_by=triggered_by,
-        )  # fmt: skip
+            "SENSOR_MODALITY", f"{place}.modality", sensor.modality, "a sensor of the robot", triggered_by, fix
+        )
     fastest_hz = 1.0 / profile.physics_step_s
     if sensor.modality in _SAMPLED and sensor.rate_hz < contract.sampling_hz * (1.0 - RATE_TOLERANCE):
         fix = "Conditions are sampled more often than this sensor measures."
-        yield make_problem(
-            "SENSOR_RATE", f"{place}.rate_hz", sensor.rate_hz, f"at least {contract.sampling_hz:g} Hz", fix=fix,
-            triggered_by="runtime_contract.yaml: sampling_hz",
-        )  # fmt: skip
+        expected = f"at least {contract.sampling_hz:g} Hz"
+        by = "runtime_contract.yaml: sampling_hz"
+        yield make_problem("SENSOR_RATE", f"{place}.rate_hz", sensor.rate_hz, expected, by, fix)
     elif sensor.rate_hz > fastest_hz * (1.0 + RATE_TOLERANCE):
         fix = "Nothing new can be measured between two steps of the physics."
+        asked_by = f"target {profile.target}: physics_step_s"
         yield make_problem(
-            "SENSOR_RATE", f"{place}.rate_hz", sensor.rate_hz, f"at most {fastest_hz:g} Hz", fix=fix,
-            triggered_by=f"target {profile.target}: physics_step_s",
-        )  # fmt: skip
+            "SENSOR_RATE", f"{place}.rate_hz", sensor.rate_hz, f"at most {fastest_hz:g} Hz", asked_by, fix
+        )
 
 
 def iter_frame_problems(
@@ -138,4 +134,4 @@ def iter_frame_problems(
             if sensor.frame not in known:
                 address = f"sensors.yaml: sensors.{name}.frame"
                 by = f"skill {skill.skill}: needs.observations"
-                yield make_problem("FRAME_UNKNOWN", address, repr(sensor.frame), format_names(known), triggered_by=by)
+                yield make_problem("FRAME_UNKNOWN", address, repr(sensor.frame), format_names(known), by)

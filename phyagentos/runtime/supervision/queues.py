@@ -170,7 +170,7 @@ class Queues:
             lost = next((name for name in session.resources if name in self._forsaken), None)
             if lost is not None:
                 why = f"{lost!r} is held by {self._forsaken[lost]!r}, which is broken"
-                yield Turn(session, Problem(code=RESOURCE_UNAVAILABLE, address=f"{session.id}: resources", found=why))
+                yield Turn(session, Problem(RESOURCE_UNAVAILABLE, f"{session.id}: resources", why))
             elif promised.isdisjoint(session.resources) and self._holders.keys().isdisjoint(session.resources):
                 self.hold(session.target, session.resources)
                 yield Turn(session)

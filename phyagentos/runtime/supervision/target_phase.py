@@ -3,7 +3,7 @@
 Each change is one line of `events-<target>.jsonl` in the workspace's logs.
 """
 
-import os
+import contextlib
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
@@ -101,14 +101,8 @@ class PhaseLog:
         """Add one line; a full disk costs the line, never the supervision."""
         line: dict[str, Any] = {"at": self._clock.wall_iso(), "ev": trigger, "from": before, "to": after}
         data = msgspec.json.encode(line | ({"session": session} if session else {})) + b"\n"
-        try:
-            fd = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
-            try:
-                os.write(fd, data)
-            finally:
-                os.close(fd)
-        except OSError:
-            return
+        with contextlib.suppress(OSError), self._path.open("ab", buffering=0) as file:
+            file.write(data)
 
 
 def render_phases() -> str:

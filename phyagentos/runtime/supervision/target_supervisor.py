@@ -338,7 +338,7 @@ class TargetSupervisor:
             self.worker.send(Stop(session=self.session.id, reason=due.ended))
             self._stop_by_s = self._clock.now_s() + STOP_GRACE_S
         elif self.session is not None:
-            self._refuse(self.session, Problem(code=due.code, address=str(self.session.id), found=due.reason))
+            self._refuse(self.session, Problem(due.code, str(self.session.id), due.reason))
 
     def _show_check(self, session: Session) -> None:
         """Record that a session is being checked, as long as no other watchdog holds it."""

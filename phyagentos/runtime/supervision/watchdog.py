@@ -182,9 +182,9 @@ class Watchdog:
 
     def _turn_away(self, target: str, supervisor: TargetSupervisor | None) -> None:
         """Reject what waits for a target that is unknown or given up."""
-        problem = Problem(code="TARGET_UNKNOWN", address=target, expected="a target of TARGETS.md")
+        problem = Problem("TARGET_UNKNOWN", target, expected="a target of TARGETS.md")
         if supervisor is not None:
-            problem = Problem(code="TARGET_UNAVAILABLE", address=target, found=supervisor.explain_failure())
+            problem = Problem("TARGET_UNAVAILABLE", target, supervisor.explain_failure())
         while session := self._queues.take(target):
             self._journal.try_commit(make_rejection(session.id, problem))
 
@@ -201,7 +201,7 @@ class Watchdog:
     def _enforce_limits(self) -> None:
         for overdue in self._queues.pop_overdue():
             limit = f"a free target within {overdue.limits.queue_s} s"
-            late = Problem(code=QUEUE_TIMED_OUT, address=f"{overdue.id}: limits.queue_s", expected=limit)
+            late = Problem(QUEUE_TIMED_OUT, f"{overdue.id}: limits.queue_s", expected=limit)
             self._journal.try_commit(make_rejection(overdue.id, late))
         for supervisor in self._supervisors.values():
             supervisor.attend()

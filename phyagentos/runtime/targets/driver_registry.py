@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_driver_name
 from phyagentos.protocol.workspace.workspace import Workspace
 
@@ -76,12 +76,6 @@ class DriverRegistry:
             return spec
         possible = [each for each, known in self._specs.items() if profile.kind in known.kinds]
         found = f"driver {name!r} for kind {profile.kind!r}" if name else f"kind {profile.kind!r} without a driver"
-        raise DefinitionError(
-            Problem(
-                code="NO_DRIVER",
-                address=f"{address}: {profile.target}.driver",
-                found=found,
-                expected=format_names(possible),
-                hint=format_hint(name, possible) or "Name one that moves this kind, or install its package.",
-            )
-        )
+        expected = format_names(possible)
+        hint = format_hint(name, possible) or "Name one that moves this kind, or install its package."
+        raise DefinitionError.of("NO_DRIVER", f"{address}: {profile.target}.driver", found, expected, hint)

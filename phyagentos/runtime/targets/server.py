@@ -77,10 +77,7 @@ def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable
 
 
 def answer(
-    client: PeerChannel,
-    target: ServedTarget,
-    tokens: Tokens,
-    before: Callable[[Request], None] = lambda _request: None,
+    client: PeerChannel, target: ServedTarget, tokens: Tokens, before: Callable[[Request], None] = lambda _request: None
 ) -> bool:
     """Answer one request; whether it was a `Shutdown`.
 

@@ -125,9 +125,7 @@ def parse_form(text: str, source: str, line: int = 1) -> Located:
             aliases += isinstance(event, yaml.AliasEvent)
             if aliases > ALIASES_MAX:
                 found = f"more than {ALIASES_MAX} aliases"
-                raise DefinitionError(
-                    Problem(code="YAML_SYNTAX", address=f"{source}:{line}:1", found=found, hint="Write them out.")
-                )
+                raise DefinitionError.of("YAML_SYNTAX", f"{source}:{line}:1", found, hint="Write them out.")
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > DEPTH_MAX:  # `parse_yaml` refuses it
                 break

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.sessions.stop_signals import extend_name, move_aside
@@ -97,7 +97,7 @@ def read_request(path: Path) -> tuple[Request, Located]:
     try:
         located = parse_form(path.read_text(encoding="utf-8-sig"), path.name)
     except (OSError, UnicodeDecodeError) as error:
-        raise DefinitionError(Problem(code="UNREADABLE_FILE", address=path.name, found=str(error))) from error
+        raise DefinitionError.of("UNREADABLE_FILE", path.name, str(error)) from error
     data = located.data
     kind = data.get("kind") if isinstance(data, dict) else None
     if not isinstance(kind, str) or kind not in REQUESTS:

@@ -12,15 +12,7 @@ from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.documents.schema import Located
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, Amendment, Limits, SessionId, SessionStatus
 from phyagentos.store.admission import Entry
-from phyagentos.store.edits.changes import (
-    CANCELS,
-    Accepted,
-    Impossible,
-    Refused,
-    plan_amend,
-    plan_cancel,
-    plan_submit,
-)
+from phyagentos.store.edits.changes import CANCELS, Accepted, Impossible, Refused, plan_amend, plan_cancel, plan_submit
 from phyagentos.store.edits.form import parse_form, read_amendment, read_contract
 from phyagentos.store.edits.reading import Line, Section, Sheet
 from phyagentos.store.views.sessions import build_data
@@ -47,7 +39,7 @@ def merge(
 ) -> Merge:
     """Merge one edited document; `base` is what was rendered at its sequence number, `sessions` the present."""
     accepted: list[Accepted] = []
-    refused = list(_refuse_words(edited.head, base.head, "the text above the sessions"))
+    refused = list(_refuse_lines(_find_new(edited.head, base.head), "the text above the sessions"))
     known = {section.name: section for section in base.sections}
     changed = [section for section in edited.sections if not _is_as_rendered(section, known.get(section.name))]
     times = Counter(section.name for section in changed)
@@ -72,10 +64,8 @@ def _is_as_rendered(section: Section, base: Section | None) -> bool:
 
 
 def _says_the_same(section: Section, base: Section) -> bool:
-    return (section.yaml, [text for _, text in section.prose]) == (
-        base.yaml,
-        [text for _, text in base.prose],
-    )
+    words, rendered = ([text for _, text in each.prose] for each in (section, base))
+    return section.yaml == base.yaml and words == rendered
 
 
 class _SectionMerge:
@@ -301,10 +291,6 @@ def _explain_fixed(path: _Path) -> tuple[str, str]:
 
 def _refuse(section: Section, reason: str, possible: str) -> Refused:
     return Refused(line=section.line, about=section.name, reason=reason, possible=possible, text=section.text)
-
-
-def _refuse_words(lines: Sequence[Line], base: Sequence[Line], about: str) -> list[Refused]:
-    return _refuse_lines(_find_new(lines, base), about)
 
 
 def _refuse_lines(lines: Sequence[Line], about: str) -> list[Refused]:

@@ -128,7 +128,7 @@ class SharedFile:
     def _put(self, data: bytes) -> bool:
         fresh = self._write_aside(data)
         stamp, digest = _read_stamp(fresh), _hash(data)
-        self._note_last(digest)  # before the swap: a wrong one costs a comparison
+        os.pwrite(self._last_fd, digest, 0)  # before the swap: a wrong one costs a comparison; in place: no ext4 flush
         try:
             is_swapped = self._swap_in(fresh)
         except FileNotFoundError:
@@ -141,9 +141,6 @@ class SharedFile:
         self._digest, self._stamp, self._is_checked = digest, stamp, False
         self._put_at_s, self._missing_since_s = self._clock.now_s(), None
         return True
-
-    def _note_last(self, digest: bytes) -> None:
-        os.pwrite(self._last_fd, digest, 0)  # in place: a file that is truncated or replaced is flushed by ext4
 
     def _swap_in(self, fresh: Path) -> bool:
         try:

@@ -31,13 +31,8 @@ class ClampBridge(ActionBridge):
         if source.gripper is not None:
             low[-1], high[-1] = sorted((source.gripper.closed, source.gripper.open))
         if not np.isfinite([low, high]).any():
-            return Problem(
-                code="CLAMP_UNBOUNDED",
-                address="clamp",
-                found="a target without bounds",
-                expected="minimum and maximum",
-                hint="Drop `clamp`, or declare the target's range.",
-            )
+            hint = "Drop `clamp`, or declare the target's range."
+            return Problem("CLAMP_UNBOUNDED", "clamp", "a target without bounds", "minimum and maximum", hint)
         return cls(source, replace_space(source, clamp=False), low, high)
 
     @property

@@ -54,11 +54,11 @@ def compile_chain(
     if source.representation != target.representation:
         problems.append(
             Problem(
-                code="REPRESENTATION_UNBRIDGED",
-                address="source.representation",
-                found=source.representation,
-                expected=target.representation,
-                hint="Poses become joint angles by planning, not by a bridge.",
+                "REPRESENTATION_UNBRIDGED",
+                "source.representation",
+                source.representation,
+                target.representation,
+                "Poses become joint angles by planning, not by a bridge.",
             )
         )
     if problems:
@@ -76,15 +76,8 @@ def compile_chain(
     if problems:
         return tuple(problems)
     if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
-        return (
-            Problem(
-                code="CHUNK_LENGTH",
-                address="chunk_length",
-                found=f"{source.chunk_length} rows",
-                expected=f"1 to {target.chunk_length} rows",
-                hint="Shorten the chunk.",
-            ),
-        )
+        expected = f"1 to {target.chunk_length} rows"
+        return (Problem("CHUNK_LENGTH", "chunk_length", f"{source.chunk_length} rows", expected, "Shorten the chunk."),)
     return BridgeChain(source, target, tuple(links))
 
 
@@ -92,7 +85,7 @@ def _check_space(space: ActionSpace, side: str) -> list[Problem]:
     """Contradictions and gaps of a space."""
 
     def problem(field: str, found: str, expected: str) -> Problem:
-        return Problem(code="ACTION_SPACE_INVALID", address=f"{side}.{field}", found=found, expected=expected)
+        return Problem("ACTION_SPACE_INVALID", f"{side}.{field}", found, expected)
 
     problems = []
     if space.representation == "joint_position" and len(set(space.joints)) != len(space.joints):

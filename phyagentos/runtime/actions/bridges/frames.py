@@ -31,11 +31,7 @@ class FrameBridge(ActionBridge):
         for space in (source, target):
             if space.frame not in frames:
                 return Problem(
-                    code="FRAME_UNKNOWN",
-                    address="frame",
-                    found=repr(space.frame),
-                    expected=format_names(frames),
-                    hint=format_hint(space.frame, frames),
+                    "FRAME_UNKNOWN", "frame", repr(space.frame), format_names(frames), format_hint(space.frame, frames)
                 )
         transformation = np.linalg.inv(frames[target.frame]) @ frames[source.frame]
         transformation[:3, 3] /= METRES[source.length_unit]

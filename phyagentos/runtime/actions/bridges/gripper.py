@@ -23,13 +23,10 @@ class GripperBridge(ActionBridge):
         if source.gripper == target.gripper:
             return None
         if source.gripper is None or target.gripper is None:
-            return Problem(
-                code="GRIPPER_MISMATCH",
-                address="gripper",
-                found="no gripper" if source.gripper is None else "a gripper",
-                expected="no gripper" if target.gripper is None else "a gripper",
-                hint="Both sides need a gripper's column, or neither.",
-            )
+            found = "no gripper" if source.gripper is None else "a gripper"
+            expected = "no gripper" if target.gripper is None else "a gripper"
+            hint = "Both sides need a gripper's column, or neither."
+            return Problem("GRIPPER_MISMATCH", "gripper", found, expected, hint)
         return cls(source, replace_space(source, gripper=target.gripper), source.gripper, target.gripper)
 
     @override

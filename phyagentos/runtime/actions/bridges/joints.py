@@ -62,22 +62,17 @@ class ProjectionBridge(ActionBridge):
             return None
         undeclared = [j for j in source.joints if j not in target.joints and j not in source.drop]
         if undeclared:
-            return Problem(
-                code="JOINT_UNKNOWN",
-                address="joints",
-                found=format_names(undeclared),
-                expected=format_names(target.joints),
-                hint=format_hint(undeclared[0], target.joints) or "Name it under `drop` if it may be left out.",
-            )
+            hint = format_hint(undeclared[0], target.joints) or "Name it under `drop` if it may be left out."
+            return Problem("JOINT_UNKNOWN", "joints", format_names(undeclared), format_names(target.joints), hint)
         absent = [joint for joint in target.joints if joint not in source.joints]
         unplaced = [joint for joint in absent if joint not in source.fixed]
         if unplaced:
             return Problem(
-                code="JOINT_MISSING",
-                address="joints",
-                found=format_names(source.joints),
-                expected=format_names(target.joints),
-                hint=f"Give the position of {format_names(unplaced)} under `fixed`.",
+                "JOINT_MISSING",
+                "joints",
+                format_names(source.joints),
+                format_names(target.joints),
+                f"Give the position of {format_names(unplaced)} under `fixed`.",
             )
         stay = tuple(joint for joint in source.joints if joint in target.joints)
         converted = replace_space(source, joints=(*stay, *absent), fixed={}, drop=())

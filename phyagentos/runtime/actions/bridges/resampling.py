@@ -35,13 +35,9 @@ class ResampleBridge(ActionBridge):
         ratio = Fraction(target.rate_hz / source.rate_hz).limit_denominator(FACTOR_MAX)
         exact = abs(float(ratio) * source.rate_hz - target.rate_hz) <= RATIO_TOLERANCE * target.rate_hz
         if not exact or ratio.numerator > FACTOR_MAX:
-            return Problem(
-                code="RATE_UNBRIDGED",
-                address="rate_hz",
-                found=f"{source.rate_hz:g} Hz",
-                expected=f"{target.rate_hz:g} Hz times a ratio of whole numbers up to {FACTOR_MAX}",
-                hint="Choose a rate that divides the target's, or a multiple of it.",
-            )
+            expected = f"{target.rate_hz:g} Hz times a ratio of whole numbers up to {FACTOR_MAX}"
+            hint = "Choose a rate that divides the target's, or a multiple of it."
+            return Problem("RATE_UNBRIDGED", "rate_hz", f"{source.rate_hz:g} Hz", expected, hint)
         up = ratio.numerator > 1
         factor = ratio.numerator if up else ratio.denominator
         rate = source.rate_hz * factor if up else source.rate_hz / factor
@@ -49,11 +45,11 @@ class ResampleBridge(ActionBridge):
         last = ratio.denominator == 1 or not up
         if last and not 1 <= length <= target.chunk_length:
             return Problem(
-                code="CHUNK_LENGTH",
-                address="chunk_length",
-                found=f"{source.chunk_length} rows at {source.rate_hz:g} Hz make {length} at {target.rate_hz:g} Hz",
-                expected=f"1 to {target.chunk_length} rows",
-                hint="Shorten the chunk." if length else "A chunk must last at least one period of the target.",
+                "CHUNK_LENGTH",
+                "chunk_length",
+                f"{source.chunk_length} rows at {source.rate_hz:g} Hz make {length} at {target.rate_hz:g} Hz",
+                f"1 to {target.chunk_length} rows",
+                "Shorten the chunk." if length else "A chunk must last at least one period of the target.",
             )
         return cls(source, replace_space(source, rate_hz=rate, chunk_length=length), factor, up)
 

@@ -6,7 +6,6 @@ bits, however often frames are read.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import msgspec
@@ -26,7 +25,6 @@ from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 MAX_LOST = 16  # frames in a row, before a camera has none to give
 LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
 _PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
-_THREADS = ThreadPoolExecutor(2, "camera")  # rays are cast without the lock of the interpreter
 _UNCORRUPTED: tuple[FaultActivation, ...] = ()
 
 FindCorruption = Callable[[str], tuple[FaultActivation, ...]]
@@ -47,7 +45,7 @@ class CameraRig:
     def __init__(self, model: mujoco.MjModel, sensors: Sensors, seed: int, episode: str, prefix: str = "") -> None:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
         self._cameras = open_cameras(model, sensors, seed=seed, prefix=prefix)
-        self._states = {name: mujoco.MjData(model) for name in self._cameras}  # cameras cast at once
+        self._state = mujoco.MjData(model)  # the one that is shown
         self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
 
     @property
@@ -74,7 +72,7 @@ class CameraRig:
                     "UNKNOWN_CAMERA", f"no camera {name!r} in this world; there are {format_names(self._cameras)}"
                 )
         latest_s = now_s - max((self._cameras[name].settings.latency_s for name in names), default=0.0)
-        shown: list[tuple[SimulatedCamera, Exposure, tuple[FaultActivation, ...]]] = []
+        frames: list[Frame] = []
         missing: dict[str, str] = {}
         for name in names:
             camera = self._cameras[name]
@@ -86,22 +84,13 @@ class CameraRig:
             elif any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
                 missing[name] = "CAMERA_SILENT"
             else:
-                shown.append((camera, exposure, corruptions))
-
-        def expose(each: tuple[SimulatedCamera, Exposure, tuple[FaultActivation, ...]]) -> Frame | str:
-            camera, exposure, corruptions = each
-            try:
-                return self._expose(camera, exposure, request.crops.get(camera.name), request.every, corruptions)
-            except ExecutionError as error:
-                if error.code != "NO_GRAPHICS":
-                    raise
-                return error.code
-
-        at_once = self._sensors.backend == "ray" and len(shown) > max(1, len(request.crops))  # one thread draws
-        frames = list((_THREADS.map if at_once else map)(expose, shown))
-        codes = zip(shown, frames, strict=True)
-        missing |= {camera.name: found for (camera, *_), found in codes if isinstance(found, str)}
-        return Frames(tuple(frame for frame in frames if not isinstance(frame, str)), missing)
+                try:
+                    frames.append(self._expose(camera, exposure, request.crops.get(name), request.every, corruptions))
+                except ExecutionError as error:
+                    if error.code != "NO_GRAPHICS":
+                        raise
+                    missing[name] = error.code
+        return Frames(tuple(frames), missing)
 
     def _find_exposure(self, camera: SimulatedCamera, limit_s: float, history: StateHistory) -> Exposure | None:
         """The latest exposure up to a moment whose frame was not lost; None after `MAX_LOST` lost ones."""
@@ -149,7 +138,7 @@ class CameraRig:
                 pose = (pose or self._find_place(camera, claimed)).then(error)
         if claimed is not shown:
             pose = pose or self._find_place(camera, claimed)
-        data = pose_state(self._model, shown.qpos, self._states[camera.name])
+        data = pose_state(self._model, shown.qpos, self._state)
         rng = self._draw(camera.name, "frame", shown.number)
         frame = camera.capture(data, claimed.time_s, rng, crop, pose, every)
         for each in corruptions:
@@ -158,7 +147,7 @@ class CameraRig:
 
     def _find_place(self, camera: SimulatedCamera, exposure: Exposure) -> Viewpoint:
         """Nominal pose of a camera in a state."""
-        return camera.mounting.find(pose_state(self._model, exposure.qpos, self._states[camera.name]))
+        return camera.mounting.find(pose_state(self._model, exposure.qpos, self._state))
 
 
 def _alter(frame: Frame, corruption: FaultActivation) -> Frame:

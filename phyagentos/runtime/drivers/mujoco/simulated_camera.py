@@ -131,13 +131,7 @@ class SimulatedCamera:
 
 
 def open_cameras(
-    model: mujoco.MjModel,
-    sensors: Sensors,
-    *,
-    seed: int,
-    level: str = "",
-    names: Sequence[str] = (),
-    prefix: str = "",
+    model: mujoco.MjModel, sensors: Sensors, *, seed: int, level: str = "", names: Sequence[str] = (), prefix: str = ""
 ) -> dict[str, SimulatedCamera]:
     """The cameras of sensors.yaml that a model can carry, all or those of `names`.
 

@@ -7,7 +7,7 @@ this module registers nothing.
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError
 from phyagentos.runtime.perception.detection.detector import Detector
 from phyagentos.runtime.perception.detection.http import open_http_detector
 
@@ -35,15 +35,7 @@ class DetectorRegistry:
     def open(self, name: str, settings: Mapping[str, str | float], address: str = "perception.yaml") -> Detector:
         """A detector by name; raises DefinitionError `UNKNOWN_DETECTOR`, or the factory's problem with the settings."""
         if name not in self._factories:
-            raise DefinitionError(
-                Problem(
-                    code="UNKNOWN_DETECTOR",
-                    address=address,
-                    found=repr(name),
-                    expected=format_names(self._factories),
-                    hint=format_hint(name, self._factories),
-                )
-            )
+            raise DefinitionError.unknown("UNKNOWN_DETECTOR", address, name, self._factories)
         return self._factories[name](settings)
 
 

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.runtime.perception.detection.detector import Colours, Detection
 
 VERSION = 1
@@ -128,14 +128,8 @@ def open_http_detector(settings: Mapping[str, str | float]) -> HttpDetector:
     unknown = sorted(set(settings) - {"url", "timeout_s", "score_min"})
     numbers = [settings.get("timeout_s", TIMEOUT_S), settings.get("score_min", 0.3)]
     if not isinstance(url, str) or unknown or not all(isinstance(each, float | int) for each in numbers):
-        raise DefinitionError(
-            Problem(
-                code="INVALID_VALUE",
-                address="perception.yaml: detector.settings",
-                found=repr(dict(settings)),
-                expected="url: text; timeout_s, score_min: numbers",
-            )
-        )
+        expected = "url: text; timeout_s, score_min: numbers"
+        raise DefinitionError.of("INVALID_VALUE", "perception.yaml: detector.settings", repr(dict(settings)), expected)
     return HttpDetector(url, float(numbers[0]), float(numbers[1]))
 
 
