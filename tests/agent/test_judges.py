@@ -118,14 +118,18 @@ def test_numbers_of_the_trajectory(tmp_path, text, truth):
     assert judge_metric(text, tmp_path).truth is truth
 
 
-def test_numbers_of_leaves_outputs_and_the_execution_count_under_their_names():
+def test_a_controllers_own_word_counts_only_where_the_goal_asks_for_what_was_reported():
     event = TraceEvent(
         tick=1, time_s=1.0, path="a", leaf="verify_grasp", status="SUCCESS", numbers={"width_m": 0.04, "labels": ["a"]}
     )
     execution = {"ended": Ended.COMPLETED, "outputs": {"depth_m": 0.01, "site": [0, 1]}, "interventions": 2}
     more = {"trace": (event,), "execution": execution}
-    assert judge_metric("metric(width_m) >= 0.03", **more).truth is Truth.TRUE
-    assert judge_metric("metric(depth_m) < 0.01", **more).truth is Truth.FALSE
+    assert judge_metric("metric(reported_width_m) >= 0.03", **more).truth is Truth.TRUE
+    assert judge_metric("metric(reported_depth_m) < 0.01", **more).truth is Truth.FALSE
+    unasked = judge_metric("metric(width_m) >= 0.03", **more)
+    assert (unasked.truth, unasked.because) == (Truth.UNKNOWN, "nothing measured width_m")
+    assert judge_metric("metric(depth_m) >= 0.0", **more).truth is Truth.UNKNOWN
+    more["execution"]["outputs"] |= {"interventions": 0, "ticks": 0}
     assert judge_metric("metric(interventions) <= 0", **more).measured == {"interventions": 2.0}
 
 

@@ -168,6 +168,21 @@ SABOTAGES = (
         tests=("tests/agent/test_recovery_missions.py::test_nothing_is_submitted_beyond_the_budget_of_the_goal",),
     ),
     Sabotage(
+        name="own_word_is_a_measurement",
+        lie="What a skill says of itself counts as measured.",
+        edits=(
+            Edit(
+                "phyagentos.agent.judging.judges.metrics",
+                'REPORTED = "reported_"',
+                'REPORTED = ""',
+            ),
+        ),
+        tests=(
+            "tests/agent/test_judges.py::"
+            "test_a_controllers_own_word_counts_only_where_the_goal_asks_for_what_was_reported",
+        ),
+    ),
+    Sabotage(
         name="goal_time_bounds_nothing",
         lie="A session runs on when the simulated time of its goal is spent.",
         edits=(

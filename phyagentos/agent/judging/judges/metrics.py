@@ -1,7 +1,7 @@
 """The judge of numbers, `metric(name) <= bound`, and how each metric is computed from the bundle.
 
-Beside the metrics of the trajectory, every number of a leaf or of the session's outputs counts under its own name. An
-unmeasured metric is unknown. Peaks are taken over every control period, so that a spike of one period counts.
+Peaks are taken over every control period, so that a spike of one period counts. An unmeasured metric is unknown. What a
+leaf or the session's outputs say of themselves is not measured: it counts only as `metric(reported_NAME)`.
 """
 
 import math
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     Trajectory = Mapping[str, NDArray[np.float64]]
 
+REPORTED = "reported_"  # begins the name of a number that is the controller's own word
 MAX_BYTES = 64 * 1024 * 1024  # of a trajectory: an hour of a seven-jointed arm
 
 
@@ -62,11 +63,10 @@ so records `force_n`, the greatest of each control period; for any other it is u
 
 
 def read_report(bundle: Bundle) -> Iterator[tuple[str, float]]:
-    """Numbers that the runtime reported: of the trace, of the outputs, of the execution; the later ones win."""
-    for event in bundle.trace:
-        yield from _iter_numbers(event.numbers)
+    """Numbers of the trace and of the outputs, as reported ones, then those that the runtime counted."""
     execution = bundle.execution
-    yield from _iter_numbers(execution.outputs)
+    for told in (*(event.numbers for event in bundle.trace), execution.outputs):
+        yield from ((REPORTED + name, value) for name, value in _iter_numbers(told))
     yield "sim_time_s", execution.sim_time_s
     yield "ticks", float(execution.ticks)
     yield "interventions", float(execution.interventions)
@@ -131,7 +131,7 @@ class MetricJudge:
 
 def read_metrics(bundle: Bundle, wanted: set[str]) -> Mapping[str, float]:
     """The wanted metrics in the bundle; the trajectory is read only when one of them needs it."""
-    found = {name: value for name, value in read_report(bundle) if name not in TRAJECTORY_METRICS}  # that is observed
+    found = dict(read_report(bundle))
     if wanted & TRAJECTORY_METRICS.keys():
         found |= read_course(bundle.folder, wanted)
     return {name: value for name, value in found.items() if name in wanted}
