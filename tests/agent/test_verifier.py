@@ -255,6 +255,7 @@ def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
         ),
         (Cause.PLACED_WRONG, OWN_WAY, Strategy(avoid_sites=("site1",), speed=0.5)),
         (Cause.OBJECT_MOVED, OWN_WAY, OWN_WAY),
+        (Cause.ADAPTER_REFUSED, OWN_WAY, Strategy(avoid_sites=("site1.yaw+000",))),
         (Cause.NO_PLAN, Strategy(avoid_grasps=("yaw+000",), speed=0.5), Strategy(speed=0.5)),
         (Cause.TIMED_OUT, OWN_WAY, OWN_WAY),
     ],
@@ -263,6 +264,12 @@ def test_the_strategy_answers_the_cause(cause, before, after):
     revision = _revise(cause, strategy=before)
     assert revision.strategy == after
     assert revision.parent == "g.red"
+
+
+def test_a_way_that_was_refused_before_any_site_was_chosen_is_another_grasp():
+    bundle = make_bundle(make_world(), session=make_session(), trace=TRACE[:2])
+    attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=Cause.ADAPTER_REFUSED.value)
+    assert revise(Miss.of_execution(bundle, attempt)).strategy == Strategy(avoid_grasps=("yaw+090",))
 
 
 def test_the_child_requires_to_see_the_object_and_not_that_it_stands_where_its_skill_wanted_it():

@@ -72,6 +72,10 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
         site = label.partition(".")[0]  # the place is at fault, whichever way the hand was turned
         strategy = strategy.avoid(site=site)
         reasons.append(f"another site than {site}")
+    if cause is Cause.ADAPTER_REFUSED:  # the world is the same, and so would be the answer to the same way
+        site, grasp = (find_label(miss.trace, role) for role in (Role.PLAN_SITE, Role.PLAN_GRASP))
+        strategy = strategy.avoid(site=site) if site else strategy.avoid(grasp=grasp) if grasp else strategy
+        reasons += [f"another way than {site or grasp}, which was refused"] if site or grasp else []
     if cause in _GO_SLOWER:
         strategy = strategy.slow_down(SLOWER, SLOWEST)
         reasons.append(f"at {strategy.speed:g} of the speed")

@@ -183,6 +183,12 @@ SABOTAGES = (
         ),
     ),
     Sabotage(
+        name="refused_way_again",
+        lie="The very way that the target has refused is tried again.",
+        edits=(Edit("phyagentos.agent.repair.retrying", "if cause is Cause.ADAPTER_REFUSED:", "if False:"),),
+        tests=("tests/agent/test_verifier.py::test_the_strategy_answers_the_cause",),
+    ),
+    Sabotage(
         name="goal_time_bounds_nothing",
         lie="A session runs on when the simulated time of its goal is spent.",
         edits=(
