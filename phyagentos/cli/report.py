@@ -12,6 +12,7 @@ from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.mission.report import build_report as build_mission_report
 from phyagentos.cli.console import STYLES, build_criterion_line, summarise
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.planted_faults import find_unstruck
 from phyagentos.cli.progress import Row, RunFold
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 
@@ -26,6 +27,7 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
         wall_s: Of the whole command, both planes started and ended [s].
         pictures: Session -> files.
         goal: The agent's own report; None without a goal.
+        unstruck_faults: Faults of the fault file that never struck.
     """
 
     report: int = 1
@@ -34,6 +36,7 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float
     pictures: dict[str, tuple[str, ...]]
     goal: MissionReport | None
+    unstruck_faults: tuple[str, ...] = ()
 
 
 def compute_exit_code(fold: RunFold) -> ExitCode:
@@ -55,6 +58,7 @@ def build_report(fold: RunFold, *, workspace: Path, wall_s: float, exit_code: Ex
         wall_s=round(wall_s, 3),
         pictures={id: found for id, found in pictures.items() if found},
         goal=build_mission_report(goal, fold.ledger, round(wall_s, 3)) if goal is not None else None,
+        unstruck_faults=find_unstruck(workspace),
     )
 
 
@@ -84,6 +88,8 @@ def print_report(report: RunReport, fold: RunFold, console: Console) -> None:
         console.print(Text.assemble(f"goal {goal.goal}: ", (word, style), f"  {goal.reason}"))
         for criterion in goal.criteria:
             console.print(build_criterion_line(criterion))
+    for fault in report.unstruck_faults:
+        console.print(f"fault {fault} never struck", style="yellow", soft_wrap=True)
     for pictures in report.pictures.values():
         for picture in pictures:
             console.print(f"picture {picture}", style="dim", soft_wrap=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
+from phyagentos.cli.planted_faults import find_unstruck
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
@@ -34,6 +35,7 @@ def explain_session(workspace: Workspace, ledger: Ledger, id: SessionId) -> str:
             lines += _explain_attempt(attempt, bundle)
         lines.append(f"  evidence    {bundle.folder}")
         lines += _explain_thinning(bundle)
+    lines += [f"  fault       {fault} never struck in this run" for fault in find_unstruck(workspace.root)]
     lines += [
         f"  child       {child.contract.id}, strategy {child.contract.strategy or _OWN_WAY}"
         for child in ledger.sessions.values()

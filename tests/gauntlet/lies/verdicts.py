@@ -183,6 +183,12 @@ SABOTAGES = (
         ),
     ),
     Sabotage(
+        name="fault_that_never_struck",
+        lie="Every fault that was planted counts as struck.",
+        edits=(Edit("phyagentos.cli.planted_faults", "        if found is None:\n", "        if False:\n"),),
+        tests=("tests/cli/test_planted_faults.py::test_a_fault_that_never_struck_is_named",),
+    ),
+    Sabotage(
         name="refused_way_again",
         lie="The very way that the target has refused is tried again.",
         edits=(Edit("phyagentos.agent.repair.retrying", "if cause is Cause.ADAPTER_REFUSED:", "if False:"),),

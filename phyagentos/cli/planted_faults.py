@@ -1,0 +1,52 @@
+"""Which faults of a run's fault file never struck: a run that met its goal without them shows nothing about them."""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.assembly.paths import FAULTS as FILE
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.sessions.evidence import FAULTS
+from phyagentos.protocol.world.faults import Stall, read_faults
+
+
+class _Strike(msgspec.Struct, frozen=True):
+    kind: str
+    time_s: float
+    details: dict[str, object]
+
+
+def find_unstruck(workspace: Path) -> tuple[str, ...]:
+    """`slip of red_cube`: faults of the file that no bundle of the workspace records; empty without a file."""
+    path = workspace / FILE
+    if not path.is_file():
+        return ()
+    try:
+        planted = read_faults(path)
+    except DefinitionError:
+        return ()
+    struck = Counter(dict.fromkeys(_iter_strikes(workspace), 1))
+    missing = []
+    for fault in planted.faults:
+        body = fault.joint if isinstance(fault, Stall) else fault.object or getattr(fault, "camera", "")
+        bodies = {body, getattr(fault, "camera", body)}
+        found = next((each for each in struck if each[0] == fault.kind and each[1] in bodies and struck[each]), None)
+        if found is None:
+            missing.append(f"{fault.kind} of {body}")
+        else:
+            struck[found] = 0
+    if planted.draw is not None and not any(struck.values()):
+        missing.append(f"one of {', '.join(planted.draw.one_of)}, of {' or '.join(planted.draw.objects)}")
+    return tuple(missing)
+
+
+def _iter_strikes(workspace: Path) -> Iterator[tuple[str, str, float]]:
+    """Kind, body and time of each; a fault that lasts stands in several bundles."""
+    for file in sorted(workspace.glob(f"evidence/*/{FAULTS}")):
+        try:
+            strikes = msgspec.json.decode(file.read_bytes(), type=list[_Strike])
+        except msgspec.MsgspecError:
+            continue
+        yield from ((each.kind, str(each.details.get("body", "")), each.time_s) for each in strikes)
