@@ -185,7 +185,7 @@ SABOTAGES = (
     Sabotage(
         name="fault_that_never_struck",
         lie="Every fault that was planted counts as struck.",
-        edits=(Edit("phyagentos.cli.planted_faults", "        if found is None:\n", "        if False:\n"),),
+        edits=(Edit("phyagentos.cli.planted_faults", 'missing.append(f"{fault.kind} of {body}")', "pass"),),
         tests=("tests/cli/test_planted_faults.py::test_a_fault_that_never_struck_is_named",),
     ),
     Sabotage(
