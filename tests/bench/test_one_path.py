@@ -53,7 +53,8 @@ def copy_library(folder):
     """The counter's, with a skill that names a thing and a place, as experience does."""
     shutil.copytree(ROOT / "benchmarks" / "library", folder)
     skill = folder / "skills" / "advance" / "SKILL.md"
-    skill.write_text(skill.read_text().replace("tree: advance\n", f"tree: advance\n{PARAMETERS}"))
+    text = skill.read_text().replace("tree: advance\n", f"tree: advance\n{PARAMETERS}")
+    skill.write_text(text.replace('"moved(mark)"', '"moved(mark)", "near(${object}, ${destination}, 1)"'))
     return folder
 
 

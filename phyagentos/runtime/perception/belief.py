@@ -12,7 +12,7 @@ import numpy as np
 
 from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vector, turn
 from phyagentos.protocol.sessions.looks import format_pointer
-from phyagentos.protocol.world.environment import Change, Entity, Pose, Region, Shape, Status, TargetState
+from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.association import Match, associate
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, fit_fixed
@@ -74,6 +74,9 @@ def update_belief(
         seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
         taken = find_held(seen, state, inventory, hand)
         if taken is not None:
+            was = before.get(taken.name, taken).pose.position_m
+            came_along = math.dist(was, taken.pose.position_m) > LIFTED_M  # this look shows it in the hand
+            taken = msgspec.structs.replace(taken, taken_at_m=was, looks=int(came_along))
             entities[taken.name] = carry(taken, state, hand)
     outside, filled = _take_filling(filling, entities, rest)
     spilt = associate(filling, entities, outside, views, inventory.map)
