@@ -75,8 +75,8 @@ def update_belief(
         taken = find_held(seen, state, inventory, hand)
         if taken is not None:
             was = before.get(taken.name, taken).pose.position_m
-            came_along = math.dist(was, taken.pose.position_m) > LIFTED_M  # this look shows it in the hand
-            taken = msgspec.structs.replace(taken, taken_at_m=was, looks=int(came_along))
+            is_lifted = taken.pose.position_m[2] - was[2] > LIFTED_M  # and this look shows it in the hand
+            taken = msgspec.structs.replace(taken, taken_at_m=was, looks=int(is_lifted))
             entities[taken.name] = carry(taken, state, hand)
     outside, filled = _take_filling(filling, entities, rest)
     spilt = associate(filling, entities, outside, views, inventory.map)
