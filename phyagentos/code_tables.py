@@ -214,6 +214,7 @@ UNKNOWN_ENTITY          The name of something that the world does not hold.
 """
 
 EXECUTION = """
+ALREADY_MET             The acceptance was true before the session, so that nothing was commanded.
 GRASP_LOST              The object was held and is not any more.
 GRASP_MISSED            The fingers closed and do not hold the object.
 HOLD_VIOLATED           A condition that had to hold all through did not.

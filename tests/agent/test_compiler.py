@@ -54,6 +54,23 @@ def test_a_contract_holds_what_skill_node_and_goal_say_each_once(compiler):
     assert session.objective == "Pick and place: object red_cube, destination red_tray, speed 1."
 
 
+@pytest.mark.parametrize(
+    ("node", "change", "unless_met"),
+    [
+        ("red", ("", ""), True),
+        ("hand", ("", ""), False),  # holding passes: the act is wanted
+        ("red", ("timeout_s: 20", "even_if_met: true"), False),
+        ("red", ("not moved(bottle)", "metric(ticks) >= 9"), False),
+    ],
+)
+def test_a_node_that_wants_a_state_is_not_acted_on_where_it_is_met(write_graph, catalogue, node, change, unless_met):
+    graph = read_goal_graph(write_graph(GRAPH.replace(*change) if change[0] else GRAPH), catalogue)
+    compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7)
+    assert compiler.compile_node(node, outputs={}).unless_met is unless_met
+    look = Revision(parent=SessionId("g-7.red"), purpose="inspect")
+    assert not compiler.compile_node(node, outputs={}, attempt=1, revision=look).unless_met
+
+
 def test_limits_of_supervision_resources_and_resets_reach_the_contract(write_graph, catalogue):
     text = GRAPH.replace("max_replans: 1}", "stall_s: 3, think_s: 9, preflight_s: 40, reset_policy: between_goals}")
     graph = read_goal_graph(write_graph(text.replace("timeout_s: 20", "resources: [tray]")), catalogue)

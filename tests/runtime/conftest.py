@@ -318,12 +318,12 @@ class Bench:
             clock=clock,
         )
 
-    def run(self, session, tree=None, cancel=lambda: None, policy=""):
+    def run(self, session, tree=None, cancel=lambda: None, policy="", plan=()):
         self.handle.load(session.scene)
         return self.runner.run(
             session,
             1,
-            {"tree": tree or session.skill} | ({"policy_adapter": policy} if policy else {}),
+            {"tree": tree or session.skill} | ({"policy_adapter": policy} if policy else {}) | dict(plan),
             evidence=f"evidence/{session.id}",
             cancel=cancel,
             beat=lambda **beat: self.beats.append(beat),

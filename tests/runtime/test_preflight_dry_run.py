@@ -2,15 +2,18 @@
 
 from multiprocessing import Pipe
 from threading import Thread
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from phyagentos.clock import ManualClock
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.sessions.session import Scene, Session
-from phyagentos.protocol.world.environment import Entity, Environment, Pose, Shape, ShapeKind, TargetState
+from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind, TargetState
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.execution.leaf_registry import build_registry
@@ -26,6 +29,7 @@ from phyagentos.runtime.motion.requests import (
     Timing,
     World,
 )
+from phyagentos.runtime.preflight.adapter_plan import AdapterPlan
 from phyagentos.runtime.preflight.dry_run import (
     ANSWER_S,
     DryRun,
@@ -36,6 +40,7 @@ from phyagentos.runtime.preflight.dry_run import (
     compute_reach,
     find_motions,
 )
+from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.targets.wire import Kinematics
 from phyagentos.runtime.worker.orders import Check, Checked, Ready, Reconcile, encode, receive_answer, serve_refusals
 
@@ -74,16 +79,22 @@ def refuse(code, **rejected):
     return NoPlan(code=code, message="no", timing=Timing(ms={}), rejected=rejected)
 
 
-def try_out(planner, cube=(0.5, 0.0, 0.02), reach=None, thorough=False, clock=None, tree="pick_and_place", q_rad=HOME):
+def make_world(cube=(0.5, 0.0, 0.02), q_rad=HOME, **of_cube):
     state = TargetState(q_rad=tuple(q_rad), qd_rad_s=(0.0,) * 7, gripper_width_m=0.08, tcp=Pose())
     entities = {
-        "cube": Entity(name="cube", kind="cube", pose=Pose(cube)),
-        "tray": Entity(name="tray", kind="tray", pose=Pose((0.4, 0.3, 0.0))),
+        "cube": Entity(name="cube", kind="cube", pose=Pose(cube), **of_cube),
+        "tray": Entity(
+            name="tray", kind="tray", pose=Pose((0.4, 0.3, 0.0)), interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.05))
+        ),
     }
-    now = Environment(
+    return Environment(
         time_s=0.0, scene="s", episode="e", revision=1, sensing="truth", entities=entities, regions={},
         targets={"panda": state},
     )  # fmt: skip
+
+
+def try_out(planner, cube=(0.5, 0.0, 0.02), reach=None, thorough=False, clock=None, tree="pick_and_place", q_rad=HOME):
+    now = make_world(cube, q_rad)
     clock = clock or ManualClock()
     dry_run = DryRun(
         planner=planner, library=Library.open(), registry=REGISTRY, clock=clock, home_rad=HOME, reach=reach
@@ -223,6 +234,58 @@ def test_no_posture_reaches_beyond_the_bound():
         reach, tool = compute_reach(kinematics), ToolPoint(kinematics)
         excess = [reach.compute_excess(tool.compute(q)) for q in rng.uniform(-np.pi, np.pi, (200, n))]
         assert max(excess) < 1e-9
+
+
+def examine(now, planner, *sessions):
+    """What preflight finds of these sessions, one after the other, in a world that stands still."""
+    library, clear = Library.open(), lambda *_, **__: []
+    skill = SimpleNamespace(kind="builtin", tree="pick_and_place")
+    plan = AdapterPlan(target_adapter="t", skill_runtime="s", tree=skill.tree, observation_path=(), action_path=())
+    preflight = SimpleNamespace(
+        skills={"pick_and_place": skill}, profile=read_target(library.get_target("panda")), plan=lambda *_: (plan, ()),
+        find_contract_problems=clear, find_target_problems=clear, find_scene_problems=clear, find_world_problems=clear,
+    )  # fmt: skip
+    handle = SimpleNamespace(describe=lambda: SimpleNamespace(kinematics=None), load=lambda *_, **__: None)
+    examiner = Examiner(
+        preflight=preflight, handle=handle, world=SimpleNamespace(enter=lambda _: None, observe=lambda _: now),
+        planner=planner, library=library, registry=REGISTRY, clock=ManualClock(),
+    )  # fmt: skip
+    return [examiner.examine(session) for session in sessions]
+
+
+def make_session(attempt=0, **changes):
+    scene = Scene(name="tabletop/cubes_and_trays", seed=0, episode="e")
+    return replace(SESSION, scene=scene, attempt=attempt, accept=("inside(cube, tray)",), **changes)
+
+
+def test_every_attempt_passes_the_same_dry_run():
+    planner = Oracle(FindGrasps=FOUND, FindPlacements=refuse("NO_FREE_SITE"))
+    found = examine(make_world(), planner, make_session(), make_session(1), make_session(2))
+
+    assert [[problem.code for problem in each.problems] for each in found] == [["NO_FREE_SITE"]] * 3
+
+
+def test_where_a_thing_lies_once_it_is_let_go_is_not_known_beforehand():
+    (found,) = examine(make_world(held_by="panda"), Oracle(FindGrasps=refuse("TOO_WIDE")), make_session(1))
+
+    assert [trial.motion for trial in found.trials] == []
+    assert found.plan is not None
+
+
+@pytest.mark.parametrize(
+    ("cube", "speed_m_s", "refused", "asks"),
+    [
+        ((0.4, 0.3, 0.05), 0.0, "ALREADY_MET", False),
+        ((0.4, 0.3, 0.05), 0.1, "TOO_WIDE", True),  # it may come to rest where it is wanted
+        ((0.5, 0.0, 0.02), 0.0, "", True),
+    ],
+)
+def test_what_may_be_met_already_is_granted_for_a_look(cube, speed_m_s, refused, asks):
+    planner = Oracle(FindGrasps=refuse("TOO_WIDE"))
+    (found,) = examine(make_world(cube, speed_m_s=speed_m_s), planner, make_session(unless_met=True))
+
+    assert bool(planner.asked) is asks
+    assert [problem.code for problem in (found.plan.refused if refused else found.problems)] == [refused or "TOO_WIDE"]
 
 
 def test_an_arm_with_a_slide_has_no_such_bound():

@@ -121,6 +121,45 @@ def test_the_look_at_the_end_waits_a_while_for_what_the_acceptance_speaks_of_to_
     assert (not after.explain_motion(after.entities["red_cube"])) is rests
 
 
+@pytest.mark.parametrize(
+    ("cube", "rolls_s", "asked", "done"),
+    [
+        ((0.5, 0.3, 0.02), 0.0, True, "ALREADY_MET"),
+        ((0.5, 0.3, 0.02), 0.5, True, "ALREADY_MET"),  # once it rests
+        ((0.5, 0.3, 0.02), 99.0, True, ""),  # never shown to rest
+        ((0.5, 0.3, 0.02), 0.0, False, ""),  # the action itself is wanted
+        ((0.5, 0.0, 0.02), 0.0, True, ""),
+    ],
+)
+def test_what_is_met_already_is_not_acted_on(build_bench, build_session, doubles, profile, cube, rolls_s, asked, done):
+    class Rolling(doubles.PerfectTarget):
+        def _observe(self):
+            settles = [request.duration_s for request in self.requests if isinstance(request, wire.Settle)]
+            thing = msgspec.structs.replace(self.entities["red_cube"], speed_m_s=0.1 if sum(settles) < rolls_s else 0.0)
+            self.entities["red_cube"] = thing
+            return super()._observe()
+
+    tray = doubles.build_cube("red_tray", (0.5, 0.3, 0.0), interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.05)))
+    bench = build_bench(Rolling(profile, [doubles.build_cube(position=cube), tray]))
+    bench.target.q = bench.target.q + 0.3
+    accept = ("inside(red_cube, red_tray)", "not moved(red_tray)")
+    session = build_session(skill="home", parameters={}, accept=accept, unless_met=asked)
+    execution = bench.run(session)
+
+    assert (execution.ended, execution.code) == (Ended.COMPLETED, done)
+    assert (execution.ticks == 0) == (len(bench.target.commands()) == 0) == bool(done)
+
+
+def test_what_preflight_granted_for_a_look_alone_never_acts(build_bench, build_session):
+    bench = build_bench()
+    bench.target.q = bench.target.q + 0.3
+    refused = [{"code": "TOO_WIDE", "address": "dry run", "found": "red_cube is wider than the gripper opens"}]
+    execution = bench.run(build_session(skill="home", parameters={}), plan={"refused": refused})
+
+    assert (execution.ended, execution.code, execution.ticks) == (Ended.SKILL_FAILED, "TOO_WIDE", 0)
+    assert "wider" in execution.message
+
+
 def test_pick_and_place_runs_through_its_leaves_in_order(build_bench, build_session, doubles, profile):
     cubes = [doubles.build_cube(), doubles.build_cube("red_tray", (0.5, 0.3, 0.0))]
     bench = build_bench(doubles.PerfectTarget(profile, cubes, graspable="red_cube"), doubles.ScriptedPlanner(polls=3))

@@ -15,11 +15,12 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY, Choice
 from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.tasks import compute_session_id
-from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
+from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import format_value
 from phyagentos.protocol.world.seeds import compute_seed
 
@@ -127,6 +128,7 @@ class SessionCompiler:
             reset_policy=defaults_of_goal.reset_policy,
             purpose=purpose,
             lookahead=self._ask_ahead(name, attempt, revision),
+            unless_met=not purpose and not spec.even_if_met and _wants_state(promiser, spec),
         )
 
     def _ask_ahead(self, name: str, attempt: int, revision: Revision | None) -> LookaheadRequest | None:
@@ -174,6 +176,16 @@ class _Resolver:
         if problems:
             raise DefinitionError(problems)
         return tuple(resolved)
+
+
+def _wants_state(skill: SkillRuntime, spec: NodeSpec) -> bool:
+    """Whether a node wants a state of the world, which may be there already, rather than the act itself.
+
+    The guarantees of its skill decide: a lasting state (`inside`, `closed`) is wanted for itself; a passing fact
+    (`visible`, `holding`), or none, is the mark of the act. Whoever measures the act (`metric`) wants it, too.
+    """
+    promised = [parse_predicate(text, template=True) for text in skill.guarantees]
+    return bool(promised) and all(each.is_lasting for each in promised) and not any(map(has_metric, spec.accept))
 
 
 def _check_resolved(parameters: Mapping[str, Any], goal: GoalId, node: str) -> None:

@@ -96,6 +96,7 @@ class NodeSpec(Authored):
         priority: Larger runs first; a waiting session gains priority with time.
         resources: What it must have for itself while it runs, beside those of the skill; see runtime_contract.yaml.
         lookahead: Overrides the default; `false` for no look-ahead.
+        even_if_met: Act although the acceptance is true before: the action itself is wanted.
     """
 
     skill: str | Promise
@@ -112,6 +113,7 @@ class NodeSpec(Authored):
     priority: int = pydantic.Field(default=0, ge=-PRIORITY_MAX, le=PRIORITY_MAX)
     resources: tuple[str, ...] = ()
     lookahead: LookaheadSpec | Literal[False] | None = None
+    even_if_met: bool = False
 
 
 class GoalSpec(Authored):

@@ -47,6 +47,7 @@ _OF_CODES = {
     "PLANNER_LOST": Cause.RUNNER_LOST,
     "TOO_WIDE": Cause.IMPOSSIBLE,
     "UNMET": Cause.UNMET,
+    **dict.fromkeys(("NO_SPACE", "OUT_OF_REACH"), Cause.IMPOSSIBLE),
     **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN"), Cause.NO_PLAN),
 }
 _OF_ENDS = {
@@ -265,7 +266,8 @@ def _judge_completed(
             return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
         cause = Cause.UNDECIDABLE if _is_all_seen(unknown, bundle) else Cause.EVIDENCE_MISSING
         return cause, f"{unknown.text} is unknown: {unknown.because}"
-    if bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
+    claims_effect = not bundle.execution.code  # else it reports that nothing was to be done
+    if claims_effect and bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
     wanted = [find_formula(criterion.text) for criterion in criteria if criterion.truth is Truth.FALSE]
     if any(isinstance(each, Call) and each.name == "holding" for each in wanted):

@@ -206,7 +206,8 @@ def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceRefer
 def _explain_success(bundle: Bundle, criteria: Sequence[Criterion]) -> str:
     text = f"acceptance: all {len(criteria)} criteria are true; {criteria[0].text}: {criteria[0].because}."
     if bundle.execution.ended is Ended.COMPLETED:
-        return text
+        code, message = bundle.execution.code, bundle.execution.message
+        return f"{text} {code}: {message}." if code else text
     leaf = f" at {bundle.execution.leaf}" if bundle.execution.leaf else ""
     code = f" with {bundle.execution.code}" if bundle.execution.code else ""
     return f"{text} The execution ended {bundle.execution.ended}{leaf}{code}, which does not change what was achieved."

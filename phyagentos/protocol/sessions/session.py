@@ -133,6 +133,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         advised_by: Ids of the entries of memory that this rests on.
         lookahead: What is to be simulated before it starts; None for nothing.
         goal_left_s: Simulated time that the goal's budget left for it [s]; None where that bounds nothing.
+        unless_met: Whether it ends with `ALREADY_MET`, and nothing is commanded, when its acceptance is true before.
     """
 
     id: SessionId
@@ -159,6 +160,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     advised_by: tuple[str, ...] = ()
     lookahead: LookaheadRequest | None = None
     goal_left_s: float | None = None
+    unless_met: bool = False
 
     @property
     def execution_s(self) -> float:

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.settings.operations import Operation
 from phyagentos.runtime.targets.wire import Description
@@ -32,6 +33,7 @@ class AdapterPlan(msgspec.Struct, frozen=True, kw_only=True):
         action_bridges: Conversions between action spaces; empty when skill and target share one.
         policy_adapter: Talks to the policy server; empty for a tree.
         validation_mode: `strict`: nothing is repaired silently.
+        refused: Why it may not act; granted only to see that its objective is met already. Empty where it may act.
     """
 
     target_adapter: str
@@ -42,6 +44,7 @@ class AdapterPlan(msgspec.Struct, frozen=True, kw_only=True):
     action_bridges: tuple[str, ...] = ()
     policy_adapter: str = ""
     validation_mode: str = "strict"
+    refused: tuple[Problem, ...] = ()
 
     def __str__(self) -> str:
         return "\n".join(

@@ -163,8 +163,8 @@ class DryRun:
                     q_rad = home_rad
             elif isinstance(motion, Grasp):
                 entity = now.entities.get(motion.object)
-                if entity is None:
-                    break  # reported with the names
+                if entity is None or entity.held_by:
+                    break  # reported with the names; where it lies once it is let go is not known
                 trial, answer = self._try_grasp(session, motion, entity, world, q_rad)
                 trials.append(trial)
                 if not isinstance(answer, Approaches):

@@ -14,7 +14,9 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.execution.already_met import ALREADY_MET, weigh_before
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.motion.process import Planner
@@ -30,9 +32,11 @@ from phyagentos.runtime.preflight.dry_run import (
     find_motions,
     make_trial_problem,
 )
+from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.preflight.needs import iter_payload_problems
 from phyagentos.runtime.targets.wire import Description
 
+_UNMET = "PRECONDITION_UNMET"  # matters to what acts
 _OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world is not looked at
 
 
@@ -79,12 +83,13 @@ class Examiner:
         Args:
             session: The contract.
             snapshot: Start of a rerun, which gets no dry run.
-            thorough: Make the dry run of every session and look for paths, not only of the first of an episode.
+            thorough: Look for paths in the dry run, too; also for a rerun.
             may_reset: Whether another episode may end for this session.
         """
         began_s = self.clock.now_s()
         loading_s = 0.0
         trials: tuple[Trial, ...] = ()
+        held_back: tuple[Problem, ...] = ()
         problems = [*self.preflight.find_contract_problems(session), *self._find_tree_problems(session)]
         try:
             live = self.handle.describe()
@@ -98,7 +103,7 @@ class Examiner:
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self.preflight.find_scene_problems(session, live)
                 problems += self._find_payload_problems(session)
-                found, trials = self._look(session, live, is_repeated=bool(snapshot), thorough=thorough)
+                found, held_back, trials = self._look(session, live, is_repeated=bool(snapshot), thorough=thorough)
                 problems += found
         except DefinitionError as error:
             problems += locate(session, error.problems)
@@ -109,22 +114,30 @@ class Examiner:
         if problems:
             return Finding(plan=None, tools=None, problems=tuple(dict.fromkeys(problems)), trials=trials, ms=ms)
         plan, tools = self.preflight.plan(session, live)
+        plan = msgspec.structs.replace(plan, refused=held_back) if held_back else plan
         return Finding(plan=plan, tools=tools, trials=trials, ms=ms)
 
     def _look(
         self, session: Session, live: Description, *, is_repeated: bool, thorough: bool
-    ) -> tuple[list[Problem], tuple[Trial, ...]]:
-        """Problems of the world as it stands, and the dry run in it."""
+    ) -> tuple[list[Problem], tuple[Problem, ...], tuple[Trial, ...]]:
+        """Problems of the world as it stands, those that do not matter if nothing is to be done, and the dry run."""
         is_first = session.scene.episode != self._episode and not is_repeated
         self._episode = session.scene.episode
         self.world.enter(session.scene)
         now = self.world.observe(WORLD)
         problems = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
-        if not thorough and not (is_first and session.attempt == 0):
-            return problems, ()
+        met = weigh_before(session, now)
+        if met is Truth.TRUE and all(each.code == _UNMET for each in problems):
+            seen = make_problem(ALREADY_MET, f"{session.id}: accept", "true in preflight, not any more", "true")
+            return [], (seen,), ()
+        if is_repeated and not thorough:
+            return problems, (), ()
         trials = self._try_out(session, now, live, thorough=thorough)
-        impossible = (each for each in trials if each.outcome == "impossible")
-        return [*problems, *locate(session, (make_trial_problem(each, session) for each in impossible))], trials
+        impossible = (make_trial_problem(each, session) for each in trials if each.outcome == "impossible")
+        refused = locate(session, impossible)
+        if met is Truth.UNKNOWN:  # it may rest in its place already
+            return problems, tuple(refused), trials
+        return [*problems, *refused], (), trials
 
     def _find_tree_problems(self, session: Session) -> list[Problem]:
         skill = self.preflight.skills.get(session.skill)

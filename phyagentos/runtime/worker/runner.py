@@ -16,7 +16,9 @@ from phyagentos.protocol.sessions import evidence as files
 from phyagentos.protocol.sessions.looks import LookRole
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.execution.already_met import ALREADY_MET, weigh_before
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
@@ -111,7 +113,7 @@ class SessionRunner:
         run.loop.ms["open"] = 1e3 * (self._clock.now_s() - began_s)
         began_sim_s = run.context.time_s
         try:
-            outcome = run.loop.run()
+            outcome = self._look_whether_met(run, plan) or run.loop.run()
         finally:
             lost = self._halt(run)
         outcome = lost or outcome
@@ -175,6 +177,33 @@ class SessionRunner:
         )
         return _Run(context=context, skill=skill, holds=holds, loop=loop, recorder=recorder, heartbeat=heartbeat)
 
+    def _look_whether_met(self, run: _Run, plan: Mapping[str, Any]) -> Outcome | None:
+        """An outcome where nothing is to be done, or where preflight granted no more than this look."""
+        session, now = run.context.session, run.context.initial
+        truth = weigh_before(session, now)
+        try:
+            if truth is Truth.UNKNOWN:
+                truth = weigh_before(session, self._wait_for_rest(session, now, run.recorder))
+        except ExecutionError as error:
+            return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
+        if truth is Truth.TRUE:
+            message = "the acceptance was true before, nothing was commanded"
+            return Outcome(ended=Ended.COMPLETED, code=ALREADY_MET, message=message)
+        refused = plan.get("refused")
+        return (
+            Outcome(ended=Ended.SKILL_FAILED, code=refused[0]["code"], message=refused[0]["found"]) if refused else None
+        )
+
+    def _wait_for_rest(self, session: Session, now: Environment, recorder: Recorder) -> Environment:
+        """The world once what the acceptance speaks of rests, or after `REST_WAIT_S`."""
+        until_s = now.time_s + REST_WAIT_S
+        while now.time_s < until_s and find_moving(session, now):
+            settled = self._handle.settle(SETTLE_S)
+            recorder.on_rest(settled)
+            self._world.advance(settled)
+            now = self._world.observe(WORLD)
+        return now
+
     def _halt(self, run: _Run) -> Outcome | None:
         """Bring skill and target to rest; an outcome only when the target is lost."""
         run.heartbeat.publish("halting", run.loop.ticks, run.context.time_s)
@@ -214,14 +243,10 @@ class SessionRunner:
         self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None
     ) -> tuple[RecordedFault, ...]:
         """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
-        observation = self._handle.observe(snapshot=True)
-        after = self._world.observe(WORLD)
-        until_s = after.time_s + REST_WAIT_S
-        while after.time_s < until_s and find_moving(session, after):
-            settled = self._handle.settle(SETTLE_S)
-            recorder.on_rest(settled)
-            self._world.advance(settled)
-            observation, after = self._handle.observe(snapshot=True), self._world.observe(WORLD)
+        observation, seen = self._handle.observe(snapshot=True), self._world.observe(WORLD)
+        after = self._wait_for_rest(session, seen, recorder)
+        if after is not seen:
+            observation = self._handle.observe(snapshot=True)
         recorder.write_terminal(observation, after)
         self._write_looks(recorder, LookRole.END, after)
         if holds is not None:

@@ -307,4 +307,28 @@ SABOTAGES = (
             "test_the_agent_judges_diagnoses_and_repairs_without_opening_what_was_injected",
         ),
     ),
+    Sabotage(
+        name="met_before_without_rest",
+        lie="What was seen once in its place before a session counts as met, although it may still move.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.execution.already_met",
+                "    return Truth.TRUE if _is_met(session, now) else Truth.UNKNOWN\n",
+                "    return Truth.TRUE\n",
+            ),
+        ),
+        tests=("tests/runtime/test_runner.py::test_what_is_met_already_is_not_acted_on[cube2-99.0-True-]",),
+    ),
+    Sabotage(
+        name="refused_session_acts_as_its_replan",
+        lie="What the dry run refused is carried out by the next attempt, which has none.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.preflight.examination",
+                "        if is_repeated and not thorough:\n",
+                "        if (is_repeated or session.attempt) and not thorough:\n",
+            ),
+        ),
+        tests=("tests/runtime/test_preflight_dry_run.py::test_every_attempt_passes_the_same_dry_run",),
+    ),
 )
