@@ -230,10 +230,16 @@ def test_what_is_in_the_way_is_cleared_and_the_objective_is_pursued_again(make_s
 
 def test_a_preparation_that_fails_leads_to_another_way_and_not_to_the_end(make_stage, two):
     script = {"red": be_blocked, "red.r1": lambda world, session: Play(world=world, ended=Ended.STALLED)}
-    stage = make_stage(script, world=make_table_world())
+    stage = make_stage(script | {"red.r2": move_away}, world=make_table_world())
     report = stage.pursue(two)
     assert report.verdict == "success"
-    assert [s.state for s in report.sessions if s.node == "red"] == ["replanned", "replanned", "succeeded"]
+    ran = [(s.skill, s.state) for s in report.sessions if s.node == "red"]
+    assert ran == [
+        ("pick_and_place", "replanned"),
+        ("set_aside", "replanned"),
+        ("set_aside", "succeeded"),
+        ("pick_and_place", "succeeded"),
+    ]
 
 
 def test_an_agent_that_died_while_a_way_was_cleared_comes_to_the_same_end(make_stage, two):

@@ -1,5 +1,6 @@
 """Which way a repair takes, and why: alternatives by effect on synthetic cases, with the shipped skills."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import Choice
 from phyagentos.agent.goals.spec import Budget
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.repair.alternative import AlternativeKind
+from phyagentos.agent.repair.alternative import Alternative, AlternativeKind
 from phyagentos.agent.repair.budget import Left, compute_left
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import compute_distance, find_free_spot, find_support
@@ -136,7 +137,103 @@ def test_what_is_in_the_way_is_moved_away_first_by_a_skill_that_promises_a_place
 
 def test_what_a_finished_node_has_put_there_is_left_alone(shipped):
     case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, protected=frozenset({"post"}))
-    assert GraphRepair().choose(case).chosen.kind is AlternativeKind.RETRY
+    chosen = GraphRepair().choose(case).chosen
+    assert chosen.kind is AlternativeKind.GIVE_UP
+    assert "g.red ended with NO_PLAN in the same way, and the world is as it was" in chosen.because
+
+
+def shift(world: Environment, name: str, by_m: float) -> Environment:
+    x, y, z = world.entities[name].pose.position_m
+    moved = msgspec.structs.replace(world.entities[name], pose=Pose(position_m=(x + by_m, y, z)))
+    return msgspec.structs.replace(world, entities=world.entities | {name: moved})
+
+
+def make_event(leaf: str, status: str = "SUCCESS", path: str = "a/b", **numbers: Any) -> TraceEvent:
+    return TraceEvent(tick=1, time_s=1.0, path=path, leaf=leaf, status=status, numbers=numbers)
+
+
+PLACING = (  # the thing was taken and lifted, and no way to its place was found
+    make_event("plan_grasp", labels=["yaw+000", "yaw+090"]),
+    make_event("move_to", label="yaw+000"),
+    make_event("close_gripper"),
+    make_event("verify_grasp"),
+    make_event("plan_place", "FAILURE", "a/plan"),
+)
+
+
+@pytest.mark.parametrize(
+    ("cause", "trace", "moved", "kind"),
+    [
+        (Cause.NO_PLAN, (), ("red_cube", 0.0), AlternativeKind.GIVE_UP),
+        (Cause.NO_PLAN, (), ("red_cube", 0.1), AlternativeKind.RETRY),
+        (Cause.NO_PLAN, (), ("post", 0.1), AlternativeKind.RETRY),
+        (Cause.NO_PLAN, (), ("post", 0.004), AlternativeKind.GIVE_UP),  # within what counts as not moved
+        (Cause.NO_PLAN, PLACING, ("red_cube", 0.1), AlternativeKind.GIVE_UP),  # it was in the hand
+        (Cause.ADAPTER_REFUSED, (), ("red_cube", 0.0), AlternativeKind.GIVE_UP),
+        (Cause.IMPOSSIBLE, (), ("red_cube", 0.0), AlternativeKind.GIVE_UP),
+        (Cause.GRASP_MISSED, (), ("red_cube", 0.0), AlternativeKind.RETRY),  # contacts differ
+    ],
+)
+def test_a_plan_that_failed_is_not_tried_again_in_the_same_world(shipped, cause, trace, moved, kind):
+    code = "NO_FREE_SITE" if trace else "NO_IK"
+    case = make_case(shipped, cause, world=HEMMED, contract=TO_TRAY, trace=trace, code=code)
+    assert propose(replace(case, miss=replace(case.miss, world=shift(HEMMED, *moved)))).kind is kind
+
+
+def test_the_same_plan_is_found_again_behind_another_attempt(shipped):
+    first, way = failed_before(make_contract(), 1, Cause.NO_PLAN), {"strategy": Strategy(avoid_grasps=("yaw+000",))}
+    case = make_case(shipped, Cause.NO_PLAN, contract=way, earlier=(first,))
+    assert propose(case).kind is AlternativeKind.RETRY  # in what world the first one was tried is not known
+    known = replace(case, recall=lambda _: case.miss.bundle)
+    assert propose(known).because.endswith("g.red.r1 ended with NO_PLAN in the same way, and the world is as it was")
+    plain = make_case(shipped, Cause.NO_PLAN)
+    refused = replace(plain, miss=replace(plain.miss, bundle=None))  # by preflight, in the world that was seen last
+    assert propose(refused).kind is AlternativeKind.GIVE_UP
+
+
+def propose(case: Case) -> Alternative:
+    return GraphRepair((propose_retry,)).choose(case).chosen
+
+
+def test_where_the_grasp_reaches_no_place_another_one_is_tried(shipped):
+    chosen = propose(make_case(shipped, Cause.NO_PLAN, trace=PLACING))
+    assert chosen.kind is AlternativeKind.OTHER_GRASP
+    assert chosen.revision.strategy == Strategy(avoid_grasps=("yaw+000",))
+    full = make_case(shipped, Cause.NO_PLAN, trace=PLACING, code="NO_FREE_SITE")
+    assert propose(full).kind is AlternativeKind.GIVE_UP
+
+
+LOOK = {"skill": "inspect", "parameters": {"object": "red_cube"}, "accept": ("fallen(red_cube)",)}
+
+
+@pytest.mark.parametrize(
+    ("moved", "kind"),
+    [
+        (("red_cube", 0.0), AlternativeKind.GIVE_UP),
+        (("post", 0.1), AlternativeKind.GIVE_UP),
+        (("red_cube", 0.1), AlternativeKind.RETRY),
+    ],
+)
+def test_a_claim_that_a_look_found_false_is_asked_again_only_of_another_world(shipped, moved, kind):
+    own = Choice(skill="inspect", target="panda", parameters=LOOK["parameters"])
+    case = make_case(shipped, Cause.WITHOUT_EFFECT, world=HEMMED, contract=LOOK, choice=own)
+    ran = Execution(ended=Ended.COMPLETED, evidence="e", ticks=25)
+    bundle = msgspec.structs.replace(case.miss.bundle, execution=ran)
+    case = replace(case, miss=replace(case.miss, bundle=bundle, world=shift(HEMMED, *moved)))
+    assert GraphRepair().choose(case).chosen.kind is kind
+
+
+def test_what_two_looks_did_not_decide_ends_there(shipped):
+    looks = tuple(
+        SessionStatus(
+            contract=make_contract(id=SessionId(f"g.red.r{n}"), skill="inspect", purpose="inspect"), state="replanned"
+        )
+        for n in (1, 2)
+    )
+    assert propose(make_case(shipped, Cause.UNDECIDABLE, later=looks[:1])).kind is AlternativeKind.RETRY
+    chosen = propose(make_case(shipped, Cause.UNDECIDABLE, later=looks))
+    assert chosen.kind is AlternativeKind.GIVE_UP
+    assert "2 looks did not decide it" in chosen.because
 
 
 def test_another_way_to_clear_is_taken_when_the_first_one_did_not_help(shipped):
@@ -264,7 +361,7 @@ def test_a_way_that_the_budget_cannot_pay_is_passed_over_with_the_reason(shipped
     left = Left(sessions=2, needed=1)
     case = make_case(shipped, Cause.NO_PLAN, **HEMMED_IN, left=left)
     decision = GraphRepair().choose(case)
-    assert decision.chosen.kind is AlternativeKind.RETRY
+    assert decision.chosen.kind is AlternativeKind.GIVE_UP
     assert any(
         "BUDGET: 2 sessions are left, it takes 2 more and 1 for nodes not yet begun" in r for r in decision.reasons
     )

@@ -275,6 +275,7 @@ class Recovery:
             left=facts.compute_left(node),
             protected=facts.find_protected(),
             time_of=facts.compute_times(),
+            recall=lambda status: self.evidence.read(status) if status.execution is not None else None,
         )
 
     def _find_restorers(self, node: str, lost: Set[str]) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Input of a repair: a missed objective, the lineage of its node, and the remaining budget."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import msgspec
 
@@ -109,6 +109,7 @@ class Case:
         left: Remaining budget of the goal.
         protected: Entities that finished nodes have put where they belong.
         time_of: Skill -> mean simulated time of its sessions in this goal [s].
+        recall: Evidence of an earlier session of the lineage; None where nothing was executed.
     """
 
     miss: Miss
@@ -119,6 +120,7 @@ class Case:
     left: Left
     protected: frozenset[str] = frozenset()
     time_of: Mapping[str, float]
+    recall: Callable[[SessionStatus], Bundle | None] = field(default=lambda _: None)
 
     @property
     def session(self) -> Session:

@@ -21,7 +21,7 @@ PURPOSE = "clear"
 CLEARED_MAX = 3  # things that are moved for one session
 _CHANCE = 0.7  # that moving it away works, and that it was the reason
 _CHANCE_NARROW = 0.5  # by a skill that must be exact: a push needs a straight way
-_FULL = "NO_FREE_SITE"  # the planner's code for a destination without room
+FULL = "NO_FREE_SITE"  # the planner's code for a destination without room
 _EASY_M = 0.1  # a skill that may miss by so much finds a place
 _CHANCE_TRIED = 0.3  # it was moved before, and something is still in the way
 
@@ -57,7 +57,7 @@ def find_blockers(miss: Miss) -> list[str]:
     counted: Counter[str] = Counter()
     for pair, count in dict(event.numbers.get("rejected", {}) if event else {}).items():
         counted.update({name: int(count) for name in str(pair).split("|") if name in world.entities})
-    if _FULL in miss.codes:
+    if FULL in miss.codes:
         for place in miss.session.parameters.values():
             counted.update(_find_inside(world, str(place)) if place != own else {})
     movable = {name for name, entity in world.entities.items() if entity.movable and entity.visible and name != own}

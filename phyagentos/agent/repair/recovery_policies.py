@@ -1,6 +1,7 @@
 """The port of repair policies, and the policy that ships: repair by effect."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Protocol
 
 from phyagentos.agent.repair.alternative import Alternative, AlternativeKind, Decision, choose_by_worth
@@ -8,6 +9,7 @@ from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
+from phyagentos.agent.repair.repetition import find_repeated
 from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 
@@ -49,8 +51,14 @@ class GraphRepair:
 
     def choose(self, case: Case) -> Decision:
         """The alternative of least expected cost; looks come first."""
-        alternatives = [each for generator in self._generators for each in generator(case)]
+        alternatives = [_weigh(case, each) for generator in self._generators for each in generator(case)]
         looks = [each for each in alternatives if each.kind is AlternativeKind.LOOK]
         if looks and choose_by_worth(case, looks).chosen.kind is AlternativeKind.LOOK:
             return choose_by_worth(case, looks)
         return choose_by_worth(case, alternatives)
+
+
+def _weigh(case: Case, alternative: Alternative) -> Alternative:
+    """The alternative, without a chance where it would only repeat what failed."""
+    repeated = find_repeated(case, alternative)
+    return replace(alternative, chance=0.0, because=repeated) if repeated else alternative

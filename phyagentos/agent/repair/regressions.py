@@ -1,6 +1,6 @@
 """Achievements of finished nodes that the world has undone, and preconditions that are lost."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
@@ -58,11 +58,19 @@ def _takes_up(session: Session, thing: str | None, promises: Promises) -> bool:
     values = {**session.parameters, "target": session.target}
     facts = [substitute(text, values) for text in promises.get(session.skill, ())] or session.accept
     predicates = (parse_predicate(text, template=True) for text in facts)
-    return any(
-        next(iter_entities(each), None) == thing
-        and (each.is_lasting or (isinstance(each.formula, Call) and each.formula.name in _TAKING))
-        for each in predicates
-    )
+    return any(next(iter_entities(each), None) == thing and _marks_action(each) for each in predicates)
+
+
+def acts(guarantees: Iterable[str]) -> bool:
+    """Whether a skill that guarantees this changes the world; one that guarantees nothing may."""
+    predicates = [parse_predicate(text, template=True) for text in guarantees]
+    return not predicates or any(map(_marks_action, predicates))
+
+
+def _marks_action(predicate: Predicate) -> bool:
+    """Whether a session that achieves it acts on something rather than looks at it."""
+    formula = predicate.formula
+    return predicate.is_lasting or (isinstance(formula, Call) and formula.name in _TAKING)
 
 
 def find_lost_preconditions(session: Session, now: Environment) -> tuple[Predicate, ...]:

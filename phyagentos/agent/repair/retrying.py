@@ -9,7 +9,8 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import find_object
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case, Miss
-from phyagentos.agent.repair.looking import LEAD
+from phyagentos.agent.repair.clearing import FULL
+from phyagentos.agent.repair.looking import LEAD, LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import find_lost_preconditions
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, find_label
@@ -40,6 +41,7 @@ _CHANCES = {
 }
 _CHANCE = 0.5  # declared for any other cause
 _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts had ruled out
+_CHANCE_OF_GRASP = 0.3  # nothing was in reach of the hand as it held the thing
 
 
 def propose_retry(case: Case) -> Iterator[Alternative]:
@@ -48,12 +50,14 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
     same, before, after = case.count_same(), case.session.strategy, revision.strategy
     chance = _CHANCES.get(case.cause, _CHANCE) * AGAIN**same
     avoids_else = (after.avoid_grasps, after.avoid_sites) != (before.avoid_grasps, before.avoid_sites)
-    if case.cause is Cause.NO_PLAN and (before.avoid_grasps or before.avoid_sites):
-        chance = _CHANCE_OF_RETURN
+    returns = case.cause is Cause.NO_PLAN and not (after.avoid_grasps or after.avoid_sites)
+    if case.cause is Cause.NO_PLAN and avoids_else:
+        chance = _CHANCE_OF_RETURN if returns else _CHANCE_OF_GRASP
+    chance = 0.0 if case.replans_left <= 0 or _is_undecided_for_good(case) else chance
     yield Alternative(
-        kind=AlternativeKind.OTHER_GRASP if avoids_else and case.cause is not Cause.NO_PLAN else AlternativeKind.RETRY,
+        kind=AlternativeKind.OTHER_GRASP if avoids_else and not returns else AlternativeKind.RETRY,
         effect=f"{case.session.skill} with {after}" if after else f"{case.session.skill} again",
-        chance=chance if case.replans_left > 0 else 0.0,
+        chance=chance,
         sim_time_s=case.time_of.get(case.session.skill, SESSION_S),
         because=_explain(case, same),
         revision=_continue(case, revision),
@@ -79,12 +83,23 @@ def revise(miss: Miss, of_skill: Collection[str] = ()) -> Revision:
     if cause in _GO_SLOWER:
         strategy = strategy.slow_down(SLOWER, SLOWEST)
         reasons.append(f"at {strategy.speed:g} of the speed")
-    if cause is Cause.NO_PLAN:
+    if cause is Cause.NO_PLAN and (grasp := _find_grasp_in_the_way(miss)):
+        strategy = strategy.avoid(grasp=grasp)
+        reasons.append(f"another grasp than {grasp}, which reaches no place")
+    elif cause is Cause.NO_PLAN:
         allowed = strategy.avoid_nothing()
         reasons += ["every grasp and site is allowed again: nothing else was found"] if strategy != allowed else []
         strategy = allowed
     requires, changes = revise_requires(miss, of_skill)
     return Revision(parent=parent.id, strategy=strategy, requires=requires, reasons=(*reasons, *changes))
+
+
+def _find_grasp_in_the_way(miss: Miss) -> str:
+    """The grasp of a thing that could be taken and not be placed; empty where no grasp would place it."""
+    failed = miss.failed_leaf
+    if failed is None or failed.role is not Role.PLAN_SITE or FULL in miss.codes:
+        return ""
+    return find_label(miss.trace, Role.PLAN_GRASP) or ""
 
 
 def revise_requires(miss: Miss, of_skill: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -144,7 +159,14 @@ def _continue(case: Case, revision: Revision) -> Revision:
     )
 
 
+def _is_undecided_for_good(case: Case) -> bool:
+    """Whether the stated number of looks has shown everything and decided nothing."""
+    return case.cause is Cause.UNDECIDABLE and len(case.find_prepared(PURPOSE)) >= LOOKS_MAX
+
+
 def _explain(case: Case, same: int) -> str:
+    if _is_undecided_for_good(case):
+        return f"{LOOKS_MAX} looks did not decide it, and the next attempt would be judged as they were"
     if case.replans_left <= 0:
         return "the node's budget of replans is spent"
     return f"it has failed {same} time{'s' if same != 1 else ''} before with {case.cause}" if same else ""

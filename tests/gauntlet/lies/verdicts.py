@@ -331,4 +331,31 @@ SABOTAGES = (
         ),
         tests=("tests/runtime/test_preflight_dry_run.py::test_every_attempt_passes_the_same_dry_run",),
     ),
+    Sabotage(
+        name="same_plan_in_the_same_world",
+        lie="A plan that failed is another one the second time, although nothing has moved.",
+        edits=(
+            Edit(
+                "phyagentos.agent.repair.repetition",
+                '    return "" if find_change(bundle.before, world, sorted(names)) else cause\n',
+                '    return ""\n',
+            ),
+        ),
+        tests=(
+            "tests/agent/test_repair.py::"
+            "test_a_claim_that_a_look_found_false_is_asked_again_only_of_another_world[moved0-give up]",
+        ),
+    ),
+    Sabotage(
+        name="undecided_once_more",
+        lie="What the stated number of looks did not decide is decided by doing it again.",
+        edits=(
+            Edit(
+                "phyagentos.agent.repair.retrying",
+                "if case.replans_left <= 0 or _is_undecided_for_good(case) else",
+                "if case.replans_left <= 0 else",
+            ),
+        ),
+        tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_ends_there",),
+    ),
 )
