@@ -76,7 +76,7 @@ class Recovery:
         entries = self._repair(node, miss)
         if _is_end(entries):  # no revision is worth its budget
             why = str((entries[-1].body or {}).get("reason", ""))
-            attempt = msgspec.structs.replace(attempt, verdict=Verdict.FAILURE, reason=f"{attempt.reason} {why}")
+            attempt = msgspec.structs.replace(attempt, verdict=Verdict.FAILURE, reason=why)
         return attempt, entries
 
     def prepares(self, status: SessionStatus) -> bool:
@@ -170,7 +170,7 @@ class Recovery:
         decision = self.policy.choose(self._make_case(node, miss))
         revision = decision.chosen.revision
         if revision is None:
-            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, join(decision.reasons))]
+            return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, join((miss.reason, *decision.reasons)))]
         child = self.drafter.draft(node, revision)
         if isinstance(child, str):
             return [self.drafter.note(node, GoalEvent.NODE_BLOCKED, child)]

@@ -54,6 +54,8 @@ class Alternative:
 
     def __str__(self) -> str:
         """`retry (chance 0.75, 1 session, 12 s): at 0.5 of the speed`."""
+        if self.kind is AlternativeKind.GIVE_UP:
+            return f"{self.kind}: {self.effect}"
         sessions = f"{self.sessions} session{'s' if self.sessions != 1 else ''}"
         return f"{self.kind} (chance {self.chance:.2f}, {sessions}, {self.sim_time_s:.0f} s): {self.effect}"
 

@@ -60,5 +60,6 @@ class GraphRepair:
 
 def _weigh(case: Case, alternative: Alternative) -> Alternative:
     """The alternative, without a chance where it would only repeat what failed."""
-    repeated = find_repeated(case, alternative)
+    revision = alternative.revision
+    repeated = find_repeated(case, revision) if revision is not None and alternative.chance > 0.0 else ""
     return replace(alternative, chance=0.0, because=repeated) if repeated else alternative

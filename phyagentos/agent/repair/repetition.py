@@ -6,9 +6,9 @@ matter: contacts differ.
 
 from collections.abc import Iterable
 
+from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage
-from phyagentos.agent.repair.alternative import Alternative
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import PURPOSE
 from phyagentos.agent.repair.regressions import acts
@@ -21,15 +21,19 @@ from phyagentos.protocol.world.truth import Truth
 _OF_PLANS = frozenset({Cause.NO_PLAN, Cause.IMPOSSIBLE, Cause.ADAPTER_REFUSED})
 
 
-def find_repeated(case: Case, alternative: Alternative) -> str:
-    """Why an alternative would end as an earlier session did; empty where that is not known.
+def find_repeated(case: Case, revision: Revision) -> str:
+    """Why a child would end as an earlier session did; empty where that is not known.
 
     Further looks are counted, not compared: each one measures anew.
     """
-    if alternative.revision is None or alternative.revision.purpose == PURPOSE or case.world is None:
+    if revision.purpose == PURPOSE or case.world is None:
         return ""
     for status in reversed(case.lineage):
-        if _goes_same_way(case, alternative, status.contract) and (cause := _find_lasting_cause(case, status)):
+        if (
+            status.contract.purpose == revision.purpose
+            and _goes_same_way(case, revision, status.contract)
+            and (cause := _find_lasting_cause(case, status))
+        ):
             return f"{status.contract.id} ended with {cause} in the same way, and the world is as it was"
     return ""
 
@@ -47,9 +51,7 @@ def find_change(before: Environment, now: Environment, names: Iterable[str]) -> 
     return ""
 
 
-def _goes_same_way(case: Case, alternative: Alternative, earlier: Session) -> bool:
-    revision = alternative.revision
-    assert revision is not None
+def _goes_same_way(case: Case, revision: Revision, earlier: Session) -> bool:
     choice = revision.choice or case.choice
     given = choice.parameters if revision.choice else {}  # the node's own arguments are those of all its own sessions
     return (
