@@ -116,6 +116,7 @@ class LinePlanningLeaf(PlanningLeaf[Approaches]):
             seed=self.context.draw_seed(self.path),
             payload=self.find("payload"),
             ignore=() if ignored is None else (ignored,),
+            width_m=self.context.step.target.gripper_width_m,
         )
 
     @final

@@ -26,21 +26,40 @@ POSTURES_PER_WAY = 2  # branches of the inverse that are worth offering for one 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One acceptable tool pose.
+    """One acceptable tool pose, and all that a motion to it means: openings of the fingers, and what may touch.
+
+    The posture above is free at every opening up to the widest, since the fingers are opened there. The line down, and
+    its end, are free from the least to the greatest of `openings_m`: those at which it is followed, and through which
+    the fingers go at its end.
 
     Attributes:
         end: (4, 4) `world_T_tcp`.
         hover_m: Height above `end` at which the straight line begins [m].
+        openings_m: Of the fingers when they hold, and when they do not.
         tolerate: Pairs whose contact is intended within `tolerate_m` [m] of the end.
         site: Pose of the held entity after a place.
+        fall_m: How far it falls there when it is let go.
+        is_clear: Whether the fingers keep off what is tolerated while they are open.
     """
 
     label: str
     end: Array
     hover_m: float
+    openings_m: tuple[float, float]
     tolerate: frozenset[Pair]
     tolerate_m: float
     site: Pose | None = None
+    fall_m: float = 0.0
+    is_clear: bool = False
+
+    def find_blocked(self, q_rad: Array, left_m: float, scene: PlanningScene) -> list[Pair]:
+        """Pairs that must not touch in a posture (n_joints,) of the line, `left_m` before its end."""
+        tolerate = self.tolerate if left_m <= self.tolerate_m else frozenset()
+        blocked = [pair for pair in scene.sweep(q_rad, *self.openings_m) if pair not in tolerate]
+        if self.is_clear and not blocked:
+            open_m = self.openings_m[1]
+            blocked = scene.sweep(q_rad, open_m, open_m)
+        return blocked
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +99,16 @@ def find_approaches(
         way = hover.way
         if taken[way.label] < POSTURES_PER_WAY and (line := _find_line(hover, kinematics, scene, job)) is not None:
             taken[way.label] += 1
-            found.append(Approach(label=way.label, tcp_end=compute_pose(way.end), line_rad=line, site=way.site))
+            found.append(
+                Approach(
+                    label=way.label,
+                    tcp_end=compute_pose(way.end),
+                    line_rad=line,
+                    site=way.site,
+                    release_m=way.openings_m[1],
+                    fall_m=way.fall_m,
+                )
+            )
     return found
 
 
@@ -103,13 +131,13 @@ def _find_hovers(
         job.reached += 1
         if any(np.abs(q - other.q_rad).max() < SAME_POSTURE_RAD for other in hovers):
             continue
-        blocked = scene.find_contacts(q)
+        blocked = scene.sweep(q, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
         if not blocked:
             end = kinematics.chain.solve(way.end, q)
             if end is None:
                 job.rejected["line"] += 1
                 continue
-            blocked = [pair for pair in scene.find_contacts(end) if pair not in way.tolerate]
+            blocked = way.find_blocked(end, 0.0, scene)
         if blocked:
             job.rejected[name_pair(blocked[0])] += 1
             if any(scene.is_of_tool_pose(pair) for pair in blocked):
@@ -133,9 +161,7 @@ def _find_line(hover: _Hover, kinematics: Kinematics, scene: PlanningScene, job:
     with job.stage("check"):
         left_m = np.linspace(way.hover_m, 0.0, len(line))
         for q, distance_m in zip(line, left_m, strict=True):
-            blocked = [
-                pair for pair in scene.find_contacts(q) if distance_m > way.tolerate_m or pair not in way.tolerate
-            ]
+            blocked = way.find_blocked(q, distance_m, scene)
             if blocked:
                 job.rejected[name_pair(blocked[0])] += 1
                 return None

@@ -1,11 +1,14 @@
 """Grasps of an entity from above with a parallel gripper.
 
 A box offers four yaws, which close on its faces; a round entity eight. Labels count the yaw from the object, so they
-survive a nudge. Where no upright grasp fits, the hand tilts about its closing axis; last, it closes on opposite edges.
+survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
+grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; last, on one solid of the entity
+alone, as on the wall of a bowl or on the handle of a mug.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -16,43 +19,68 @@ from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
-from phyagentos.runtime.motion.requests import Approaches, FindGrasps, NoPlan
-from phyagentos.runtime.motion.shapes import compute_entity_box, is_round
+from phyagentos.runtime.motion.requests import Approaches, Array, FindGrasps, NoPlan
+from phyagentos.runtime.motion.shapes import compute_entity_box, compute_shape_boxes, is_round
 
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
+NARROW_M = (0.02, 0.012)  # further open than the object is wide, where there is no room for more
 TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
+RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
+SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is little room in a vessel
+LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans, by half, upright
+UP_AXIS = np.array((0.0, 0.0, 1.0))
+SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
+LEVEL_SINE, DOWN_COS = 0.6, 0.7  # of the closing axis, and of the way down to a single solid
 
 
 def find_grasps(
     request: FindGrasps, entity: Entity, kinematics: Kinematics, scene: PlanningScene, job: Job
 ) -> Approaches | NoPlan:
     """Approaches to grasps of `entity`, the nearest first."""
-    profile = scene.robot.profile
-    ways = compute_grasp_ways(entity, profile, scene.robot.fingers, request.hover_m)
-    if not ways:
+    profile, fingers = scene.robot.profile, scene.robot.fingers
+    ways = compute_grasp_ways(entity, profile, fingers, request.hover_m)
+    corners = compute_grasp_ways(entity, profile, fingers, request.hover_m, corners=True)
+    solids = list(_iter_solid_ways(entity, profile, fingers, request.hover_m))
+    if not ways and not solids:
         return job.fail("TOO_WIDE", f"{entity.name} is wider than the gripper opens ({profile.gripper.max_width_m} m).")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
-    tried = 0
-    corners = compute_grasp_ways(entity, profile, scene.robot.fingers, request.hover_m, corners=True)
-    leaning = [
-        [
-            replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
-            for way in each
-        ]
-        for each in (ways, corners)
-        for degrees in TILTS_DEG
-    ]
-    for batch in (ways, *leaning[: len(TILTS_DEG)], corners, *leaning[len(TILTS_DEG) :]):
+    tried: set[str] = set()
+    for batch in _iter_batches(ways, corners, solids):
         wanted = [way for way in batch if way.label not in request.avoid]
-        tried += len(wanted)
+        tried.update(way.label for way in wanted)
         found = find_approaches(
             wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
             return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
     avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
-    return job.fail("NO_IK", f"None of {tried} ways to grasp {entity.name} works{avoided}.")
+    return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
+
+
+def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way]) -> Iterator[list[Way]]:
+    """What is tried together, the better first."""
+    for upright in (ways, corners):
+        yield upright
+        yield from (_narrow(upright, further_m) for further_m in NARROW_M)
+        for degrees in TILTS_DEG:
+            tilted = [
+                replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
+                for way in upright
+            ]
+            yield tilted
+            yield _narrow(tilted, NARROW_M[0])
+    yield solids
+
+
+def _narrow(ways: list[Way], further_m: float) -> list[Way]:
+    """The same with the fingers so much further apart than the object is wide; none where that is no less."""
+    return [
+        replace(way, openings_m=(low_m, low_m + further_m))
+        for way in ways
+        for low_m, high_m in (way.openings_m,)
+        if low_m + further_m < high_m
+    ]
 
 
 def compute_grasp_ways(
@@ -83,8 +111,47 @@ def compute_grasp_ways(
                     label=f"yaw+{degrees:03d}",
                     end=point_tool_down(yaw_rad + np.radians(degrees), position),
                     hover_m=hover_m,
+                    openings_m=(2.0 * float(half_m), gripper.max_width_m),
                     tolerate=frozenset((finger, entity.name) for finger in fingers),
                     tolerate_m=STRADDLE_M,
                 )
             )
     return ways
+
+
+def _iter_solid_ways(entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float) -> Iterator[Way]:
+    """Tool poses that close on one thin solid of several, along its own axes; the fingers touch nothing else of it."""
+    boxes = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
+    bottom_m = min((box.bottom_m for box in boxes), default=0.0) + profile.gripper.fingertip_m
+    for index, box in enumerate(boxes):
+        for closing in range(3):
+            width_m = 2.0 * float(box.half_m[closing])
+            y = box.pose[:3, closing]
+            if width_m > SOLID_MAX_M or abs(y[2]) > LEVEL_SINE:
+                continue
+            for approach in ((closing + 1) % 3, (closing + 2) % 3):
+                z = -np.sign(box.pose[2, approach]) * box.pose[:3, approach]
+                if z[2] > -DOWN_COS:
+                    continue
+                up_m = max(0.0, float(box.half_m[approach]) - RIM_DEPTH_M)
+                position = box.pose[:3, 3] - up_m * z
+                position[2] = max(position[2], bottom_m)
+                for (turned, sign), lean in product(enumerate((1.0, -1.0)), LEANS):
+                    yield Way(
+                        label=f"solid{index}.{'xyz'[closing]}+{180 * turned:03d}.lean{lean:g}",
+                        end=_make_pose(sign * y, lean * z - (1.0 - lean) * UP_AXIS, position),
+                        hover_m=hover_m,
+                        openings_m=(width_m, width_m + SOLID_OPEN_M),
+                        tolerate=frozenset((finger, entity.name) for finger in fingers),
+                        tolerate_m=STRADDLE_M,
+                        is_clear=True,
+                    )
+
+
+def _make_pose(y: Array, z: Array, position_m: Array) -> Array:
+    """(4, 4) of a closing axis as near to `y` (3,) as the approach direction `z` (3,) allows, and a position (3,)."""
+    T, z = np.eye(4), z / np.linalg.norm(z)
+    y = y - (y @ z) * z
+    y = y / np.linalg.norm(y)
+    T[:3, :3], T[:3, 3] = np.column_stack((np.cross(y, z), y, z)), position_m
+    return T

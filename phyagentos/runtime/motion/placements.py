@@ -1,15 +1,17 @@
 """Tool poses that put a held entity onto a free site.
 
-The entity keeps the attitude in which it is held. Eight yaws, counted from the destination, are tried at each site.
-The fingers open as far as they can; where a wall is in their way, a little further than around the entity.
+The entity keeps the attitude in which it is held. Eight yaws, counted from the destination, are tried at each site, and
+those that lay its faces along the walls. The fingers open as far as they can; where a wall is in their way, a little
+further than around the entity. Where the hand does not go down between the walls of a container, the entity is let go
+as little above its floor as is possible, if the walls keep what falls.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import product
 
 import numpy as np
-from msgspec.structs import replace
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, turn
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
@@ -19,11 +21,16 @@ from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds
-from phyagentos.runtime.motion.sites import Space, find_sites, find_space, measure_footprint
+from phyagentos.runtime.motion.sites import Footprint, Site, Space, find_sites, find_space, measure_footprint
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
 RELEASE_M = 0.02  # further open than around the thing, where there is no room for more
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way
+FALL_STEP_M = 0.015  # between the heights from which a thing may be dropped
+FALL_MAX_M = 0.13  # a longer fall has not been measured
+OVER_RIM_M = 0.02  # lowest point of a dropped thing above the walls; higher up it might come to rest on them
+KEPT_SHARE = 0.5  # of its height that walls must have to keep what falls between them
+ALIGNED_DEG = 3  # a yaw further than this from those of the grid has faces along the walls of its own
 
 
 def find_placements(
@@ -37,19 +44,25 @@ def find_placements(
         space = find_space(request, held)
         if space is None:
             return job.fail("NO_SPACE", f"{request.destination} has no interior to put things into.")
-        sites = find_sites(request, space, footprint, world_T_tcp[:3, 3], job)
-    if not sites:
+        attitudes = _list_attitudes(tcp_T_entity[:3, :3])
+        groups = find_sites(request, space, held, attitudes, footprint, world_T_tcp[:3, 3], job)
+    if not groups:
         near = f" within {request.near_radius_m} m of {request.near}" if request.near else ""
         return job.fail("NO_FREE_SITE", f"There is no room for {held.name} in {request.destination}{near}.")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     found: list[Approach] = []
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
-    for release_m in (open_m, min(open_m, held_m + RELEASE_M)):
-        scene.spread_fingers(held_m, release_m)
-        for name, site in sites:
-            ways = [way for way in _ways_to(name, site, space, request, held) if way.label not in request.avoid]
+    releases_m = (open_m, min(open_m, held_m + RELEASE_M))
+    for fall_m, sites, release_m in product(_list_falls(request, space, footprint), groups, releases_m):
+        for site in (each for each in sites if not (each.is_tight and fall_m)):
+            yaws = attitudes if site.degrees is None else (site.degrees,)
+            ways = [
+                way
+                for way in _ways_to(site, yaws, space, request, held, release_m, fall_m)
+                if not {way.label, site.name} & set(request.avoid)
+            ]
             found += find_approaches(
-                ways if name not in request.avoid else (),
+                ways,
                 q_rad=request.q_rad,
                 seeds=seeds,
                 kinematics=kinematics,
@@ -59,31 +72,57 @@ def find_placements(
             )
             if len(found) >= request.count:
                 break
-        scene.spread_fingers(held_m, open_m)  # they are opened there before anything else is grasped
-        found = [replace(each, release_m=release_m) for each in found if scene.is_free(each.line_rad[0])]
-        if found:
+        if found or not any("|" in reason for reason in job.rejected):  # nothing was in the way: it is out of reach
             break
     if not found:
-        return job.fail("NO_IK", f"None of {len(sites)} free sites in {request.destination} can be reached.")
+        return job.fail("NO_IK", f"None of {sum(map(len, groups))} free sites in {request.destination} can be reached.")
     found.sort(key=lambda approach: float(np.linalg.norm(approach.line_rad[0] - request.q_rad)))
     return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
 
 
-def _ways_to(name: str, site: Array, space: Space, request: FindPlacements, held: Entity) -> Iterator[Way]:
+def _list_attitudes(tcp_R_entity: Array) -> dict[int, Array]:
+    """Yaws of the tool [degrees] -> attitude (3, 3) of the payload: every 45 degrees, and faces along the walls."""
+    level = point_tool_down(0.0, np.zeros(3))[:3, :3] @ tcp_R_entity
+    side = int(np.argmax(np.linalg.norm(level[:2], axis=0)))
+    off = round(np.degrees(np.arctan2(level[1, side], level[0, side]))) % 45
+    aligned = range(-off, 360 - off, 90) if ALIGNED_DEG <= off <= 45 - ALIGNED_DEG else range(0)
+    yaws = [*range(0, 360, 45), *(degrees % 360 for degrees in (*aligned, *(each + 45 for each in aligned)))]
+    return {degrees: turn((0.0, 0.0, np.radians(degrees))) @ level for degrees in yaws}
+
+
+def _list_falls(request: FindPlacements, space: Space, footprint: Footprint) -> list[float]:
+    """Heights [m] from which a thing may fall onto its support: none, and rising ones between walls that keep it."""
+    if not request.may_fall or space.depth_m < KEPT_SHARE * footprint.height_m:
+        return [0.0]
+    highest_m = min(FALL_MAX_M, space.depth_m + OVER_RIM_M)
+    return [0.0, *np.arange(FALL_STEP_M, highest_m, FALL_STEP_M).round(6).tolist(), highest_m]
+
+
+def _ways_to(
+    site: Site,
+    yaws: Iterable[int],
+    space: Space,
+    request: FindPlacements,
+    held: Entity,
+    release_m: float,
+    fall_m: float,
+) -> Iterator[Way]:
     tcp_T_entity, center_m = compute_matrix(request.payload.tcp_T_entity), compute_bounds(held.shapes)[0]
     entity_T_tcp, tolerate = compute_inverse(tcp_T_entity), frozenset((PAYLOAD, name) for name in space.supports)
-    for degrees in range(0, 360, 45):
+    for degrees in yaws:
         tool = point_tool_down(space.yaw_rad + np.radians(degrees), np.zeros(3))
         entity = tool @ tcp_T_entity
-        entity[:2, 3] = site[:2] - (entity[:3, :3] @ center_m)[:2]
-        entity[2, 3] = site[2] + compute_extent(held, tuple((-entity[2, :3]).tolist()))[1]
+        entity[:2, 3] = site.point_m[:2] - (entity[:3, :3] @ center_m)[:2]
+        entity[2, 3] = site.point_m[2] + compute_extent(held, tuple((-entity[2, :3]).tolist()))[1]
         site_pose = compute_pose(entity)
-        entity[2, 3] += DROP_M
+        entity[2, 3] += DROP_M + fall_m
         yield Way(
-            label=f"{name}.yaw+{degrees:03d}",
+            label=f"{site.name}.yaw+{degrees:03d}" + (f".fall+{round(1e3 * fall_m):03d}" if fall_m else ""),
             end=entity @ entity_T_tcp,
             hover_m=request.hover_m,
-            tolerate=tolerate,
+            openings_m=(min(request.payload.width_m, release_m), release_m),
+            tolerate=tolerate if not fall_m else frozenset(),
             tolerate_m=TOUCH_DOWN_M,
             site=site_pose,
+            fall_m=fall_m,
         )

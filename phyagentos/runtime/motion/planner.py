@@ -21,11 +21,13 @@ from phyagentos.runtime.motion.lines import find_line
 from phyagentos.runtime.motion.moves import find_escape, plan_move
 from phyagentos.runtime.motion.placements import find_placements
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
+from phyagentos.runtime.motion.pushes import find_push
 from phyagentos.runtime.motion.requests import (
     CheckPosture,
     FindGrasps,
     FindLine,
     FindPlacements,
+    FindPush,
     Motion,
     MotionAnswer,
     MotionRequest,
@@ -90,6 +92,9 @@ class MotionPlanner:
             case FindPlacements():
                 held = _get_entity(request.world, request.payload.entity)
                 return find_placements(request, held, self._kinematics, self._get_scene(request, job), job)
+            case FindPush():
+                pushed = _get_entity(request.world, request.object)
+                return find_push(request, pushed, self._kinematics, self._get_scene(request, job), job)
             case FindLine():
                 return find_line(request, self._kinematics, self._get_scene(request, job), job)
             case PlanMove():
@@ -117,12 +122,18 @@ class MotionPlanner:
         return Stance(contacts=tuple(map(name_pair, pairs)), escapes=escapes, timing=job.timing)
 
     def _get_scene(
-        self, request: FindGrasps | FindPlacements | FindLine | PlanMove | CheckPosture, job: Job
+        self, request: FindGrasps | FindPlacements | FindLine | FindPush | PlanMove | CheckPosture, job: Job
     ) -> PlanningScene:
-        payload = None if isinstance(request, FindGrasps | CheckPosture) else request.payload
-        ignore = request.ignore if isinstance(request, FindLine | PlanMove | CheckPosture) else ()
+        payload = None if isinstance(request, FindGrasps | FindPush | CheckPosture) else request.payload
+        ignore = request.ignore if isinstance(request, FindLine | FindPush | PlanMove | CheckPosture) else ()
+        if isinstance(request, FindPush):
+            ignore = (request.object, *ignore)
         with job.stage("model"):
-            return self._scenes.get_scene(request.world, payload, ignore)
+            scene = self._scenes.get_scene(request.world, payload, ignore)
+            width_m = request.width_m if isinstance(request, FindLine | FindPush | PlanMove) else None
+            if payload is None and width_m is not None:
+                scene.spread_fingers(width_m, width_m)
+            return scene
 
     def _find_unknown(self, request: MotionRequest, job: Job) -> NoPlan | None:
         """Refusal of a request that names an entity without solids or an unknown place."""
@@ -131,7 +142,7 @@ class MotionPlanner:
         solid = [entity.name for entity in request.world.entities if entity.shapes]
         places = [*solid, *(region.name for region in request.world.regions)]
         wanted: list[tuple[str, list[str]]] = []
-        if isinstance(request, FindGrasps):
+        if isinstance(request, FindGrasps | FindPush):
             wanted.append((request.object, solid))
         else:
             wanted += [(request.payload.entity, solid)] if request.payload else []

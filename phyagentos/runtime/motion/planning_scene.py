@@ -93,6 +93,17 @@ class PlanningScene:
         self.spread_fingers(most_m if payload is None else payload.width_m, most_m)
         self.checks = 0
 
+    def sweep(self, q_rad: Array, low_m: float, high_m: float) -> list[Pair]:
+        """Pairs that touch in a posture (n_joints,) at any opening of the fingers from `low_m` to `high_m` [m]."""
+        if self.payload_shapes or low_m == high_m:  # copies of the fingers stand for all of them
+            self.spread_fingers(low_m, high_m)
+            return self.find_contacts(q_rad)
+        pairs: set[Pair] = set()
+        for opening_m in np.linspace(high_m, low_m, SWEEP).tolist():
+            self.spread_fingers(opening_m, opening_m)
+            pairs.update(self.find_contacts(q_rad))
+        return sorted(pairs)
+
     def spread_fingers(self, low_m: float, high_m: float) -> None:
         """Let the fingers stand at an opening `high_m` [m]; with a payload also at those down to `low_m` [m]."""
         most_m = self.robot.profile.gripper.max_width_m

@@ -36,6 +36,7 @@ class Approach(msgspec.Struct, frozen=True):
         line_rad: (k, n_joints) joint positions from the hover pose (row 0) to the end (row k-1).
         site: Pose of the entity after a place.
         release_m: Opening for which the way back after a place was checked [m].
+        fall_m: How far the entity falls when it is let go there [m].
     """
 
     label: str
@@ -43,6 +44,7 @@ class Approach(msgspec.Struct, frozen=True):
     line_rad: Array
     site: Pose | None = None
     release_m: float | None = None
+    fall_m: float = 0.0
 
 
 class Trajectory(msgspec.Struct, frozen=True):
@@ -89,6 +91,7 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
         destination: An entity with an interior, an entity to stand on (`relation` "on"), or a region.
         relation: `inside` or `on`.
         near: (3,) point; sites are at most `near_radius_m` from it.
+        may_fall: Whether it may be let go above the floor of a container whose walls keep it.
     """
 
     world: World
@@ -102,10 +105,15 @@ class FindPlacements(msgspec.Struct, frozen=True, tag=True):
     avoid: tuple[str, ...] = ()
     hover_m: float = 0.07
     count: int = 4
+    may_fall: bool = True
 
 
 class FindLine(msgspec.Struct, frozen=True, tag=True):
-    """A straight tool motion from here through tool poses. Answer: `Approaches` with one approach, or `NoPlan`."""
+    """A straight tool motion from here through tool poses. Answer: `Approaches` with one approach, or `NoPlan`.
+
+    Attributes:
+        width_m: Opening of the fingers on the way [m]; as wide as they go if unset.
+    """
 
     world: World
     q_rad: Array
@@ -113,6 +121,25 @@ class FindLine(msgspec.Struct, frozen=True, tag=True):
     seed: int
     payload: Payload | None = None
     ignore: tuple[str, ...] = ()
+    width_m: float | None = None
+
+
+class FindPush(msgspec.Struct, frozen=True, tag=True):
+    """Straight pushes of an object by the fingers, `width_m` [m] apart. Answer: `Approaches`.
+
+    Attributes:
+        to_m: (2,) where its origin shall be, in the world.
+        ignore: Entities that move with it.
+    """
+
+    world: World
+    object: str
+    to_m: tuple[float, float]
+    q_rad: Array
+    seed: int
+    ignore: tuple[str, ...] = ()
+    width_m: float = 0.0
+    count: int = 4
 
 
 class PlanMove(msgspec.Struct, frozen=True, tag=True):
@@ -122,6 +149,7 @@ class PlanMove(msgspec.Struct, frozen=True, tag=True):
         goals_rad: (m, n_joints) acceptable end postures.
         ignore: Entities that are no obstacles.
         speed: Fraction of the velocity limits; acceleration scales with its square.
+        width_m: Opening of the fingers on the way, without a payload [m]; as wide as they go if unset.
     """
 
     world: World
@@ -131,6 +159,7 @@ class PlanMove(msgspec.Struct, frozen=True, tag=True):
     payload: Payload | None = None
     ignore: tuple[str, ...] = ()
     speed: float = 1.0
+    width_m: float | None = None
 
 
 class TimeLine(msgspec.Struct, frozen=True, tag=True):
@@ -300,5 +329,5 @@ class NoPlan(msgspec.Struct, frozen=True, tag=True):
     stages: Stages = Stages()
 
 
-MotionRequest = FindGrasps | FindPlacements | FindLine | PlanMove | TimeLine | ShapeTransport | CheckPosture
+MotionRequest = FindGrasps | FindPlacements | FindLine | FindPush | PlanMove | TimeLine | ShapeTransport | CheckPosture
 MotionAnswer = Approaches | Motion | Stance | NoPlan

@@ -51,6 +51,21 @@ class RobotModel:
         return np.array(self.profile.arm.home_rad)
 
 
+def measure_fingers(robot: RobotModel) -> Array:
+    """(2,) half extents of the closed fingers along the tool's x axis and its closing axis [m]."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    mujoco.mj_kinematics(model, data)
+    site = model.site(robot.profile.tcp).id
+    R, reach = data.site_xmat[site].reshape(3, 3), np.zeros(2)
+    for geom in range(model.ngeom):
+        if model.body(int(model.geom_bodyid[geom])).name in robot.fingers:
+            G = R.T @ data.geom_xmat[geom].reshape(3, 3)
+            center = R.T @ (data.geom_xpos[geom] - data.site_xpos[site]) + G @ model.geom_aabb[geom, :3]
+            reach = np.maximum(reach, (np.abs(center) + np.abs(G) @ model.geom_aabb[geom, 3:])[:2])
+    reach[1] -= 0.5 * robot.profile.gripper.max_width_m
+    return reach
+
+
 def build_robot_model(profile: TargetProfile, folder: Path) -> RobotModel:
     """Read the profile's MJCF in `folder` and strip it to what planning needs.
 

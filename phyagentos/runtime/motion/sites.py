@@ -1,16 +1,19 @@
 """Free sites of a destination, without kinematics, so that "no free site" and "out of reach" differ.
 
 A site's name is its place in the destination, the same at the next attempt. Tiles (`site4`) leave room for later
-entities; lattice points (`at+040-020`, millimetres from the middle) fill the rest.
+entities; lattice points (`at+040-020`, millimetres from the middle) fill the rest. Where circles around the payload
+find no room, or a wall is beside the fingers, sites are packed (`pack-060+045`): for each yaw by the true footprint,
+along the walls of the destination first, so that the room that is left stays in one piece.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from phyagentos.geometry import compute_matrix
+from phyagentos.geometry import compute_matrix, turn
 from phyagentos.protocol.world.environment import Entity
+from phyagentos.protocol.world.predicates.geometry import compute_extent
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_shape_boxes
@@ -22,6 +25,10 @@ LATTICE_M = 0.02
 WINDOW_M = 0.2  # half side of the part of the lattice that is looked at, around the point of interest
 SUPPORT_BAND_M = 0.015  # what is this near to the middle of the floor carries the payload
 SITES_MAX = 16
+PACKED_MAX = 24  # sites of one yaw
+PACK_STEP_M = 0.015  # between packed sites along a wall
+ROOM_SHARE = 3.0  # of the area of a payload with its gaps, from which on a container is packed
+WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +41,7 @@ class Space:
         half_m: (2,) half lengths of its sides.
         supports: Entities that carry what stands there.
         walled: Whether its sides bound what stands there.
+        depth_m: Height of the lowest of its four walls above the support; 0 where a side is open.
     """
 
     center_m: Array
@@ -41,6 +49,28 @@ class Space:
     half_m: Array
     supports: frozenset[str]
     walled: bool
+    depth_m: float = 0.0
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) from its own axes to the world's."""
+        return turn((0.0, 0.0, self.yaw_rad))
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A free point on the support for the middle of the payload.
+
+    Attributes:
+        point_m: (3,) in the world.
+        degrees: The only yaw that fits; None where any does.
+        is_tight: Whether only contacts of the payload, as it is put down, show which yaws fit.
+    """
+
+    name: str
+    point_m: Array
+    degrees: int | None = None
+    is_tight: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +108,8 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
         return _level_space(box, box.top_m, [entity], walled=False)
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
-        return _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
+        space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
+        return replace(space, depth_m=_measure_depth(space, box, entity))
     if region is not None:
         box = _place_box(compute_matrix(region.pose), (0.0, 0.0, 0.0), region.half_m)
         carriers = _carriers(others, box)
@@ -89,9 +120,19 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
 
 
 def find_sites(
-    request: FindPlacements, space: Space, footprint: Footprint, tool_m: Array, job: Job
-) -> list[tuple[str, Array]]:
-    """At most 16 free points (3,) on the support with their names, the nearest to `near` or to the tool (3,) first."""
+    request: FindPlacements,
+    space: Space,
+    held: Entity,
+    attitudes: Mapping[int, Array],
+    footprint: Footprint,
+    tool_m: Array,
+    job: Job,
+) -> list[list[Site]]:
+    """Groups of sites: at most 16 for any yaw, the nearest to `near` or to the tool (3,) first; then packed ones.
+
+    Those come first where the payload in the middle would leave no room for another one, though there is some.
+    `attitudes` maps yaws of the tool [degrees] to the attitude (3, 3) of the payload in the axes of the space.
+    """
     interest = tool_m if request.near is None else np.array(request.near)
     neighbours = [
         box
@@ -100,7 +141,7 @@ def find_sites(
         for box in compute_shape_boxes(entity)
         if box.top_m > space.center_m[2] + GAP_M and box.bottom_m < space.center_m[2] + footprint.height_m
     ]
-    sites: list[tuple[str, Array]] = []
+    sites: list[Site] = []
     for prefix, radius_m in (("", footprint.outer_m), ("tight_", footprint.inner_m)):
         for name, site in _iter_sites(space, radius_m, interest):
             if request.near is not None and np.linalg.norm((site - interest)[:2]) > request.near_radius_m:
@@ -111,12 +152,62 @@ def find_sites(
             ):
                 job.rejected["occupied"] += 1
             else:
-                sites.append((prefix + name, site))
+                sites.append(Site(prefix + name, site, is_tight=bool(prefix)))
                 if len(sites) == SITES_MAX:
-                    return sites
+                    break
         if sites:
             break
-    return sites
+    if not space.walled:
+        return [sites] if sites else []
+    near = (interest, request.near_radius_m) if request.near is not None else (interest, np.inf)
+    packed = [
+        site
+        for degrees, R in attitudes.items()
+        for site in _pack(space, _measure_rectangle(held, R), degrees, near, neighbours)
+    ]
+    is_single = bool(np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M)) and not request.near
+    is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
+    groups = [packed, sites] if is_single and is_wide else [sites, packed]
+    return [group for group in groups if group]
+
+
+def _measure_rectangle(entity: Entity, R: Array) -> Array:
+    """(2,) reach from its middle along the axes of a space of an entity that is turned by `R` (3, 3) in it."""
+    low, high = np.array([compute_extent(entity, tuple(R[axis].tolist())) for axis in (0, 1)]).T
+    middle = R[:2] @ compute_bounds(entity.shapes)[0]
+    reach: Array = np.maximum(high - middle, middle - low)
+    return reach
+
+
+def _pack(
+    space: Space, half_m: Array, degrees: int, near: tuple[Array, float], neighbours: Iterable[Box]
+) -> list[Site]:
+    """Sites of one yaw, whose rectangle (2,) keeps clear of walls and neighbours; those along a wall first."""
+    room = space.half_m - half_m - GAP_M
+    if np.any(room < 0.0):
+        return []
+    R = space.rotation[:2, :2]
+    axes = [np.linspace(-r, r, 2 + int(2.0 * r / PACK_STEP_M)) if r > 1e-3 else np.zeros(1) for r in room]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    world = points @ R.T + space.center_m[:2]
+    free = np.linalg.norm(world - near[0][:2], axis=1) <= near[1]
+    for box in neighbours:
+        sides = box.pose[:2, :3] * box.half_m  # (2, 3) half edges as seen from above
+        across = np.array([(-y, x) for x, y in sides.T if np.hypot(x, y) > 1e-6])
+        axes2 = np.vstack((R.T, across / np.linalg.norm(across, axis=1, keepdims=True)))  # (k, 2) separating axes
+        apart = np.abs((world - box.pose[:2, 3]) @ axes2.T)
+        reach = np.abs(axes2 @ sides).sum(axis=1) + np.abs(axes2 @ R) @ half_m
+        free &= (apart > reach + GAP_M).any(axis=1)
+    from_walls = np.sort((room - np.abs(points)).round(6), axis=1)  # the nearer one, the other one
+    order = np.lexsort((np.linalg.norm(world - near[0][:2], axis=1).round(6), from_walls[:, 1], from_walls[:, 0]))
+    return [
+        Site(
+            f"pack{round(1e3 * points[k, 0]):+04d}{round(1e3 * points[k, 1]):+04d}",
+            np.append(world[k], space.center_m[2]),
+            degrees,
+        )
+        for k in [index for index in order.tolist() if free[index]][:PACKED_MAX]
+    ]
 
 
 def _iter_sites(space: Space, radius_m: float, interest_m: Array) -> Iterator[tuple[str, Array]]:
@@ -168,6 +259,17 @@ def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bo
         supports=frozenset(entity.name for entity in supports),
         walled=walled,
     )
+
+
+def _measure_depth(space: Space, box: Box, entity: Entity) -> float:
+    """Height of the lowest wall of an interior above its floor; 0 where a side has none."""
+    R, lowest = space.rotation, box.top_m - box.bottom_m
+    for axis in (0, 1):
+        for sign in (-1.0, 1.0):
+            side = space.center_m + sign * space.half_m[axis] * R[:, axis] + (0.0, 0.0, 0.002)
+            walls = [b for b in compute_shape_boxes(entity) if b.compute_distance(side) <= WALL_BAND_M]
+            lowest = min(lowest, max((b.top_m - float(space.center_m[2]) for b in walls), default=0.0))
+    return max(0.0, lowest)
 
 
 def _carriers(entities: list[Entity], space: Box) -> list[Entity]:

@@ -8,8 +8,6 @@ from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Statu
 from phyagentos.runtime.motion.requests import Approach
 
 OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
-
-
 CLOSING_M_S = 0.25  # of the opening: both fingers hang on one drive, and at full speed the first to touch is a blow
 
 
@@ -59,11 +57,16 @@ class OpenGripper(_GripperLeaf):
         """Begin to open."""
         approach, widths = self.find("approach"), [self.find("width_m")]
         widths += [] if approach is None else [approach.release_m]
+        self._fall_m = 0.0 if approach is None else approach.fall_m
         width_m = next((each for each in widths if each is not None), self.context.profile.gripper.max_width_m)
         now_m = self.context.step.target.gripper_width_m
         if abs(now_m - width_m) < OPEN_TOLERANCE_M and abs(self.context.commands.gripper_width_m - width_m) < 1e-9:
             return self.succeed("already open", width_m=now_m)
         return self.begin(width_m, self.read("seconds"))
+
+    def on_settled(self, width_m: float) -> Status:
+        """Report the width, and how far the planner let the thing fall."""
+        return self.succeed("", width_m=width_m, **({"fall_m": self._fall_m} if self._fall_m else {}))
 
 
 class CloseGripper(_GripperLeaf):

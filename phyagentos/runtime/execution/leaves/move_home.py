@@ -30,6 +30,7 @@ class MoveHome(MovingLeaf):
             seed=self.context.draw_seed(self.path),
             payload=payload,
             speed=self.scale_speed(self.read("speed")),
+            width_m=self.context.step.target.gripper_width_m,
         )
 
 

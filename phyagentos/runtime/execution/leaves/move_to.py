@@ -35,6 +35,7 @@ class MoveTo(MovingLeaf):
             payload=payload,
             ignore=() if ignored is None else (ignored,),
             speed=self.scale_speed(self.read("speed")),
+            width_m=self.context.step.target.gripper_width_m,
         )
 
     def on_arrived(self, motion: Motion) -> Status:

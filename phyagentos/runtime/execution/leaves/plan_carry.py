@@ -45,7 +45,7 @@ class PlanCarry(CandidatePlanningLeaf):
     def on_found(self, answer: Approaches) -> Status:
         """Write the way."""
         approach, over_m = self._list_candidates()[self.tried]
-        self.write("approach", replace(answer.approaches[0], release_m=approach.release_m))
+        self.write("approach", replace(answer.approaches[0], release_m=approach.release_m, fall_m=approach.fall_m))
         return self.succeed("", label=approach.label, over_m=over_m, tried=self.tried + 1)
 
     def _list_candidates(self) -> list[tuple[Approach, float]]:

@@ -18,6 +18,9 @@ class PlanPlace(ApproachPlanningLeaf):
         ),
         "near_radius_m": PortInformation(data_type=float, default_value=0.12, description="How close [m]."),
         "hover_m": PortInformation(data_type=float, default_value=0.07, description="Length of the approach [m]."),
+        "may_fall": PortInformation(
+            data_type=bool, default_value=True, description="Whether it may be let go above a walled floor."
+        ),
     }
     OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
 
@@ -35,4 +38,5 @@ class PlanPlace(ApproachPlanningLeaf):
             near_radius_m=self.read("near_radius_m"),
             avoid=self.context.session.strategy.avoid_sites,
             hover_m=self.read("hover_m"),
+            may_fall=self.read("may_fall"),
         )

@@ -1,0 +1,94 @@
+"""What is taken hold of where something is beside it, at a rim, and what is pushed past obstacles."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind
+from phyagentos.runtime.motion.planning_scene import PlanningScenes
+from phyagentos.runtime.motion.process import _ANSWERS
+from phyagentos.runtime.motion.requests import Approaches, FindGrasps, FindPush, World
+
+pytestmark = pytest.mark.motion
+
+
+@pytest.fixture
+def table(build):
+    return build.fixed("table", (0.45, 0.05, -0.02), build.box((0, 0, 0), (0.45, 0.65, 0.02)))
+
+
+def list_contacts(planner, world, q_rad, widths_m):
+    scene = PlanningScenes(planner.robot).get_scene(world)
+    return {pair for width in widths_m for pair in scene.sweep(q_rad, width, width)}
+
+
+@pytest.mark.parametrize("gap_m", [0.036, 0.045])
+def test_fingers_go_between_a_thing_and_the_wall_beside_it_and_sweep_no_wall_when_they_close(
+    planner, build, table, home, gap_m
+):
+    """Wide open, they would stand beyond the walls, and closing would take the walls along."""
+    walls = [build.box((0, side * (0.015 + gap_m + 0.0025), 0.02), (0.06, 0.0025, 0.02)) for side in (-1, 1)]
+    walls += [build.box((side * (0.015 + gap_m + 0.0025), 0, 0.02), (0.0025, 0.06, 0.02)) for side in (-1, 1)]
+    world = World((table, build.fixed("pen", (0.5, 0.0, 0.0), *walls), build.cube("cube0", 0.5, 0.0, half=0.015)))
+    answer = planner.answer(FindGrasps(world=world, object="cube0", q_rad=home, seed=1))
+    assert isinstance(answer, Approaches), answer
+    _ANSWERS.encode(answer)
+    for approach in answer.approaches:
+        end_rad = approach.line_rad[-1]
+        touched = list_contacts(planner, world, end_rad, np.linspace(0.03, approach.release_m, 12))
+        assert {other for _, other in touched} <= {"cube0"}, approach.label
+
+
+def build_bowl(build, x, y):
+    """Ten flat walls that lean outwards, wider above than the hand opens."""
+    base = Shape(ShapeKind.CYLINDER, (0.03, 0.002), Pose((0.0, 0.0, -0.013)))
+    walls = []
+    for turn in np.arange(10) * 0.2 * np.pi:
+        c, s, a, b = np.cos(turn / 2), np.sin(turn / 2), np.cos(0.2), np.sin(0.2)
+        pose = Pose((0.036 * np.cos(turn), 0.036 * np.sin(turn), 0.0), (c * a, -s * b, c * b, s * a))
+        walls.append(Shape(ShapeKind.BOX, (0.002, 0.014, 0.015), pose))
+    return msgspec.structs.replace(build.cube("bowl", x, y, z=0.016), shapes=(base, *walls))
+
+
+def test_a_bowl_that_is_wider_than_the_hand_opens_is_taken_at_its_rim(planner, build, table, home):
+    world = World((table, build_bowl(build, 0.5, 0.1)))
+    answer = planner.answer(FindGrasps(world=world, object="bowl", q_rad=home, seed=1))
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        assert approach.label.startswith("solid")
+        assert 0.02 > approach.release_m - 0.004 > 0.01
+        x, y, _ = approach.tcp_end.position_m
+        assert np.hypot(x - 0.5, y - 0.1) == pytest.approx(0.04, abs=0.006)
+        for q in approach.line_rad:
+            assert list_contacts(planner, world, q, [approach.release_m]) == set(), approach.label
+
+
+def test_a_push_turns_the_narrow_side_of_the_hand_towards_what_is_beside_its_way(planner, build, table, home):
+    sides = [
+        build.fixed(f"side{s:+d}", (0.5, s * 0.075, 0.06), build.box((0, 0, 0), (0.2, 0.01, 0.06))) for s in (-1, 1)
+    ]
+    world = World((table, *sides, build.cube("cube0", 0.45, 0.0)))
+    request = FindPush(world=world, object="cube0", to_m=(0.55, 0.0), q_rad=home, seed=1)
+    answer = planner.answer(request)
+    assert isinstance(answer, Approaches), answer
+    open_world = planner.answer(msgspec.structs.replace(request, world=World((table, world.entities[-1]))))
+    assert {each.label[:8] for each in answer.approaches} <= {"push+090", "push+270"}
+    assert {each.label[:8] for each in open_world.approaches} == {"push+000"}
+    tip_m = planner._chain.compute_tcp(open_world.approaches[0].line_rad[-1])[:3, 3]
+    assert tip_m == pytest.approx((0.55 - 0.02 - planner_half(planner), 0.0, 0.02), abs=2e-3)
+
+
+def planner_half(planner):
+    from phyagentos.runtime.motion.robot_model import measure_fingers
+
+    across, along = measure_fingers(planner.robot)
+    assert 0.008 < across < 0.012 < along < 0.03
+    return across
+
+
+def test_a_push_is_refused_with_its_reason(planner, build, table, home):
+    world = World((table, build.cube("cube0", 0.45, 0.0)))
+    request = FindPush(world=world, object="cube0", to_m=(0.452, 0.0), q_rad=home, seed=1)
+    assert planner.answer(request).code == "TOO_SHORT"
+    assert planner.answer(msgspec.structs.replace(request, object="cub0", to_m=(0.6, 0.0))).code == "UNKNOWN_ENTITY"
+    assert planner.answer(msgspec.structs.replace(request, to_m=(1.6, 0.0))).code == "NO_IK"

@@ -1,0 +1,80 @@
+"""Where a held thing may go: between deep walls, along them, and beside what stands there."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from phyagentos.protocol.world.environment import Interior, Pose
+from phyagentos.runtime.motion.requests import Approaches, FindPlacements, Payload, World
+
+pytestmark = pytest.mark.motion
+
+DOWN = Pose(quaternion_wxyz=(0.0, 1.0, 0.0, 0.0))  # of a thing in the hand that stands upright
+
+
+@pytest.fixture
+def deep(build):
+    """A table, a bin at a yaw, its inner half sides `x` and `y`, its walls `depth_m` high, and a cube."""
+
+    def make(depth_m, *more, half_m=0.015, x=0.05, y=0.065, is_open=False):
+        walls = [build.box((s * (x + 0.0025), 0, depth_m / 2), (0.0025, y + 0.005, depth_m / 2)) for s in (-1, 1)]
+        walls += [build.box((0, s * (y + 0.0025), depth_m / 2), (x, 0.0025, depth_m / 2)) for s in (-1, 1)]
+        floor = build.box((0, 0, 0.0025), (x, y, 0.0025))
+        interior = Interior((0, 0, (depth_m + 0.005) / 2), (x, y, (depth_m - 0.005) / 2))
+        vessel = build.fixed("bin", (0.5, 0.3, 0), floor, *walls[is_open:], interior=interior)
+        vessel = msgspec.structs.replace(
+            vessel, pose=Pose((0.5, 0.3, 0.0), (float(np.cos(0.2)), 0.0, 0.0, float(np.sin(0.2))))
+        )
+        table = build.fixed("table", (0.45, 0.05, -0.02), build.box((0, 0, 0), (0.45, 0.65, 0.02)))
+        return World((table, vessel, build.cube("cube0", 0.4, -0.2, half=half_m), *more))
+
+    return make
+
+
+def place_into(planner, world, home, width_m, tcp_T_entity=DOWN, **changes):
+    held = Payload("cube0", tcp_T_entity, width_m=width_m)
+    return planner.answer(FindPlacements(world=world, payload=held, destination="bin", q_rad=home, seed=1, **changes))
+
+
+def test_a_thing_falls_into_a_bin_that_is_too_deep_for_the_hand_and_no_further_than_is_needed(planner, deep, home):
+    world = deep(0.1)
+    answer = place_into(planner, world, home, 0.03)
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        assert 0.0 < approach.fall_m < 0.1
+        assert f"fall+{round(1e3 * approach.fall_m):03d}" in approach.label
+        lowest_m = planner._chain.compute_tcp(approach.line_rad[-1])[2, 3] - 0.015
+        assert lowest_m == pytest.approx(0.005 + 0.004 + approach.fall_m, abs=2e-4)
+    lower = place_into(planner, deep(0.06), home, 0.03).approaches[0].fall_m
+    assert lower < min(approach.fall_m for approach in answer.approaches)
+    assert place_into(planner, deep(0.02), home, 0.03).approaches[0].fall_m == 0.0
+
+
+def test_nothing_falls_where_it_must_not_or_where_no_wall_keeps_it(planner, deep, home):
+    assert place_into(planner, deep(0.1), home, 0.03, may_fall=False).code == "NO_IK"
+    assert place_into(planner, deep(0.1, is_open=True), home, 0.03).code == "NO_IK"
+
+
+def test_what_fits_at_one_yaw_only_is_turned_along_the_walls(planner, build, deep, home):
+    shape = build.box((0, 0, 0), (0.05, 0.012, 0.012))
+    bar = msgspec.structs.replace(build.cube("cube0", 0.4, -0.2), shapes=(shape,))
+    askew = Pose(quaternion_wxyz=(0.0, float(np.cos(0.17)), float(np.sin(0.17)), 0.0))
+    answer = place_into(planner, build.replace(deep(0.04, x=0.025), bar), home, 0.024, tcp_T_entity=askew)
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        w, _, _, z = approach.site.quaternion_wxyz
+        off_rad = (2.0 * np.arctan2(z, w) - 0.4) % np.pi
+        assert off_rad == pytest.approx(np.pi / 2, abs=0.02)
+
+
+def test_things_are_packed_along_walls_so_that_the_next_one_fits(planner, build, deep, home):
+    """Two cubes of 40 mm in 100 x 120 mm fit only when the first does not stand in the middle."""
+    world, places = deep(0.03, y=0.06, half_m=0.02), []
+    for number in range(2):
+        answer = place_into(planner, world, home, 0.04)
+        assert isinstance(answer, Approaches), (number, answer)
+        site = answer.approaches[0].site
+        places.append(site.position_m)
+        world = World((*world.entities, msgspec.structs.replace(build.cube(f"in{number}", 0, 0), pose=site)))
+    gaps = [np.linalg.norm(np.subtract(a, b)) for k, a in enumerate(places) for b in places[:k]]
+    assert min(gaps) > 0.04
