@@ -55,6 +55,7 @@ LIBRARIES = (
     "pydantic",
     "py_trees",
     "scipy.spatial",
+    "tests.gauntlet.preloaded",
 )
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload([*LIBRARIES])

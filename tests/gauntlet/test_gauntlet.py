@@ -11,10 +11,12 @@ NODES = list(dict.fromkeys(node for sabotage in SABOTAGES for node in sabotage.t
 PLANTED = {sabotage.name: sabotage for sabotage in SABOTAGES}
 
 
-def test_every_named_test_is_green_while_nobody_lies():
-    run = run_tests(NODES)
+def test_a_named_test_of_every_file_is_green_here_while_nobody_lies():
+    """The others are green in the suite itself; `python -m tests.gauntlet` runs them all."""
+    honest = {node.partition("::")[0]: node for node in reversed(NODES)}.values()
+    run = run_tests(honest)
 
-    assert [node for node in NODES if not run.is_green(node)] == [], run.output[-4000:]
+    assert [node for node in honest if not run.is_green(node)] == [], run.output[-4000:]
 
 
 @pytest.mark.parametrize("name", PLANTED)

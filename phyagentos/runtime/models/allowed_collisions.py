@@ -95,12 +95,15 @@ def _count_contacts(
     """(n_bodies, n_bodies) postures in which two bodies touch; upper triangle."""
     rng = np.random.default_rng(SEED)
     counts = np.zeros((model.nbody, model.nbody), dtype=np.intp)
+    touching = np.zeros_like(counts, dtype=np.bool_)
     for q in rng.uniform(ranges[:, 0], ranges[:, 1], size=(SAMPLES, len(addresses))):
         data.qpos[addresses] = q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        pairs = np.unique(np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1), axis=0)
-        counts[pairs[:, 0], pairs[:, 1]] += 1
+        pairs = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
+        touching[:] = False
+        touching[pairs[:, 0], pairs[:, 1]] = True
+        counts += touching
     return counts
 
 

@@ -109,7 +109,7 @@ class SphereModel:
         """Reduce each pair's threshold until only 1 % of the exactly free postures look closer than it."""
         data = mujoco.MjData(robot.model)
         rng = np.random.default_rng(SEED)
-        gaps = []
+        centers: list[list[Array]] = [[] for _ in self._clusters]  # of each cluster, a row for each posture
         links = np.zeros_like(self._chain.frames)
         for q in rng.uniform(robot.q_min_rad, robot.q_max_rad, size=(SAMPLES, robot.model.nq)):
             data.qpos[:] = q
@@ -118,14 +118,18 @@ class SphereModel:
             if data.ncon:
                 continue
             compute_links(q, self._chain.frames, links)
-            centers = [cover[:, :3] @ links[link, :, :3].T + links[link, :, 3] for link, _, cover in self._clusters]
-            gaps.append([self._compute_gap(centers, a, b) for a, b in self._pairs])
-        quantiles = np.quantile(gaps, QUANTILE, axis=0)
+            for rows, (link, _, cover) in zip(centers, self._clusters, strict=True):
+                rows.append(cover[:, :3] @ links[link, :, :3].T + links[link, :, 3])
+        placed = [np.array(rows) for rows in centers]
+        quantiles = np.quantile([self._compute_gaps(placed, a, b) for a, b in self._pairs], QUANTILE, axis=1)
         return [float(1e-4 - gap) if gap < 0.0 else 0.0 for gap in quantiles]
 
-    def _compute_gap(self, centers: list[Array], a: int, b: int) -> float:
+    def _compute_gaps(self, centers: list[Array], a: int, b: int) -> Array:
+        """Between two clusters in every posture (n,) [m]; `centers` are (n, k, 3) each."""
         radii = self._clusters[a][2][:, 3, None] + self._clusters[b][2][:, 3]
-        return float((np.linalg.norm(centers[a][:, None] - centers[b], axis=2) - radii).min())
+        between = np.linalg.norm(centers[a][:, :, None] - centers[b][:, None], axis=3)
+        gaps: Array = (between - radii).min(axis=(1, 2))
+        return gaps
 
 
 def _find_pairs(model: mujoco.MjModel, bodies: list[int], chain: Chain) -> list[tuple[int, int]]:

@@ -5,17 +5,35 @@ differences respect them too, and to whole control periods, so that the last com
 """
 
 import logging
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from types import ModuleType
 
 import numpy as np
-import toppra
 from scipy.interpolate import CubicSpline
-from toppra import algorithm, constraint
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.requests import Array, TimeScaling, Trajectory
+
+
+@contextmanager
+def _without_figures() -> Iterator[None]:
+    """Import without matplotlib: toppra loads it for figures that nobody draws here, half a second of every start."""
+    empty = {name: ModuleType(name) for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules}
+    sys.modules.update(empty)
+    try:
+        yield
+    finally:
+        for name in empty:
+            del sys.modules[name]
+
+
+with _without_figures():
+    import toppra
+    from toppra import algorithm, constraint
 
 VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controller
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points
