@@ -61,7 +61,8 @@ class Gripper(Authored):
         stiffness_n_m: Position gain of the servo [N/m].
         damping_ns_m: Velocity gain of the servo [N s/m].
         force_n: Largest force of one finger [N].
-        close_time_s: Time it is given to close [s].
+        speed_m_s: Speed at which its drive changes the opening [m/s]; that of one finger is half of it.
+        close_time_s: Time the drive is given to build up its grip [s].
         palm_depth_m: How far a thing may reach above the tool centre point before it meets the palm [m].
         palm_height_m: How far the palm stands above the fingertips [m].
         fingertip_m: Least height of the tool centre point above a support that the fingertips must not touch [m].
@@ -75,12 +76,18 @@ class Gripper(Authored):
     stiffness_n_m: float
     damping_ns_m: float
     force_n: float
+    speed_m_s: float = pydantic.Field(default=0.1, gt=0.0)
     close_time_s: float = 0.4
     palm_depth_m: float = 0.02
     palm_height_m: float = 0.09
     fingertip_m: float = 0.016
     finger_half_m: float = 0.009
     grasp_reach_m: float = 0.03
+
+    @property
+    def squeeze_m(self) -> float:
+        """How far beyond what it holds the drive's set-point is where it presses with its full force [m]."""
+        return self.force_n / self.stiffness_n_m
 
 
 NO_GRIPPER = Gripper(joints=(), pads=(), max_width_m=0.0, stiffness_n_m=0.0, damping_ns_m=0.0, force_n=0.0)

@@ -112,8 +112,9 @@ class JointController:
     def follow(self, command: Command) -> Motion:
         """Carry out one command, which `check` did not refuse."""
         physics = self._physics
-        controls = physics.compute_controls(command.q_rad, command.qd_rad_s, command.gripper_width_m)
-        self._width_m = float(command.gripper_width_m[-1])
+        widths = self._limit_fingers(command.gripper_width_m)
+        controls = physics.compute_controls(command.q_rad, command.qd_rad_s, widths)
+        self._width_m = float(widths[-1])
         for row in controls:
             physics.data.ctrl[physics.inputs] = row
             yield from self._step()
@@ -126,6 +127,21 @@ class JointController:
             yield from self.halt()
             return "PROTECTIVE_STOP"
         return ""
+
+    def _limit_fingers(self, width_m: Array) -> Array:
+        """The drive's set-points (n,) on its way to commanded openings (n,) [m].
+
+        It moves at its own speed, and never farther into a thing than its full force needs.
+        """
+        if not np.count_nonzero(width_m != self._width_m):
+            return width_m
+        gripper, measured = self._profile.gripper, self._physics.gripper_width_m
+        now = min(max(self._width_m, measured - gripper.squeeze_m), measured + gripper.squeeze_m)
+        step, reached = gripper.speed_m_s * self._profile.physics_step_s, []
+        for wanted in width_m.tolist():
+            now += min(max(wanted - now, -step), step)
+            reached.append(now)
+        return np.array(reached)
 
     def halt(self) -> Motion:
         """Decelerate within the joint limits, all joints in proportion, then hold."""

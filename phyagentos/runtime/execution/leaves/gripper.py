@@ -1,6 +1,4 @@
-"""Open and close the gripper: commanded widths, and a fixed time for the fingers to settle."""
-
-import math
+"""Open and close the gripper at the speed of its drive."""
 
 import numpy as np
 
@@ -8,31 +6,39 @@ from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Statu
 from phyagentos.runtime.motion.requests import Approach
 
 OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
-CLOSING_M_S = 0.25  # of the opening: both fingers hang on one drive, and at full speed the first to touch is a blow
+SETTLE_S = 0.1  # after the drive has arrived
 
 
 class _GripperLeaf(Leaf):
-    """Commands one width for so many seconds of simulated time."""
+    """Commands one width until the drive has arrived and its time to settle is over."""
 
-    _until_s = 0.0
-    _speed_m_s = math.inf
-
-    def begin(self, width_m: float, duration_s: float) -> Status:
-        """Command `width_m` [m] for `duration_s` [s]."""
-        self._width_m = width_m
-        self._until_s = self.context.time_s + duration_s - 0.5 * self.context.profile.control_period_s
+    def begin(self, width_m: float, seconds: float | None, settle_s: float) -> Status:
+        """Command `width_m` [m] for `seconds` [s] of simulated time; until the drive has arrived if that is None."""
+        begun_s = self.context.time_s - 0.5 * self.context.profile.control_period_s
+        squeeze_m, now_m = self.context.profile.gripper.squeeze_m, self.context.step.target.gripper_width_m
+        self._from_m = min(max(self.context.commands.gripper_width_m, now_m - squeeze_m), now_m + squeeze_m)
+        self._width_m, self._settle_s, self._begun_s = width_m, settle_s, begun_s
+        self._until_s = begun_s + seconds if seconds is not None else None
         return self.on_running()
 
     def on_running(self) -> Status:
         """Command the width until time is up."""
-        commands = self.context.commands
-        if self.context.time_s < self._until_s:
-            step_m = self._speed_m_s * self.context.profile.physics_step_s
-            now_m = commands.gripper_width_m
-            way = now_m - step_m * np.arange(1, commands.n_steps + 1) if math.isfinite(step_m) else self._width_m
-            commands.set_gripper(np.maximum(np.full(commands.n_steps, self._width_m), way))
+        commands, now_s = self.context.commands, self.context.time_s
+        if self._until_s is None and self._has_arrived(now_s):
+            self._until_s = now_s + self._settle_s
+        if self._until_s is None or now_s < self._until_s:
+            commands.set_gripper(np.full(commands.n_steps, self._width_m))
             return Status.RUNNING
         return self.on_settled(self.context.step.target.gripper_width_m)
+
+    def _has_arrived(self, now_s: float) -> bool:
+        """Whether the drive's own set-point is where it was sent, or as far in a thing as its full force needs."""
+        gripper, now_m = self.context.profile.gripper, self.context.step.target.gripper_width_m
+        way_m = gripper.speed_m_s * (now_s - self._begun_s)
+        is_closing = self._width_m < self._from_m
+        return way_m >= abs(self._width_m - self._from_m) or (
+            is_closing and now_m - (self._from_m - way_m) >= gripper.squeeze_m
+        )
 
     def on_settled(self, width_m: float) -> Status:
         """The fingers stand still."""
@@ -50,7 +56,9 @@ class OpenGripper(_GripperLeaf):
         "approach": PortInformation(
             data_type=Approach, required=False, description="A place: its own opening, where it was planned for one."
         ),
-        "seconds": PortInformation(data_type=float, default_value=0.3, description="Time for it, simulated [s]."),
+        "seconds": PortInformation(
+            data_type=float, required=False, description="Time for it, simulated [s]; until they are open if unset."
+        ),
     }
 
     def on_start(self) -> Status:
@@ -62,7 +70,7 @@ class OpenGripper(_GripperLeaf):
         now_m = self.context.step.target.gripper_width_m
         if abs(now_m - width_m) < OPEN_TOLERANCE_M and abs(self.context.commands.gripper_width_m - width_m) < 1e-9:
             return self.succeed("already open", width_m=now_m)
-        return self.begin(width_m, self.read("seconds"))
+        return self.begin(width_m, self.find("seconds"), SETTLE_S)
 
     def on_settled(self, width_m: float) -> Status:
         """Report the width, and how far the planner let the thing fall."""
@@ -72,12 +80,10 @@ class OpenGripper(_GripperLeaf):
 class CloseGripper(_GripperLeaf):
     """Close the fingers onto whatever is between them, and report their opening."""
 
-    _speed_m_s = CLOSING_M_S
-
     ROLE = Role.GRASP
     INPUT_PORTS = {
         "seconds": PortInformation(
-            data_type=float, required=False, description="Time for it, simulated [s]; the target's own if unset."
+            data_type=float, required=False, description="Time for it, simulated [s]; until they grip if unset."
         ),
     }
     OUTPUT_PORTS = {
@@ -86,8 +92,7 @@ class CloseGripper(_GripperLeaf):
 
     def on_start(self) -> Status:
         """Begin to close."""
-        seconds = self.find("seconds")
-        return self.begin(0.0, self.context.profile.gripper.close_time_s if seconds is None else seconds)
+        return self.begin(0.0, self.find("seconds"), self.context.profile.gripper.close_time_s)
 
     def on_settled(self, width_m: float) -> Status:
         """Report the width."""
