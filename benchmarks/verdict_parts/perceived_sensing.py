@@ -142,7 +142,7 @@ class PerceivedSensing:
         physics.look()
         state = physics.read_target({})
         width = float(course["gripper_measured_m"][row])
-        return msgspec.structs.replace(state, gripper_width_m=width, fingers_touching=2, holding=())
+        return msgspec.structs.replace(state, gripper_width_m=width, grip_force_n=30.0, holding=())
 
     def _expose(self, time_s: float, rng: np.random.Generator) -> tuple[Frame, ...]:
         """The world as it is, as the cameras show it."""

@@ -284,7 +284,7 @@ def test_a_grasp_that_keeps_failing_gives_way_to_another_skill(shipped):
 
 def hold(world: Environment, name: str) -> Environment:
     held = msgspec.structs.replace(world.entities[name], held_by="panda")
-    arm = msgspec.structs.replace(world.targets["panda"], fingers_touching=2, holding=(name,))
+    arm = msgspec.structs.replace(world.targets["panda"], grip_force_n=30.0, holding=(name,))
     return msgspec.structs.replace(world, entities={**world.entities, name: held}, targets={"panda": arm})
 
 

@@ -74,13 +74,13 @@ def test_an_opening_is_as_doubtful_as_the_pose_that_it_follows_from(kind, travel
     assert Truth.UNKNOWN not in {truth(f"{text}(drawer)", world(drawer)) for text in ("closed", "open")}
 
 
-def holding(touching: int, width_m: float = 0.04, **more):
+def holding(force_n: float, width_m: float = 0.04, **more):
     state = TargetState(
         q_rad=(),
         qd_rad_s=(),
         gripper_width_m=width_m,
         tcp=Pose((0, 0, 0.02)),
-        fingers_touching=touching,
+        grip_force_n=force_n,
         holding=("a",),
     )
     return world(cube("a", **more), sensing="perceived", targets={"arm": state})
@@ -90,17 +90,18 @@ IN_HAND = {"held_by": "arm", "status": Status.HELD, "looks": 1}
 
 
 @pytest.mark.parametrize(
-    ("touching", "more", "expected"),
+    ("force_n", "more", "expected"),
     [
-        (2, IN_HAND, "true"),
-        (2, {}, "false"),
-        (2, {"visible": False}, "unknown"),
-        (1, IN_HAND, "false"),
-        (0, {"visible": False}, "false"),
+        (40.0, IN_HAND, "true"),
+        (40.0, {}, "false"),
+        (40.0, {"visible": False}, "unknown"),
+        (3.0, IN_HAND, "false"),
+        (0.0, {"visible": False}, "false"),
+        (40.0, IN_HAND | {"width_m": 0.001}, "false"),
     ],
 )
-def test_touch_tells_that_something_is_held_and_perception_tells_what(touching, more, expected):
-    assert truth("holding(arm, a)", holding(touching, **more)) == expected
+def test_force_and_width_tell_that_something_is_held_and_perception_tells_what(force_n, more, expected):
+    assert truth("holding(arm, a)", holding(force_n, **more)) == expected
 
 
 @pytest.mark.parametrize(
@@ -115,7 +116,7 @@ def test_touch_tells_that_something_is_held_and_perception_tells_what(touching, 
     ],
 )
 def test_fingers_that_touch_something_near_a_thing_do_not_show_that_they_hold_it(more, because):
-    found = value("holding(arm, a)", holding(2, **(IN_HAND | more)))
+    found = value("holding(arm, a)", holding(40.0, **(IN_HAND | more)))
     assert found.truth is Truth.UNKNOWN
     assert because in found.because
 
@@ -123,7 +124,7 @@ def test_fingers_that_touch_something_near_a_thing_do_not_show_that_they_hold_it
 def test_only_what_is_between_the_pads_counts_as_the_width():
     neck = Shape(ShapeKind.CYLINDER, (0.012, 0.03), Pose((0.0, 0.0, 0.1)))
     bottle = (Shape(ShapeKind.CYLINDER, (0.03, 0.06)), neck)
-    at_the_neck = holding(2, 0.024, z=-0.09, shapes=bottle, **IN_HAND)
+    at_the_neck = holding(40.0, 0.024, z=-0.09, shapes=bottle, **IN_HAND)
     assert truth("holding(arm, a)", at_the_neck) is Truth.TRUE
 
 

@@ -35,7 +35,7 @@ class Arm(Authored):
         torque_nm: Largest torque of the servo [N m].
         stiffness_nm_rad: Position gain of the servo [N m/rad].
         damping_nms_rad: Velocity gain of the servo [N m s/rad].
-        payload_kg: Heaviest load [kg]; an arm without this value carries nothing.
+        payload_kg: Heaviest load, the hand included [kg]; an arm without this value carries nothing.
         wrist_joints: Last joints, whose links carry the hand: the search does not test them against what is held.
     """
 
@@ -61,6 +61,7 @@ class Gripper(Authored):
         stiffness_n_m: Position gain of the servo [N/m].
         damping_ns_m: Velocity gain of the servo [N s/m].
         force_n: Largest force of one finger [N].
+        mass_kg: Mass of the hand, which is a part of the arm's load [kg].
         speed_m_s: Speed at which its drive changes the opening [m/s]; that of one finger is half of it.
         close_time_s: Time the drive is given to build up its grip [s].
         palm_depth_m: How far a thing may reach above the tool centre point before it meets the palm [m].
@@ -76,6 +77,7 @@ class Gripper(Authored):
     stiffness_n_m: float
     damping_ns_m: float
     force_n: float
+    mass_kg: float = pydantic.Field(default=0.0, ge=0.0)
     speed_m_s: float = pydantic.Field(default=0.1, gt=0.0)
     close_time_s: float = 0.4
     palm_depth_m: float = 0.02

@@ -14,6 +14,8 @@ from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
 REST_M_S = 0.02  # slower is contact noise
 REST_S = 0.25  # a thing that two looks so far apart show in one place rests
+GRIP_N = 5.0  # a lighter pressure is the friction of the drive
+CLOSED_M = 0.002  # fingers that are less apart press on each other
 LIFTED_M = 0.02  # a thing that was taken so far was lifted, not pressed
 FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
 AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
@@ -170,7 +172,9 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
         gripper_width_m: Opening between the fingers [m].
         tcp: `world_T_tcp`; z is the approach axis, y the closing axis.
         holding: Names of the entities touched by both fingers.
-        fingers_touching: How many finger pads touch something: by the robot's own touch sensors.
+        fingers_touching: How many finger pads touch something, by touch sensors; 0 for a hand without such.
+        grip_force_n: Force that presses the fingers together, by the current of their motor [N]; None where it is
+            not measured.
     """
 
     q_rad: tuple[float, ...]
@@ -179,6 +183,14 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
     tcp: Pose
     holding: tuple[str, ...] = ()
     fingers_touching: int = 0
+    grip_force_n: float | None = None
+
+    @property
+    def is_gripping(self) -> bool:
+        """Whether something is between the fingers: by the motor's current and the opening, or else by touch."""
+        if self.grip_force_n is None:
+            return self.fingers_touching >= 2
+        return self.grip_force_n >= GRIP_N and self.gripper_width_m >= CLOSED_M
 
 
 class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

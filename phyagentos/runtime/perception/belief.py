@@ -94,7 +94,7 @@ def follow_hand(
     """The entities by touch alone: a held thing moves with the hand, a released one stays at its release pose."""
     entities = dict(before)
     held = [entity for entity in before.values() if entity.status is Status.HELD]
-    if not hand.is_gripping(state):
+    if not state.is_gripping:
         entities |= {entity.name: let_go(carry(entity, state, hand)) for entity in held}
         return entities
     taken = held[0] if held else find_held(before, state, inventory, hand)

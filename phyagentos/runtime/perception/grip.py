@@ -1,7 +1,7 @@
-"""Which thing the fingers hold: touch, the opening of the gripper, and where things were last believed to be.
+"""Which thing the fingers hold: their force, the opening of the gripper, and where things were last believed to be.
 
-The target's state reports that fingers touch, not what. Fingers centre a thing between them: along the closing axis
-its middle is that of the hand.
+The target's state reports that the fingers press on something, not what. Fingers centre a thing between them: along
+the closing axis its middle is that of the hand.
 """
 
 import math
@@ -25,23 +25,15 @@ TIMES = 4  # as many as of its own
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """The gripper of one target; a grip takes `fingers` touching fingers.
-
-    A touched thing's surface is at most `reach_m` from the tool centre point.
-    """
+    """The gripper of one target; a touched thing's surface is at most `reach_m` from the tool centre point."""
 
     target: str
-    fingers: int
     reach_m: float
-
-    def is_gripping(self, state: TargetState) -> bool:
-        """Whether all fingers touch something."""
-        return state.fingers_touching >= self.fingers
 
 
 def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inventory, hand: Hand) -> Entity | None:
     """The thing between the fingers as it sits in the hand; None without a known one."""
-    if not hand.is_gripping(state):
+    if not state.is_gripping:
         return None
     candidates = []
     for name, entity in entities.items():

@@ -44,7 +44,7 @@ class Pipeline:
     ) -> None:
         self.inventory, self._noisy = inventory, noisy
         self._robot, self._target, self._max_age_s = robot, target, max_age_s
-        self._hand = Hand(target=target, fingers=robot.fingers, reach_m=robot.reach_m)
+        self._hand = Hand(target=target, reach_m=robot.reach_m)
         self._segmenter: Segmenter = segmenter or Palette(inventory.palette)
         self.can_confirm = segmenter is None  # a detector is made for whole pictures
 

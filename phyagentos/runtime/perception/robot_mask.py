@@ -27,7 +27,7 @@ class RobotMask:
     """Poses the robot's solids; its fingers touch at most `reach_m` from the tool centre point."""
 
     def __init__(self, profile: TargetProfile, folder: Path) -> None:
-        self.fingers, self.reach_m = len(profile.gripper.joints), profile.gripper.grasp_reach_m
+        self.reach_m = profile.gripper.grasp_reach_m
         self._model = build_robot(profile, folder).compile()
         self._data = mujoco.MjData(self._model)
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]

@@ -92,13 +92,13 @@ def iter_payload_problems(
     grasped: Iterable[str], skill: SkillRuntime, spec: SceneSpec, profile: TargetProfile
 ) -> Iterator[Problem]:
     """Sure grasps of the skill that may weigh more than the arm carries; of a declared span the top counts."""
-    carried_kg = profile.arm.payload_kg
+    carried_kg = profile.arm.payload_kg - profile.gripper.mass_kg
     for name in grasped:
         load_kg = _compute_load_kg(name, spec.bodies) if name in spec.bodies else 0.0
         if load_kg > carried_kg:
             address = f"scene {spec.scene}: bodies.{name}.mass_kg"
             by = f"skill {skill.skill}: its grasp"
-            fix = f"Choose another thing or target; arm.payload_kg is what {profile.target} carries."
+            fix = f"Choose another thing or target; {profile.target} carries arm.payload_kg less gripper.mass_kg."
             yield make_problem("TOO_HEAVY", address, f"up to {load_kg:g} kg", f"at most {carried_kg:g} kg", by, fix)
 
 

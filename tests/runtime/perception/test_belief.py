@@ -108,7 +108,7 @@ def test_what_the_fingers_hold_follows_the_hand_and_is_unseen_once_let_go(twins)
     x_m, y_m, z_m = belief.entities[name].pose.position_m
     down = (0.0, 1.0, 0.0, 0.0)
     grip = msgspec.structs.replace(
-        twins.state, tcp=Pose((x_m, y_m, z_m), down), gripper_width_m=0.04, fingers_touching=2
+        twins.state, tcp=Pose((x_m, y_m, z_m), down), gripper_width_m=0.04, grip_force_n=30.0
     )
     held = twins.pipeline.recall(twins.belief, grip, twins.time_s)
     assert held.entities[name].held_by == "panda"
@@ -119,7 +119,7 @@ def test_what_the_fingers_hold_follows_the_hand_and_is_unseen_once_let_go(twins)
 
     assert is_near(carried.entities[name], (x_m, y_m + 0.1, z_m + 0.2))
     assert judge(f"holding(panda, {name})", carried) is Truth.UNKNOWN  # nobody has seen it there
-    let_go = twins.pipeline.recall(carried, msgspec.structs.replace(lifted, fingers_touching=0), twins.time_s + 1.2)
+    let_go = twins.pipeline.recall(carried, msgspec.structs.replace(lifted, grip_force_n=0.0), twins.time_s + 1.2)
     assert (let_go.entities[name].status, let_go.entities[name].visible) == (Status.HIDDEN, False)
     assert judge(f"upright({name})", let_go) is Truth.UNKNOWN
 
@@ -129,7 +129,7 @@ def test_what_the_fingers_hold_is_known_once_it_was_seen_in_the_hand_after_lifti
     x_m, y_m, z_m = twins.look().entities["first"].pose.position_m
     down = (0.0, 1.0, 0.0, 0.0)
     grip = msgspec.structs.replace(
-        twins.state, tcp=Pose((x_m, y_m, z_m), down), gripper_width_m=0.04, fingers_touching=2
+        twins.state, tcp=Pose((x_m, y_m, z_m), down), gripper_width_m=0.04, grip_force_n=30.0
     )
     assert judge("holding(panda, first)", twins.look(state=grip)) is Truth.UNKNOWN  # not lifted yet
     lifted = msgspec.structs.replace(grip, tcp=Pose((x_m, y_m + 0.1, z_m + 0.2), down))
@@ -145,7 +145,7 @@ def test_what_a_look_finds_between_the_fingers_is_held_although_nobody_saw_it_ta
     twins.put("can", 0.45, 0.1, 0.2)
     down = (0.0, 1.0, 0.0, 0.0)
     grip = msgspec.structs.replace(
-        twins.state, tcp=Pose((0.45, 0.1, 0.2), down), gripper_width_m=0.06, fingers_touching=2
+        twins.state, tcp=Pose((0.45, 0.1, 0.2), down), gripper_width_m=0.06, grip_force_n=30.0
     )
 
     belief = twins.look(state=grip)
@@ -155,7 +155,7 @@ def test_what_a_look_finds_between_the_fingers_is_held_although_nobody_saw_it_ta
 
 def test_fingers_that_touch_nothing_known_hold_nothing(twins):
     twins.look()
-    closed = msgspec.structs.replace(twins.state, gripper_width_m=0.01, fingers_touching=2)
+    closed = msgspec.structs.replace(twins.state, gripper_width_m=0.01, grip_force_n=30.0)
 
     assert twins.pipeline.recall(twins.belief, closed, 2.0).targets["panda"].holding == ()
 

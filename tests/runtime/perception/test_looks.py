@@ -208,7 +208,7 @@ def test_what_is_held_is_perceived_again_as_held(views, twins, tmp_path):
     for _ in range(2):
         belief = observe()
     can = Pose(belief.entities["can"].pose.position_m, (0.0, 1.0, 0.0, 0.0))
-    twins.state = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, fingers_touching=2)
+    twins.state = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, grip_force_n=30.0)
     belief = observe("can", "first")
     assert belief.entities["can"].status is Status.HELD
     assert repeat(*_write(world, tmp_path)) == belief

@@ -145,7 +145,7 @@ def test_a_restored_belief_is_felt_though_nothing_has_been_looked_at_since(twins
     second.restore(belief)
     assert observe_now(second, twins).revision == belief.revision
     can = Pose(belief.entities["can"].pose.position_m, (0.0, 1.0, 0.0, 0.0))
-    gripping = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, fingers_touching=2)
+    gripping = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, grip_force_n=30.0)
     second._handle.latest = Step(time_s=twins.time_s, target=gripping, tracking_error_rad=0.0)
     second.advance(second._handle.latest)
     assert second.observe(HAND).targets["panda"].holding == ("can",)

@@ -23,7 +23,7 @@ def test_the_live_description_agrees_with_the_profile(rig):
 def test_the_arm_stands_at_home_without_contact_and_holds_its_posture(rig):
     step = rig.hold(0.08, 0.5)
     assert np.abs(np.array(step.target.q_rad) - HOME).max() < 1e-3
-    assert (step.target.holding, step.target.fingers_touching) == ((), 0)
+    assert (step.target.holding, step.target.grip_force_n) == ((), 0.0)
 
 
 @pytest.mark.parametrize(
@@ -182,3 +182,16 @@ def test_the_model_is_saved_for_mujoco_alone(rig, tmp_path):
     model = mujoco.MjModel.from_binary_path(str(tmp_path / "scene.mjb"))
     assert model.body("red_cube").id > 0
     assert "red_tray" in (tmp_path / "scene.xml").read_text()
+
+
+def test_the_fingers_move_as_fast_as_their_drive_and_no_faster(rig):
+    rig.hold(0.08, 0.1)
+    home = rig.driver.controller.q_rad
+    widths = [rig.send(rig.make_command(home, 0.0)).target.gripper_width_m for _ in range(30)]
+    fastest_m = rig.profile.gripper.speed_m_s * rig.profile.control_period_s
+    assert max(np.abs(np.diff(widths))) == pytest.approx(fastest_m, rel=0.1)
+
+
+def test_fingers_that_close_on_air_press_on_nothing(rig):
+    closed = rig.hold(0.0, 1.5).target
+    assert not closed.is_gripping

@@ -166,7 +166,7 @@ def _find_gap(view: View, a: Entity, b: str, slack_m: float) -> float | None:
 
 
 def measure_holding(view: View, target: str, a: str) -> Reading:
-    """Both fingers touch it; where it is perceived: it fits between them, and was seen to be lifted."""
+    """Both fingers touch it; where it is perceived: they press, it fits between them, and was seen to be lifted."""
     state = view.now.targets.get(target)
     if view.now.sensing != "truth":
         return _measure_perceived_holding(view, target, a, state)
@@ -185,10 +185,9 @@ def _measure_perceived_holding(view: View, target: str, a: str, state: TargetSta
     entity = view.now.entities.get(a)
     if state is None:
         raise FactUnknown(f"target {target} is not in the snapshot")
-    touching = state.fingers_touching
-    measured = {"fingers_touching": touching, "gripper_width_m": round(state.gripper_width_m, 5)}
-    if touching < 2:
-        because = f"{touching} of the fingers of {target}, {state.gripper_width_m:.4f} m apart, touch anything"
+    measured = {"grip_force_n": state.grip_force_n or 0.0, "gripper_width_m": round(state.gripper_width_m, 5)}
+    if not state.is_gripping:
+        because = f"the fingers of {target}, {state.gripper_width_m:.4f} m apart, press on nothing"
         return Reading(-1.0, {"held": False, **measured}, because)
     if entity is None:
         raise FactUnknown(f"{target} holds something, and {a} is not in the snapshot")
@@ -202,10 +201,10 @@ def _measure_perceived_holding(view: View, target: str, a: str, state: TargetSta
 
 
 def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
-    """What touch alone does not show: the thing is between the pads, as wide as they are apart, and came along."""
+    """What a grip alone does not show: the thing is between the pads, as wide as they are apart, and came along."""
     between_m = compute_grasp_width(a, state.tcp, PAD_M)
     if between_m is None:
-        raise FactUnknown(f"the fingers touch something, and {a.name} is not between them")
+        raise FactUnknown(f"the fingers press on something, and {a.name} is not between them")
     if abs(between_m - state.gripper_width_m) > WIDTH_M + _find_position_doubt(view, a):
         width = f"the fingers are {state.gripper_width_m:.4f} m apart"
         raise FactUnknown(f"{width}, and {a.name} is {between_m:.4f} m wide between them")

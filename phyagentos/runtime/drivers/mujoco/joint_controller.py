@@ -91,9 +91,9 @@ class JointController:
         return bool(self._held.qd_rad_s.any())
 
     def hold(self, q_rad: Array) -> None:
-        """Take a posture as the set-point, at rest; after a scene was loaded."""
+        """Take a posture as the set-point, at rest, the fingers stay; after a scene was loaded."""
         self._held = SetPoint.at_rest(np.clip(q_rad, self._limits.low, self._limits.high))
-        self._width_m = float(np.clip(self._physics.gripper_width_m, 0.0, self._profile.gripper.max_width_m))
+        self._width_m = float(self._physics.data.ctrl[self._physics.inputs][-1])
 
     def begin(self) -> None:
         """Begin a session: set-points continue from the measured posture, at rest."""

@@ -25,6 +25,7 @@ RANGE_TOLERANCE_RAD = 1e-3  # what a contact may press a joint beyond its range
 RIGID = 0.9999  # constraint impedance of what must not give way
 _FREE = 6  # degrees of freedom of a body that nothing holds
 _ROBOT, _LOOSE, _FINGER = 1, 2, 4  # what a geom belongs to
+FORCE_UNIT_N = 1.0  # of the grip force that follows from the motor's current; its scale error is not simulated
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
@@ -45,7 +46,8 @@ class Physics:
         self.q_range = np.array([joint.range for joint in joints]).T  # (2, n_joints): lowest, highest
         servos = [model.actuator(prefix + name_actuator(name)).id for name in profile.arm.joints]
         self.servos = _as_slice(servos)
-        self.inputs = _as_slice([*servos, model.actuator(prefix + GRIPPER_ACTUATOR).id])
+        self._drive = model.actuator(prefix + GRIPPER_ACTUATOR).id
+        self.inputs = _as_slice([*servos, self._drive])
         self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers])
         self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
         self._tcp = model.site(prefix + profile.tcp).id
@@ -173,17 +175,8 @@ class Physics:
             gripper_width_m=self.gripper_width_m,
             tcp=as_pose(self.seen.site_xmat[self._tcp].reshape(3, 3), self.seen.site_xpos[self._tcp]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
-            fingers_touching=self.count_touching_pads(),
+            grip_force_n=FORCE_UNIT_N * max(round(-float(self.data.actuator_force[self._drive]) / FORCE_UNIT_N), 0),
         )
-
-    def count_touching_pads(self) -> int:
-        """How many pads touch anything that is not the robot (after `look`)."""
-        touched = (
-            {pad for pad in pair if pad in self._pads}
-            for pair in self._find_pad_contacts()
-            if any(int(self.model.geom_bodyid[geom]) in self._bodies for geom in pair)
-        )
-        return len(set().union(*touched))
 
     def _find_pad_contacts(self) -> list[list[int]]:
         """Pairs of geoms that touch, one of them a pad or both (after `look`)."""

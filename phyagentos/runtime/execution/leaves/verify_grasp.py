@@ -1,11 +1,11 @@
-"""Judge a grasp by contact: both pads must touch the object."""
+"""Judge a grasp by what the hand measures: the fingers press on something as wide as the object."""
 
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import HAND
 
 
 class VerifyGrasp(Leaf):
-    """Is the object between the fingers, touched from both sides?"""
+    """Is the object between the fingers that press?"""
 
     ROLE = Role.VERIFY
     INPUT_PORTS = {
@@ -23,8 +23,8 @@ class VerifyGrasp(Leaf):
         if name in held:
             return self.succeed("", object=name, width_m=step.target.gripper_width_m)
         code = FailureCode.GRASP_MISSED if self.read("after") == "close" else FailureCode.GRASP_LOST
-        sides = ("neither side", "one side only", "both sides")[min(step.target.fingers_touching, 2)]
-        instead = f"hold {', '.join(held)}, not {name}" if held else f"are touched from {sides}: no {name}"
+        pressing = "press on something that is not" if step.target.is_gripping else "press on nothing: no"
+        instead = f"hold {', '.join(held)}, not {name}" if held else f"{pressing} {name}"
         return self.fail(
             code,
             f"the fingers, {1e3 * step.target.gripper_width_m:.1f} mm apart, {instead}",
