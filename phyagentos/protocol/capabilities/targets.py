@@ -36,6 +36,9 @@ class Arm(Authored):
         stiffness_nm_rad: Position gain of the servo [N m/rad].
         damping_nms_rad: Velocity gain of the servo [N m s/rad].
         payload_kg: Heaviest load, the hand included [kg]; an arm without this value carries nothing.
+        position_noise_rad: Standard deviation of measured joint positions [rad].
+        velocity_noise_rad_s: Standard deviation of measured joint velocities [rad/s].
+        state_delay_s: Age of what is measured of the joints [s].
         wrist_joints: Last joints, whose links carry the hand: the search does not test them against what is held.
     """
 
@@ -48,6 +51,9 @@ class Arm(Authored):
     stiffness_nm_rad: tuple[float, ...]
     damping_nms_rad: tuple[float, ...]
     payload_kg: float = pydantic.Field(default=0.0, ge=0.0)
+    position_noise_rad: float = pydantic.Field(default=0.0, ge=0.0)
+    velocity_noise_rad_s: float = pydantic.Field(default=0.0, ge=0.0)
+    state_delay_s: float = pydantic.Field(default=0.0, ge=0.0)
     wrist_joints: int = pydantic.Field(default=3, ge=1)
 
 

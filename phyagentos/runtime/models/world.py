@@ -34,6 +34,7 @@ class CompiledScene:
     entities: tuple[Entity, ...]
     regions: tuple[Region, ...]
     model_sha256: str
+    seed: int
     _files: dict[str, bytes] = field(default_factory=dict)
 
     def export(self) -> dict[str, bytes]:
@@ -74,6 +75,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
         entities=tuple(item.as_entity() for item in placed),
         regions=read_regions(spec, placed),
         model_sha256=hashlib.sha256(_read_bytes(model)).hexdigest(),
+        seed=seed,
     )
 
 

@@ -76,7 +76,7 @@ def test_a_target_that_cannot_write_its_log_accepts_no_command_until_it_can(make
     with full_disk():
         first, second = rig.send(command), rig.send(rig.make_command(rig.observe().target.q_rad))
         begun = rig.world.handle(wire.Begin(session="other", epoch=1))
-    third = rig.send(rig.make_command(rig.observe().target.q_rad))
+    third = rig.send(rig.make_command(rig.driver.controller.q_rad))
 
     assert isinstance(first, wire.Step)
     assert [second.code, begun.code] == ["LOG_UNWRITABLE", "LOG_UNWRITABLE"]

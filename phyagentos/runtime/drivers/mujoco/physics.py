@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
-from phyagentos.geometry import as_pose
+from phyagentos.geometry import as_pose, turn
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Pose, TargetState
 from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.drivers.mujoco.joint_sensors import JointSensors
 from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
 from phyagentos.runtime.models.world import CompiledScene, compile_scene
 
@@ -38,6 +39,7 @@ class Physics:
         self.seen = mujoco.MjData(self.model)
         self._considered = mujoco.MjData(self.model)
         self._profile, self._prefix = profile, prefix
+        self._sensors = JointSensors(profile.arm, scene.seed, profile.physics_step_s)
         model = self.model
         joints = [model.joint(prefix + name) for name in profile.arm.joints]
         fingers = [model.joint(prefix + name) for name in profile.gripper.joints]
@@ -50,6 +52,7 @@ class Physics:
         self.inputs = _as_slice([*servos, self._drive])
         self._fingers = np.array([int(joint.qposadr[0]) for joint in fingers])
         self._pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
+        self._jacobian = np.zeros((6, model.nv))
         self._tcp = model.site(prefix + profile.tcp).id
         self.lead_s = np.array(profile.arm.damping_nms_rad) / np.array(profile.arm.stiffness_nm_rad)
         moving = {int(model.body_weldid[joint.bodyid[0]]) for joint in (*joints, *fingers)}
@@ -76,13 +79,17 @@ class Physics:
 
     @property
     def q_rad(self) -> Array:
-        """(n_joints,) measured joint positions."""
-        return np.array(self.data.qpos[self.q_address])
+        """(n_joints,) joint positions, as the encoders measure them."""
+        return self._measure_joints()[0]
 
     @property
     def qd_rad_s(self) -> Array:
-        """(n_joints,) measured joint velocities."""
-        return np.array(self.data.qvel[self.v_address])
+        """(n_joints,) joint velocities, as the encoders measure them."""
+        return self._measure_joints()[1]
+
+    def _measure_joints(self) -> tuple[Array, Array]:
+        data = self.data
+        return self._sensors.measure(data.qpos[self.q_address], data.qvel[self.v_address], float(data.time))
 
     @property
     def gripper_width_m(self) -> float:
@@ -168,15 +175,24 @@ class Physics:
         return {name: len(pads) for name, pads in sorted(touched.items())}
 
     def read_target(self, touching: dict[str, int]) -> TargetState:
-        """The arm's own state (after `look`)."""
+        """The arm's own state (after `look`); the pose of the tool follows from the measured joints."""
+        q_rad, qd_rad_s = self._measure_joints()
         return TargetState(
-            q_rad=tuple(self.q_rad.tolist()),
-            qd_rad_s=tuple(self.qd_rad_s.tolist()),
+            q_rad=tuple(q_rad.tolist()),
+            qd_rad_s=tuple(qd_rad_s.tolist()),
             gripper_width_m=self.gripper_width_m,
-            tcp=as_pose(self.seen.site_xmat[self._tcp].reshape(3, 3), self.seen.site_xpos[self._tcp]),
+            tcp=self._compute_tool(q_rad - self.data.qpos[self.q_address]),
             holding=tuple(n for n, pads in touching.items() if pads == len(self._pads) and n in self._movable),
             grip_force_n=FORCE_UNIT_N * max(round(-float(self.data.actuator_force[self._drive]) / FORCE_UNIT_N), 0),
         )
+
+    def _compute_tool(self, error_rad: Array) -> Pose:
+        """Pose of the tool centre point for joints (n_joints,) measured with a small error [rad] (after `look`)."""
+        mujoco.mj_comPos(self.model, self.seen)
+        mujoco.mj_jacSite(self.model, self.seen, self._jacobian[:3], self._jacobian[3:], self._tcp)
+        moved = self._jacobian[:, self.v_address] @ error_rad
+        rotation = turn(moved[3:]) @ self.seen.site_xmat[self._tcp].reshape(3, 3)
+        return as_pose(rotation, self.seen.site_xpos[self._tcp] + moved[:3])
 
     def _find_pad_contacts(self) -> list[list[int]]:
         """Pairs of geoms that touch, one of them a pad or both (after `look`)."""
