@@ -324,7 +324,7 @@ def test_a_miscalibrated_camera_tells_a_place_where_it_is_not(look):
     rig.hold(0.08, 0.3)
 
     assert math.dist(lying.world_T_camera.position_m, honest.world_T_camera.position_m) == pytest.approx(0.05)
-        assert np.mean(np.abs(lying.depth_m - honest.depth_m) > 0.01) < 0.005  # the arm rests a little otherwise
+    assert np.mean(np.abs(lying.depth_m - honest.depth_m) > 0.01) < 0.005  # the arm rests a little otherwise
     assert see(rig).world_T_camera == honest.world_T_camera  # it is over
 
 
