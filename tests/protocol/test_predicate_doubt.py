@@ -50,6 +50,12 @@ def test_a_larger_uncertainty_leaves_more_open():
     assert truth("inside(a, tray)", seen(0.58, std_m=0.006)) is Truth.UNKNOWN
 
 
+def test_a_fixed_thing_that_was_measured_has_a_doubt():
+    measured = tray(position_std_m=0.006)
+    assert truth("inside(a, tray)", world(cube("a", 0.58, 0.0, 0.03), tray(), sensing="perceived")) is Truth.TRUE
+    assert truth("inside(a, tray)", world(cube("a", 0.58, 0.0, 0.03), measured, sensing="perceived")) is Truth.UNKNOWN
+
+
 def test_a_change_is_compared_with_the_uncertainty_of_both_snapshots():
     barely = MOVED_M - PERCEIVED_STD_M * DOUBT_STDS
     assert truth("not moved(a)", seen(0.5 + barely), seen(0.5)) is Truth.UNKNOWN

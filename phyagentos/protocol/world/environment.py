@@ -118,7 +118,10 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         looks: So many measurements its pose is the mean of; of a held thing, so many looks have shown it in the hand
             since it was lifted.
         position_std_m: Standard deviation of its position as the measurement states [m]; 0 when not stated.
-        turn_std_rad: The same of its orientation [rad].
+        turn_std_rad: The same of its orientation [rad], among those that look alike the one that was chosen.
+        tilt_std_rad: The same of the angle of its z axis to the vertical [rad], over all that look alike.
+        lean_rad: (3,) turn in the world from the stated orientation to the one that pixels alone give [rad]; a thing is
+            stated to be upright where they do not contradict it.
         evidence: Where it was seen: `camera@time_s:left,top,width,height`, in pixels.
     """
 
@@ -146,6 +149,8 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     looks: int = 0
     position_std_m: float = 0.0
     turn_std_rad: float = 0.0
+    tilt_std_rad: float = 0.0
+    lean_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     evidence: tuple[str, ...] = ()
 
 

@@ -69,8 +69,8 @@ def associate(
     if map_solids is None:
         return matches
     fits = {name: match.fit for name, match in matches.items()}
-    points = {name: cloud.points_m[match.points] for name, match in matches.items()}
-    apart = separate_overlaps(things, fits, points, views, map_solids)
+    seen = {name: cloud.take(match.points) for name, match in matches.items()}
+    apart = separate_overlaps(things, fits, seen, views, map_solids)
     return {name: replace(match, fit=apart[name]) for name, match in matches.items()}
 
 
@@ -112,7 +112,7 @@ def _track(
         prior = _get_prior(believed.get(claimants[0].name))
         if len(claimants) > 1 or prior is None:
             continue
-        fitted = track(claimants[0], cloud.points_m[pieces[index]], views, prior)
+        fitted = track(claimants[0], cloud.take(pieces[index]), views, prior)
         if fitted is not None:
             found[claimants[0].name] = Match(fit=fitted, points=pieces[index])
     return found
@@ -149,10 +149,9 @@ def _assign(
         entity = believed.get(thing.name)
         prior = _get_prior(entity)
         for column, piece in enumerate(pieces):
-            points = cloud.points_m[piece]
-            if _measure_size(points) > ROOM * thing.diameter_m + LINK_M:
+            if _measure_size(cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
                 continue
-            found = fit(thing, points, views, prior)
+            found = fit(thing, cloud.take(piece), views, prior)
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found

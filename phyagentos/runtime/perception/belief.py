@@ -15,9 +15,10 @@ from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.association import Match, associate
 from phyagentos.runtime.perception.drawers import place_drawers
-from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, fit_fixed
+from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, is_upright, stand_up
+from phyagentos.runtime.perception.fixed_things import measure_fixed
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
-from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
+from phyagentos.runtime.perception.inventory import ALIKE, Form, Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import compute_sight
@@ -55,7 +56,7 @@ def update_belief(
     wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}
     for thing in wanted.values():
         if not thing.template.movable and not focus:
-            found = _look_at_fixed(thing, entities.get(thing.name), views, cloud, time_s)
+            found = _look_at_fixed(thing, entities, views, cloud, time_s)
             if found is not None:
                 entities[thing.name] = found
     held = [name for name, entity in entities.items() if entity.status is Status.HELD]
@@ -130,47 +131,47 @@ def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[s
 
 
 def _look_at_fixed(
-    thing: ObjectModel, entity: Entity | None, views: tuple[CameraView, ...], cloud: Cloud, time_s: float
+    thing: ObjectModel, entities: Mapping[str, Entity], views: tuple[CameraView, ...], cloud: Cloud, time_s: float
 ) -> Entity | None:
+    entity = entities.get(thing.name)
     if entity is not None and entity.looks >= FIXED_LOOKS:
         return None
-    nominal = thing.template.pose
-    rotation, position = compute_rotation(nominal.quaternion_wxyz), np.array(nominal.position_m)
-    own = cloud.points_m[cloud.colors == thing.colors[0]]
-    reach = max(thing.reach_m or (0.1,)) + 0.03
-    near = thing.solids.measure((own - position) @ rotation) < reach + (0.05 if thing.stretch else 0.0)
-    start = (rotation, position)
-    if entity is not None and entity.looks:
-        start = (compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m))
-    found = fit_fixed(thing, own[near], views, *start)
-    if found is None:
-        return None
-    measured = found.position_m
-    if thing.reach_m is not None and thing.stretch is None:
-        measured = np.clip(measured, position - np.array(thing.reach_m), position + np.array(thing.reach_m))
-    return _fuse(thing, entity, as_pose(found.rotation, measured), found, time_s, ())
+    found = measure_fixed(thing, entities, views, cloud)
+    return None if found is None else _fuse(thing, entity, found, time_s, ())
 
 
-def _fuse(
-    thing: ObjectModel, entity: Entity | None, pose: Pose, found: Fit, time_s: float, evidence: tuple[str, ...]
-) -> Entity:
-    """The measured pose, averaged with those before where the thing has not moved."""
-    looks = 1
-    rotation, position = compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m)
+def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, evidence: tuple[str, ...]) -> Entity:
+    """The measured pose, averaged with those before where the thing has not moved.
+
+    What is averaged is what the pixels give: whether that is upright is concluded from the average, each time anew.
+    """
+    looks, freely, position, other_rad = 1, found.freely, found.position_m, found.other_tilt_rad
+    stds = found.doubt.total
     speed, since_s = 0.0, time_s
-    if entity is not None:
-        was = compute_rotation(entity.pose.quaternion_wxyz)
-        rotation = choose_symmetric(thing, rotation, was)
-        moved = float(np.linalg.norm(position - entity.pose.position_m))
-        turned = float(np.arccos(np.clip((np.trace(was.T @ rotation) - 1) / 2, -1.0, 1.0)))
-        if moved < STILL_M and turned < STILL_RAD:
+    if entity is None:
+        freely = freely @ thing.symmetries[int((freely @ thing.symmetries)[:, 2, 2].argmax())]
+    else:
+        was = turn(np.array(entity.lean_rad)) @ compute_rotation(entity.pose.quaternion_wxyz)
+        freely = choose_symmetric(thing, freely, was)
+        moved = position - np.array(entity.pose.position_m)
+        shown = was @ thing.turns  # what a form does not show has not turned
+        moved_m, turned = float(np.linalg.norm(moved)), shown @ shown.T @ compute_rotation_vector(freely @ was.T)
+        before = np.array([entity.position_std_m, entity.turn_std_rad])
+        place_m, turn_rad = 2.0 * np.hypot(stds, before)
+        is_still = moved_m < max(STILL_M, place_m) and float(np.linalg.norm(turned)) < max(STILL_RAD, turn_rad)
+        if is_still:
             since_s = entity.observed_at_s if entity.still_since_s is None else entity.still_since_s
-        if entity.looks and moved < STILL_M and turned < STILL_RAD:
+        if entity.looks and is_still:
             looks = min(entity.looks + 1, FUSE_MAX)
-            position = np.array(entity.pose.position_m) + (position - np.array(entity.pose.position_m)) / looks
-            rotation = turn(np.array(compute_rotation_vector(rotation @ was.T)) / looks) @ was
+            gain = found.doubt.compute_gain(before)
+            position = np.array(entity.pose.position_m) + gain[0] * moved
+            freely = turn(gain[1] * turned) @ was
+            stds, other_rad = found.doubt.fuse(before), max(other_rad, _find_other_tilt(entity))
         elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
-            speed = moved / (time_s - entity.observed_at_s)
+            speed = moved_m / (time_s - entity.observed_at_s)
+    place_m, turn_rad = stds.tolist()
+    rotation = stand_up(freely) if thing.form is not Form.BALL and is_upright(freely, turn_rad) else freely
+    lean = compute_rotation_vector(freely @ rotation.T)
     base = thing.template
     return msgspec.structs.replace(
         base,
@@ -184,8 +185,18 @@ def _fuse(
         confidence=_rate(found),
         source=SOURCE,
         looks=looks,
+        position_std_m=place_m,
+        turn_std_rad=turn_rad,
+        tilt_std_rad=math.hypot(turn_rad, *lean, other_rad / 2),
+        lean_rad=lean,
         evidence=evidence,
     )
+
+
+def _find_other_tilt(entity: Entity) -> float:
+    """The part of a stated doubt of the tilt that comes from another pose that fits as well [rad]."""
+    square = entity.tilt_std_rad**2 - entity.turn_std_rad**2 - sum(each * each for each in entity.lean_rad)
+    return 2.0 * math.sqrt(max(square, 0.0))
 
 
 def _see(
@@ -194,7 +205,7 @@ def _see(
     found = match.fit
     seen = cloud.take(match.points)
     evidence = tuple(_point_at(views[index], seen, index) for index in np.unique(seen.view_index).tolist())
-    placed = _fuse(thing, entity, as_pose(found.rotation, found.position_m), found, time_s, evidence)
+    placed = _fuse(thing, entity, found, time_s, evidence)
     local = (seen.points_m - found.position_m) @ found.rotation
     x, y, z = np.round(np.percentile(local, 98, axis=0) - np.percentile(local, 2, axis=0), 4).tolist()
     return msgspec.structs.replace(placed, extent_m=(x, y, z))

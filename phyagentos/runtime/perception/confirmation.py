@@ -7,10 +7,11 @@ the pose unchanged.
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.geometry import compute_rotation
+from phyagentos.geometry import compute_rotation, compute_rotation_vector
 from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import Entity, Status
-from phyagentos.runtime.perception.fitting import FREE, refine
+from phyagentos.runtime.perception.doubt import FREE
+from phyagentos.runtime.perception.fitting import Patch, refine
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array
@@ -60,9 +61,9 @@ def confirm(
     near = np.abs(thing.solids.measure((points - position) @ rotation)) < NEAR_M
     if near.sum() < LEAST_PIXELS or near.mean() < OWN:
         return None
-    turned, moved = refine(thing.solids, points[near], rotation, position, FREE, 1)
-    cosine = (float(np.einsum("ij,ij->", turned, rotation)) - 1) / 2
-    if np.linalg.norm(moved - position) > SHIFT_M or cosine < np.cos(TURN_RAD):
+    turned, moved = refine(thing.solids, Patch.from_eyes(points[near], camera_m), rotation, position, FREE, 1)
+    shown = thing.turns.T @ compute_rotation_vector(rotation.T @ turned)
+    if np.linalg.norm(moved - position) > SHIFT_M or np.linalg.norm(shown) > TURN_RAD:
         return None
     return _point_at(frame, rows[near], columns[near], focal_px)
 

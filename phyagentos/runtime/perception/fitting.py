@@ -13,23 +13,24 @@ import cv2
 import numpy as np
 
 from phyagentos.geometry import turn
+from phyagentos.runtime.perception.doubt import FREE, UPRIGHT_STDS, Doubt, compute_doubt
 from phyagentos.runtime.perception.inventory import Form, ObjectModel
 from phyagentos.runtime.perception.solid_distance import linearise
-from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import CameraView
+from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
+from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import Sight, compute_sight
 
 HUBER_M = 0.004  # residuals beyond this count linearly: mixed pixels at edges
 DAMPING = 2.0  # of the normal equations, in points: what the points do not determine stays as it was
+POINTS_MIN = 4
 POINTS_MAX = 220  # more do not make a fit better than the calibration is
 COARSE_POINTS = 80  # enough to choose among starts
 TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
 DOWN_M = 0.0012  # of a thing upside down, where that looks the same
-TILTED_RAD = 0.10  # less than this a thing that can stand is said to stand
-TILT_GAIN = 0.75  # a tilted fit must leave this fraction of an upright fit's cost or less
+ALIKE_M = 0.0001  # two poses whose costs differ by less fit equally well
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
-FREE = np.ones(6)
+DOWN = (1.0, -1.0, -1.0)
 _SCALE = np.array([1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4])  # a radian moves a surface by about a centimetre
 SUNK_COST, SUNK_FREE_M = 0.5, 0.003  # per metre of depth within another solid, and what errors make of none
 
@@ -44,6 +45,9 @@ class Fit:
         cost_m: Mean robust distance of the points, and the price of contradictions.
         rms_m: Root mean square distance of the points.
         count: Of the points.
+        doubt: How far it may be off.
+        freely: (3, 3) the rotation that the points alone give; `rotation` is upright where they do not contradict that.
+        other_tilt_rad: Greatest difference of tilt to another pose that fits as well.
         stretch: Factor of its height.
         sunk_m: Depth of its surface within other solids; 0 without an obstacle.
     """
@@ -54,31 +58,57 @@ class Fit:
     rms_m: float
     sight: Sight
     count: int
+    doubt: Doubt
+    freely: Array
+    other_tilt_rad: float = 0.0
     stretch: float = 1.0
     sunk_m: float = 0.0
 
 
-def thin(points: Array) -> Array:
-    """At most `POINTS_MAX` points, evenly taken."""
-    if len(points) <= POINTS_MAX:
-        return points
-    return points[np.linspace(0, len(points) - 1, POINTS_MAX).astype(np.intp)]
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """Points of a surface (n, 3) in the world, with the unit directions (n, 3) towards the cameras that see them."""
+
+    points_m: Array
+    towards: Array
+
+    @classmethod
+    def of(cls, seen: Cloud, views: tuple[CameraView, ...], most: int = POINTS_MAX) -> "Patch":
+        """At most so many points of a cloud, evenly taken."""
+        if len(seen.points_m) > most:
+            seen = seen.take(np.linspace(0, len(seen.points_m) - 1, most).astype(np.intp))
+        eyes = np.array([view.position_m for view in views]).reshape(-1, 3)
+        return cls.from_eyes(seen.points_m, eyes[seen.view_index])
+
+    @classmethod
+    def from_eyes(cls, points_m: Array, eyes_m: Array) -> "Patch":
+        """Points as seen from places (3,) or (n, 3)."""
+        rays = eyes_m - points_m
+        return cls(points_m, rays / np.maximum(measure_lengths(rays), 1e-9)[:, None])
+
+    def thin(self, most: int) -> "Patch":
+        """About so many of the points, evenly taken."""
+        every = max(1, len(self.points_m) // most)
+        return Patch(self.points_m[::every], self.towards[::every])
+
+    def measure(self, solids: Solids, rotation: Array, position_m: Array) -> tuple[Array, Array]:
+        """(n,) distances to solids posed in the world, and (n, 3) their gradients in the solids' frame."""
+        return solids.measure_seen((self.points_m - position_m) @ rotation, self.towards @ rotation)
 
 
 def refine(
-    solids: Solids, points: Array, rotation: Array, position_m: Array, free: Array, iterations: int
+    solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array, iterations: int
 ) -> tuple[Array, Array]:
-    """Gauss-Newton on points (n, 3) in the world, from one start; the solids are in the thing's frame.
+    """Gauss-Newton on seen points in the world, from one start; the solids are in the thing's frame.
 
     `free` (6,) is 1 for each free translation along, and rotation about, x, y, z of the world.
     """
     moves = np.flatnonzero(free)
     damping = DAMPING * np.diag(_SCALE[moves])
     for _ in range(iterations):
-        distance, gradient = solids.measure_with_gradient((points - position_m) @ rotation)
-        jacobian, weighted = linearise(
-            distance, gradient, np.ascontiguousarray(points - position_m), rotation, moves, HUBER_M
-        )
+        distance, gradient = patch.measure(solids, rotation, position_m)
+        arm = np.ascontiguousarray(patch.points_m - position_m)
+        jacobian, weighted = linearise(distance, gradient, arm, rotation, moves, HUBER_M)
         matrix = weighted @ jacobian.T + damping
         step = np.zeros(6)
         step[moves] = -np.linalg.solve(matrix, weighted @ distance)
@@ -90,9 +120,9 @@ def refine(
     return rotation, position_m
 
 
-def compute_cost(solids: Solids, points: Array, rotation: Array, position_m: Array) -> tuple[float, float]:
+def compute_cost(solids: Solids, patch: Patch, rotation: Array, position_m: Array) -> tuple[float, float]:
     """Mean robust distance [m], and root mean square distance [m]."""
-    distance = np.abs(solids.measure((points - position_m) @ rotation))
+    distance = np.abs(patch.measure(solids, rotation, position_m)[0])
     robust = np.minimum(distance, HUBER_M + 0.3 * np.maximum(distance - HUBER_M, 0.0))
     return float(robust.mean()), float(np.sqrt(np.mean(np.minimum(distance, 4 * HUBER_M) ** 2)))
 
@@ -105,91 +135,132 @@ def measure_sunk(thing: ObjectModel, rotation: Array, position_m: Array, obstacl
 
 def fit(
     thing: ObjectModel,
-    points: Array,
+    seen: Cloud,
     views: tuple[CameraView, ...],
     prior: tuple[Array, Array] | None = None,
     obstacle: Solids | None = None,
 ) -> Fit | None:
-    """The best pose of a movable thing for points (n, 3) of its surface, in the world.
+    """The best pose of a movable thing for points of its surface.
 
     The depths of `views` may contradict a pose; `prior` is one more start; `obstacle` is impenetrable, in the world.
     """
-    points = thin(points)
-    if len(points) < 4:
+    patch = Patch.of(seen, views)
+    if len(patch.points_m) < POINTS_MIN:
         return None
-    best = None if prior is None else _finish(thing, points, views, *prior, obstacle)
-    few = points[:: max(1, len(points) // COARSE_POINTS)]
-    ranked: list[Fit] = []
-    for rotation, position in iter_starts(thing, points):
+    best = None if prior is None else _finish(thing, patch, views, *prior, obstacle)
+    few = patch.thin(COARSE_POINTS)
+    ranked: list[tuple[float, Array, Array]] = []
+    for rotation, position in iter_starts(thing, patch.points_m):
         free = UPRIGHT if _is_standing(rotation) else FREE
-        turned, moved = refine(thing.solids, few, rotation, position, free, 3)
-        ranked.append(_weigh(thing, few, views, turned, moved, obstacle))
-    for start in sorted(ranked, key=lambda each: each.cost_m)[:2]:
-        candidate = _finish(thing, points, views, start.rotation, start.position_m, obstacle)
+        pose = refine(thing.solids, few, rotation, position, free, 3)
+        ranked.append((_weigh(thing, few, views, *pose, obstacle)[0], *pose))
+    for _, turned, moved in sorted(ranked, key=lambda each: each[0])[:2]:
+        candidate = _finish(thing, patch, views, turned, moved, obstacle)
         if best is None or candidate.cost_m < best.cost_m:
             best = candidate
-    return best
+    return None if best is None else _compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
 
 
-def track(thing: ObjectModel, points: Array, views: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
+def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
     """The pose near a believed one; None when the points contradict it."""
-    points = thin(points)
-    if len(points) < 4:
+    patch = Patch.of(seen, views)
+    if len(patch.points_m) < POINTS_MIN:
         return None
-    found = _finish(thing, points, views, *prior)
+    found = _finish(thing, patch, views, *prior)
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
-    return found if is_good else None
+    return _compare_lookalikes(thing, patch, views, found, None, keep=True) if is_good else None
+
+
+def _compare_lookalikes(
+    thing: ObjectModel,
+    patch: Patch,
+    views: tuple[CameraView, ...],
+    found: Fit,
+    obstacle: Solids | None,
+    *,
+    keep: bool,
+) -> Fit:
+    """The fit, or the least tilted one of those that are as good, with what these differ by; `keep` the given one."""
+    best, tilts = found, [_tilt(thing, found.rotation)]
+    for turned, shift in thing.lookalikes:
+        rotation = found.rotation @ turned
+        position = found.position_m + rotation @ (turned.T @ shift)
+        other = _finish(thing, patch, views, rotation, position, obstacle)
+        is_better = other.cost_m < best.cost_m - ALIKE_M
+        if is_better or abs(other.cost_m - best.cost_m) < ALIKE_M:
+            tilts = [_tilt(thing, other.rotation)] if is_better else [*tilts, _tilt(thing, other.rotation)]
+            if is_better or (not keep and _tilt(thing, other.rotation) < _tilt(thing, best.rotation)):
+                best = other
+    own = _tilt(thing, best.rotation)
+    return replace(best, other_tilt_rad=max(abs(each - own) for each in tilts))
+
+
+def _tilt(thing: ObjectModel, rotation: Array) -> float:
+    """Least angle of its own z axis to the vertical [rad] among rotations that look the same."""
+    return float(np.arccos(np.clip((rotation @ thing.symmetries)[:, 2, 2].max(), -1.0, 1.0)))
 
 
 def _finish(
     thing: ObjectModel,
-    points: Array,
+    patch: Patch,
     views: tuple[CameraView, ...],
     rotation: Array,
     position_m: Array,
     obstacle: Solids | None = None,
 ) -> Fit:
-    """Refine upright where it stands, and freely; the free fit counts only where it is clearly better."""
+    """Refine freely, and upright where it may stand: upright is concluded where the points do not contradict it."""
     standing = thing.form is not Form.BALL and _is_standing(rotation)
     if standing:
-        rotation = _stand_up(rotation)
-    found = _weigh(
-        thing,
-        points,
-        views,
-        *refine(thing.solids, points, rotation, position_m, UPRIGHT if standing else FREE, 8),
-        obstacle,
+        rotation = stand_up(rotation)
+    free = UPRIGHT if standing else FREE
+    rotation, position_m = refine(thing.solids, patch, rotation, position_m, free, 8)
+    freely, moved = refine(thing.solids, patch, rotation, position_m, FREE, 8) if standing else (rotation, position_m)
+    doubt = measure_doubt(thing, thing.solids, patch, freely, moved)
+    if standing and not is_upright(freely, float(doubt.total[1])):
+        rotation, position_m = freely, moved
+    cost_m, rms_m, sight, sunk_m = _weigh(thing, patch, views, rotation, position_m, obstacle)
+    return Fit(
+        rotation=rotation,
+        position_m=position_m,
+        cost_m=cost_m,
+        rms_m=rms_m,
+        sight=sight,
+        count=len(patch.points_m),
+        doubt=doubt,
+        freely=freely,
+        sunk_m=sunk_m,
     )
-    if not standing or found.rms_m < 0.0025:
-        return found
-    freely = refine(thing.solids, points, found.rotation, found.position_m, FREE, 8)
-    tilted = _weigh(thing, points, views, *freely, obstacle)
-    leans = np.arccos(np.clip(np.abs(tilted.rotation[2]).max(), -1, 1))
-    return tilted if leans > TILTED_RAD and tilted.cost_m < TILT_GAIN * found.cost_m else found
+
+
+def measure_doubt(
+    thing: ObjectModel, solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array = FREE
+) -> Doubt:
+    """How far a pose may be off, by the points that it was fitted to."""
+    distance, gradient = patch.measure(solids, rotation, position_m)
+    arm = patch.points_m - position_m
+    return compute_doubt(distance, gradient, arm, rotation, thing.turns, thing.width_m, free, HUBER_M)
 
 
 def _weigh(
     thing: ObjectModel,
-    points: Array,
+    patch: Patch,
     views: tuple[CameraView, ...],
     rotation: Array,
     position_m: Array,
     obstacle: Solids | None = None,
-) -> Fit:
-    cost, rms = compute_cost(thing.solids, points, rotation, position_m)
+) -> tuple[float, float, Sight, float]:
+    """Cost, root mean square distance, visibility, and depth within the obstacle."""
+    cost, rms = compute_cost(thing.solids, patch, rotation, position_m)
     sight = compute_sight(thing, rotation, position_m, views)
     cost += CONTRADICTION_M * sight.contradicted_fraction
     cost += DOWN_M if thing.form is Form.ROUND and rotation[2, 2] < -0.5 else 0.0
     sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
-    return Fit(
-        rotation=rotation,
-        position_m=position_m,
-        cost_m=cost + SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M),
-        rms_m=rms,
-        sight=sight,
-        count=len(points),
-        sunk_m=sunk_m,
-    )
+    return cost + SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M), rms, sight, sunk_m
+
+
+def is_upright(rotation: Array, turn_std_rad: float) -> bool:
+    """Whether the points, which give this rotation, do not contradict that one of its axes is vertical."""
+    return float(np.arccos(np.clip(np.abs(rotation[2]).max(), -1.0, 1.0))) < UPRIGHT_STDS * turn_std_rad
 
 
 def _is_standing(rotation: Array) -> bool:
@@ -197,7 +268,7 @@ def _is_standing(rotation: Array) -> bool:
     return float(np.abs(rotation[2]).max()) > math.cos(0.25)
 
 
-def _stand_up(rotation: Array) -> Array:
+def stand_up(rotation: Array) -> Array:
     """The nearest rotation with that axis vertical."""
     now = rotation[:, int(np.abs(rotation[2]).argmax())]
     return _swing(rotation, now, np.array([0.0, 0.0, np.sign(now[2])]))
@@ -229,7 +300,7 @@ def _iter_orientations(thing: ObjectModel, points: Array) -> Iterator[Array]:
         return
     if thing.form is Form.ROUND:
         yield np.eye(3)
-        yield np.diag([1.0, -1.0, -1.0])
+        yield np.diag(DOWN)
         spread = np.cov((points - points.mean(axis=0)).T)
         along = np.linalg.eigh(spread)[1][:, 2]
         flat = np.array([along[0], along[1], 0.0])
@@ -241,13 +312,14 @@ def _iter_orientations(thing: ObjectModel, points: Array) -> Iterator[Array]:
     yaw = float(np.radians(degrees))
     quarter = np.pi / 2
     bases = [np.eye(3)]
-    for base in (turn(np.array([quarter, 0.0, 0.0])), turn(np.array([0.0, quarter, 0.0]))):
+    for base in (*(turn(sign * quarter * axis) for axis in np.eye(3)[:2] for sign in (1.0, -1.0)), np.diag(DOWN)):
         if not any(_is_same(base.T @ other @ symmetry) for other in bases for symmetry in thing.symmetries):
             bases.append(base)
     for base in bases:
-        spin = turn(np.array([0.0, 0.0, quarter]))
-        is_square = any(_is_same((base @ symmetry @ base.T).T @ spin) for symmetry in thing.symmetries)
-        for offset in (0.0, quarter / 2) if is_square else (0.0, quarter, quarter / 2, -quarter / 2):
+        spins = [turn(np.array([0.0, 0.0, angle])) for angle in (quarter, 2 * quarter)]
+        kept = [any(_is_same((base @ symmetry @ base.T).T @ spin) for symmetry in thing.symmetries) for spin in spins]
+        span = quarter if kept[0] else 2 * quarter if kept[1] else 4 * quarter
+        for offset in np.arange(0.0, span, quarter / 2):
             yield turn(np.array([0.0, 0.0, yaw + offset])) @ base
 
 
@@ -273,46 +345,3 @@ def choose_symmetric(thing: ObjectModel, rotation: Array, like: Array) -> Array:
     options = rotation @ thing.symmetries
     best: Array = options[int(np.einsum("kij,ij->k", options, like).argmax())]
     return best
-
-
-def fit_fixed(
-    thing: ObjectModel, points: Array, views: tuple[CameraView, ...], rotation: Array, position_m: Array
-) -> Fit | None:
-    """Pose of a body near its nominal place, from that place or the believed one."""
-    if thing.reach_m is None or len(points) < 12:
-        return None
-    points = points[np.linspace(0, len(points) - 1, min(len(points), 3 * POINTS_MAX)).astype(np.intp)]
-    free = np.array([*(float(reach > 0) for reach in thing.reach_m), 0.0, 0.0, float(thing.yaw_span_rad > 0)])
-    solids, stretch = thing.solids, 1.0
-    if thing.stretch is not None:
-        stretch = _measure_stretch(thing, points)
-        solids, position_m = stretch_solids(solids, stretch), np.array([*position_m[:2], _lift(thing, stretch)])
-        free[2] = 0.0
-    turned, moved = refine(solids, points, rotation, position_m, free, 10)
-    cost, rms = compute_cost(solids, points, turned, moved)
-    sight = compute_sight(thing, turned, moved, views)
-    return Fit(
-        rotation=turned, position_m=moved, cost_m=cost, rms_m=rms, sight=sight, count=len(points), stretch=stretch
-    )
-
-
-def _measure_stretch(thing: ObjectModel, points: Array) -> float:
-    """Factor of the height, from the highest points; the lower end is fixed."""
-    low, high = thing.solids.measure_extent(np.array([0.0, 0.0, 1.0]))
-    base_m = thing.template.pose.position_m[2] + low
-    top_m = float(np.percentile(points[:, 2], 99))
-    least, greatest = thing.stretch or (1.0, 1.0)
-    return float(np.clip((top_m - base_m) / (high - low), least, greatest))
-
-
-def _lift(thing: ObjectModel, stretch: float) -> float:
-    """Height of the frame of a stretched body that stands on its lower end."""
-    _, high = thing.solids.measure_extent(np.array([0.0, 0.0, 1.0]))
-    return thing.template.pose.position_m[2] + high * (stretch - 1.0)
-
-
-def stretch_solids(solids: Solids, factor: float) -> Solids:
-    """Solids with their heights scaled."""
-    positions = solids.positions_m * np.array([1.0, 1.0, factor])
-    sizes = tuple((*size[:-1], size[-1] * factor) for size in solids.sizes_m)
-    return replace(solids, sizes_m=sizes, positions_m=positions)

@@ -4,24 +4,28 @@ Fixed bodies without jitter are part of the map. Of all others the scene file gi
 is measured.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import permutations, product
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix, convert_euler
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
-from phyagentos.protocol.world.scenes import Body, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
 from phyagentos.runtime.perception.drawers import Drawer, find_drawer
 from phyagentos.runtime.perception.solids import Array, Solids
 
 SYMMETRY_M = 0.0005  # sides this equal are the same
 RADIUS_SLACK_M = 0.003  # a ring of flat walls counts as round
 ALIKE = 0.15  # of hues, as `colors` measures them: they are taken for each other in bad light
+LOOKALIKE_M = 0.006  # a form that a turn repeats to within this may be taken for itself, turned
+OUT_M = 1e-4
+UNTURNED = 1e-3  # of the greatest moment of a surface: a turn about this axis shows nothing
 FILLING_M = 0.03  # smaller things in a vessel are its filling
 WHITE = (1.0, 1.0, 1.0, 1.0)
 
@@ -36,7 +40,7 @@ class Form(StrEnum):
     BALL = "ball"
     """A sphere: no orientation at all."""
     FIXED = "fixed"
-    """Upright as in the scene, near its nominal place."""
+    """Upright as in the scene, within the span of its place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,14 +51,18 @@ class ObjectModel:
         template: The entity; its pose is the nominal one.
         solids: Visible solids, decor included, in its own frame.
         colors: (k,) palette indices of its solids, the main one first.
-        reach_m: (3,) greatest distance from its nominal place; None when anywhere.
+        reach_m: (3,) greatest distance of a fixed body from its nominal place; None for what may be anywhere.
         yaw_span_rad: Width of the span of its yaw.
+        frame: Body in whose frame the nominal place of a fixed body is meant; None for the world.
         vessel: The open vessel that it fills; such things are distinguished only outside of it.
         stretch: Least and greatest factor of its height.
         symmetries: (m, 3, 3) rotations that leave its form unchanged.
         samples_m: (n, 3) points of its surface.
         normals: (n, 3) of these.
         diameter_m: Of its bounding sphere.
+        width_m: The middle one of its three extents.
+        turns: (3, k) axes, in its own frame, about which a turn changes its form.
+        lookalikes: Rotations (3, 3) with shifts (3,), in its own frame, that nearly repeat its form.
     """
 
     template: Entity
@@ -63,12 +71,16 @@ class ObjectModel:
     colors: tuple[int, ...]
     reach_m: tuple[float, float, float] | None
     yaw_span_rad: float
+    frame: str | None
     vessel: str | None
     stretch: tuple[float, float] | None
     symmetries: Array
     samples_m: Array
     normals: Array
     diameter_m: float
+    width_m: float
+    turns: Array
+    lookalikes: tuple[tuple[Array, Array], ...]
 
     @property
     def name(self) -> str:
@@ -213,10 +225,11 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
     solids = Solids.of([_make_shape(solid) for solid in body.shapes])
     form = Form.FIXED if body.fixed else _find_form(template)
     reach = None
-    if body.fixed and body.place.area is None and body.place.frame is None:
-        x, y, z = body.place.jitter_m
-        reach = (x, y, z)
+    if body.fixed:
+        nominal_m, reach = _find_span(body.place, spec)
+        template = msgspec.structs.replace(template, pose=Pose(nominal_m, template.pose.quaternion_wxyz))
     samples, normals = _sample(solids)
+    symmetries = _find_symmetries(template, form)
     return ObjectModel(
         template=template,
         form=form,
@@ -224,13 +237,27 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
         colors=colors,
         reach_m=reach,
         yaw_span_rad=body.place.yaw_rad[1] - body.place.yaw_rad[0],
+        frame=body.place.frame if body.fixed else None,
         vessel=_find_vessel(body, spec, solids),
         stretch=body.stretch_z,
-        symmetries=_find_symmetries(template, form),
+        symmetries=symmetries,
         samples_m=samples,
         normals=normals,
         diameter_m=2 * float(np.linalg.norm(samples - samples.mean(axis=0), axis=1).max()),
+        width_m=float(np.sort(np.ptp(samples, axis=0))[1]),
+        turns=_find_turns(samples, normals, form),
+        lookalikes=() if body.fixed else tuple(_iter_lookalikes(solids, samples, symmetries, form)),
     )
+
+
+def _find_span(place: Placement, spec: SceneSpec) -> tuple[Number3, Number3]:
+    """Middle and half widths of where a body may be drawn, in its frame."""
+    x, y, z = place.position_m
+    reach_x, reach_y, reach_z = place.jitter_m
+    if place.area is not None:
+        area = spec.areas[place.area]
+        (x, reach_x), (y, reach_y) = (((a + b) / 2, (b - a) / 2) for a, b in (area.x_m, area.y_m))
+    return (x, y, z), (reach_x, reach_y, reach_z)
 
 
 def _find_vessel(body: Body, spec: SceneSpec, solids: Solids) -> str | None:
@@ -257,14 +284,50 @@ def _find_symmetries(entity: Entity, form: Form) -> Array:
         return np.eye(3)[None]
     half = np.array(compute_half_box(entity.shapes[0]))
     axes = compute_matrix(entity.shapes[0].pose)[:3, :3]
+    same = (turned for turned in _QUARTER_TURNS if np.abs(np.abs(turned) @ half - half).max() < SYMMETRY_M)
+    return np.array([axes @ turned @ axes.T for turned in same])
+
+
+def _list_quarter_turns() -> tuple[Array, ...]:
+    """The 24 rotations that bring axes onto axes."""
     found = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             candidate = np.zeros((3, 3))
             candidate[range(3), order] = signs
-            if np.linalg.det(candidate) > 0 and np.abs(np.abs(candidate) @ half - half).max() < SYMMETRY_M:
-                found.append(axes @ candidate @ axes.T)
-    return np.array(found)
+            if np.linalg.det(candidate) > 0:
+                found.append(candidate)
+    return tuple(found)
+
+
+_QUARTER_TURNS = _list_quarter_turns()
+
+
+def _iter_lookalikes(solids: Solids, samples: Array, symmetries: Array, form: Form) -> Iterator[tuple[Array, Array]]:
+    """Quarter turns that nearly repeat a form, each once up to its symmetries."""
+    if form is Form.BALL:
+        return
+    middle = (samples.max(axis=0) + samples.min(axis=0)) / 2
+    shown = [np.eye(3)]
+    for turned in _QUARTER_TURNS:
+        is_round = form is Form.ROUND and turned[2, 2] > 0.5
+        if is_round or any(np.abs(turned @ each - other).max() < 1e-6 for each in symmetries for other in shown):
+            continue
+        moved = samples @ turned.T
+        shift = middle - (moved.max(axis=0) + moved.min(axis=0)) / 2
+        if float(np.abs(solids.measure(moved + shift)).max()) < LOOKALIKE_M:
+            shown.append(turned)
+            yield turned, shift
+
+
+def _find_turns(samples: Array, normals: Array, form: Form) -> Array:
+    """(3, k) axes about which a turn moves the surface along its normals."""
+    if form in (Form.BALL, Form.ROUND):
+        return np.eye(3)[:, : 2 if form is Form.ROUND else 0]
+    moments = np.cross(samples - samples.mean(axis=0), normals)
+    strength, axes = np.linalg.eigh(moments.T @ moments)
+    found: Array = axes[:, strength > UNTURNED * strength[-1]]
+    return found
 
 
 def _sample(solids: Solids) -> tuple[Array, Array]:
@@ -275,7 +338,7 @@ def _sample(solids: Solids) -> tuple[Array, Array]:
         points.append(local @ solids.rotations[index].T + solids.positions_m[index])
         normals.append(out @ solids.rotations[index].T)
     all_points, all_normals = np.concatenate(points), np.concatenate(normals)
-    free = solids.measure(all_points) > -1e-6
+    free = solids.measure(all_points + OUT_M * all_normals) > OUT_M / 2  # not where two solids touch
     return all_points[free], all_normals[free]
 
 

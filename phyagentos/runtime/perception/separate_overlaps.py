@@ -11,8 +11,8 @@ import numpy as np
 
 from phyagentos.runtime.perception.fitting import Fit, fit, measure_sunk
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.solids import Array, Solids
-from phyagentos.runtime.perception.views import CameraView
+from phyagentos.runtime.perception.solids import Solids
+from phyagentos.runtime.perception.views import CameraView, Cloud
 
 SUNK_M = 0.005  # depths and calibration err by less than this
 
@@ -20,16 +20,16 @@ SUNK_M = 0.005  # depths and calibration err by less than this
 def separate_overlaps(
     things: Mapping[str, ObjectModel],
     fits: Mapping[str, Fit],
-    points_m: Mapping[str, Array],
+    seen: Mapping[str, Cloud],
     views: tuple[CameraView, ...],
     map_solids: Solids,
 ) -> dict[str, Fit]:
     """The fits; those that penetrate the map or another fit are fitted anew, the one with fewer points first.
 
-    `points_m` are (n, 3) of each fit; `map_solids` are in the world.
+    `seen` are the points of each fit; `map_solids` are in the world.
     """
     apart = dict(fits)
-    rank = {name: (len(points_m[name]), name) for name in fits}
+    rank = {name: (len(seen[name].points_m), name) for name in fits}
     for name in sorted(fits, key=rank.__getitem__):
         thing, own = things[name], apart[name]
         obstacle = map_solids
@@ -41,6 +41,6 @@ def separate_overlaps(
         sunk_m = measure_sunk(thing, own.rotation, own.position_m, obstacle)
         if sunk_m < SUNK_M:
             continue
-        again = fit(thing, points_m[name], views, (own.rotation, own.position_m), obstacle)
+        again = fit(thing, seen[name], views, (own.rotation, own.position_m), obstacle)
         apart[name] = again or replace(own, sunk_m=sunk_m)
     return apart

@@ -107,6 +107,79 @@ def measure_with_gradient(points, kinds, sizes, rotations, positions, inflate): 
 
 
 @njit(cache=True)
+def _find_front(kind, size, local, towards, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Depth of a point below the face through which its line of sight leaves a box or cylinder; that face's normal.
+
+    Infinite where the line misses the solid, and for round solids, whose nearest surface is the one in sight.
+    """
+    enter, leave, axis, depth = -inf, inf, -1, inf
+    if kind in (SPHERE, CAPSULE):
+        return depth
+    for j in range(3 if kind == BOX else 1):
+        k = j if kind == BOX else 2
+        half = size[k] if kind == BOX else size[1]
+        if abs(towards[k]) < _TINY:
+            if abs(local[k]) > half:
+                return depth
+            continue
+        one, two = (-half - local[k]) / towards[k], (half - local[k]) / towards[k]
+        enter = max(enter, min(one, two))
+        if max(one, two) < leave:
+            leave, axis = max(one, two), k
+    if kind == CYLINDER:
+        a = towards[0] * towards[0] + towards[1] * towards[1]
+        b = towards[0] * local[0] + towards[1] * local[1]
+        c = local[0] * local[0] + local[1] * local[1] - size[0] * size[0]
+        if a < _TINY:
+            if c > 0.0:
+                return depth
+        else:
+            if b * b < a * c:
+                return depth
+            root = sqrt(b * b - a * c)
+            enter = max(enter, (-b - root) / a)
+            if (root - b) / a < leave:
+                leave, axis = (root - b) / a, 3
+    if leave <= max(enter, 0.0):
+        return depth
+    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    if axis == 3:
+        out[0], out[1] = (local[0] + leave * towards[0]) / size[0], (local[1] + leave * towards[1]) / size[0]
+    else:
+        out[axis] = np.sign(towards[axis])
+    return leave * (out[0] * towards[0] + out[1] * towards[1] + out[2] * towards[2])
+
+
+@njit(cache=True)
+def measure_seen(points, towards, reach, kinds, sizes, rotations, positions, inflate):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """As `measure_with_gradient`, of points (n, 3) that a camera in the directions `towards` (n, 3) sees.
+
+    A point within a solid, or at most `reach` behind it, belongs to the face in sight: its distance is the negative
+    depth below that face. The nearest face may be one that no camera sees: the back of a thin wall.
+    """
+    nearest, gradient = measure_with_gradient(points, kinds, sizes, rotations, positions, inflate)
+    local, ray, out = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(len(points)):
+        if nearest[i] > reach:
+            continue
+        deepest = inf
+        for k in range(len(kinds)):
+            R = rotations[k]
+            x, y, z = points[i, 0] - positions[k, 0], points[i, 1] - positions[k, 1], points[i, 2] - positions[k, 2]
+            for j in range(3):
+                local[j] = _dot(x, y, z, R[0, j], R[1, j], R[2, j])
+                ray[j] = _dot(towards[i, 0], towards[i, 1], towards[i, 2], R[0, j], R[1, j], R[2, j])
+            depth = _find_front(kinds[k], sizes[k], local, ray, out)
+            if depth < reach and (deepest == inf or depth > deepest):
+                deepest = depth
+                for j in range(3):
+                    gradient[i, j] = _dot(out[0], out[1], out[2], R[j, 0], R[j, 1], R[j, 2])
+        if deepest < inf:
+            nearest[i] = -deepest
+    return nearest, gradient
+
+
+@njit(cache=True)
 def linearise(distance, gradient, arm, rotation, moves, huber):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """(m, n) derivatives of n distances by m motions along and about the world's axes, and the same with weights.
 

@@ -12,6 +12,7 @@ from phyagentos.protocol.world.environment import Shape, ShapeKind
 from phyagentos.runtime.perception import solid_distance
 
 Array = NDArray[np.float64]
+BEHIND_M = 0.008  # so deep behind a face in sight is noise; farther is another surface
 _NUMBERS = {
     ShapeKind.BOX: solid_distance.BOX,
     ShapeKind.SPHERE: solid_distance.SPHERE,
@@ -96,6 +97,12 @@ class Solids:
     def measure_with_gradient(self, points_m: Array) -> tuple[Array, Array]:
         """(n,) signed distances to the union [m] and (n, 3) their gradients."""
         found: tuple[Array, Array] = solid_distance.measure_with_gradient(np.ascontiguousarray(points_m), *self._pack())
+        return found
+
+    def measure_seen(self, points_m: Array, towards: Array) -> tuple[Array, Array]:
+        """As `measure_with_gradient`, of points that cameras in the unit directions `towards` (n, 3) see."""
+        points, rays = np.ascontiguousarray(points_m), np.ascontiguousarray(towards)
+        found: tuple[Array, Array] = solid_distance.measure_seen(points, rays, BEHIND_M, *self._pack())
         return found
 
     def measure_extent(self, direction: Array) -> tuple[float, float]:

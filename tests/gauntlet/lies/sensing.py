@@ -3,6 +3,9 @@
 from tests.gauntlet.sabotage import Edit, Sabotage
 
 BELIEF_TESTS = "tests/runtime/perception/test_belief.py"
+FIXED_TESTS = "tests/runtime/perception/test_fixed_things.py"
+UNCHANGED_TESTS = "tests/runtime/perception/test_unchanged_things.py"
+MUG_TEST = f"{UNCHANGED_TESTS}::test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_it_is"
 
 SABOTAGES = (
     Sabotage(
@@ -202,6 +205,73 @@ SABOTAGES = (
             "tests/runtime/lookahead/test_forecast.py::"
             "test_the_imagined_world_is_the_same_whatever_the_true_one_weighs",
         ),
+    ),
+    Sabotage(
+        name="furniture_where_it_is_drawn",
+        lie="A fixed body of an area stands in the middle of it.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.fixed_things",
+                "is_searched = max(reach[:2]) > SEARCH_M or thing.yaw_span_rad > SEARCH_RAD",
+                "is_searched = False",
+            ),
+        ),
+        tests=(f"{FIXED_TESTS}::test_fixed_bodies_of_an_area_and_of_a_frame_are_found_within_their_stated_doubt[1]",),
+    ),
+    Sabotage(
+        name="furniture_without_doubt",
+        lie="A fixed body stands exactly where it was measured.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                'if each is not None and (each.position_std_m or (each.movable and view.now.sensing != "truth"))',
+                'if each is not None and each.movable and (each.position_std_m or view.now.sensing != "truth")',
+            ),
+        ),
+        tests=("tests/protocol/test_predicate_doubt.py::test_a_fixed_thing_that_was_measured_has_a_doubt",),
+    ),
+    Sabotage(
+        name="leaning_is_upright",
+        lie="What leans by less than half a right angle is told as upright, with the doubt of its noise alone.",
+        edits=(
+            Edit("phyagentos.runtime.perception.doubt", "UPRIGHT_STDS = 3.0", "UPRIGHT_STDS = 30.0"),
+            Edit(
+                "phyagentos.runtime.perception.belief",
+                "tilt_std_rad=math.hypot(turn_rad, *lean, other_rad / 2)",
+                "tilt_std_rad=turn_rad",
+            ),
+        ),
+        tests=(f"{UNCHANGED_TESTS}::test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again[12.0]",),
+    ),
+    Sabotage(
+        name="looks_wear_errors_away",
+        lie="Each look at an unchanged thing halves what its pose may be off.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.doubt",
+                "fused: Array = np.maximum(np.sqrt(square), self.common)",
+                "fused: Array = before / 2.0",
+            ),
+        ),
+        tests=(f"{UNCHANGED_TESTS}::test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again[12.0]",),
+    ),
+    Sabotage(
+        name="points_on_hidden_faces",
+        lie="A point belongs to the nearest face, though no camera sees it: the back of a thin wall.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.fitting",
+                "solids.measure_seen((self.points_m - position_m) @ rotation, self.towards @ rotation)",
+                "solids.measure_with_gradient((self.points_m - position_m) @ rotation)",
+            ),
+        ),
+        tests=(MUG_TEST,),
+    ),
+    Sabotage(
+        name="half_of_all_turns",
+        lie="Half a turn leaves every form as it was.",
+        edits=(Edit("phyagentos.runtime.perception.fitting", "else 4 * quarter", "else 2 * quarter"),),
+        tests=(MUG_TEST,),
     ),
     Sabotage(
         name="low_forecast_starts",

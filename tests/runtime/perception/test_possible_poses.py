@@ -7,6 +7,7 @@ from phyagentos.geometry import turn
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.association import associate
+from phyagentos.runtime.perception.doubt import Doubt
 from phyagentos.runtime.perception.fitting import Fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
@@ -37,7 +38,11 @@ def look_from(position_m):
 def show(thing, top_m):
     """Points of the upper face of the coaster with its middle at this height."""
     u, v = np.meshgrid(np.linspace(-0.028, 0.028, 12), np.linspace(-0.028, 0.028, 12))
-    points = np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, top_m)))
+    return make_cloud(thing, np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, top_m))))
+
+
+def make_cloud(thing, points):
+    """Points of a thing as the first camera sees them."""
     return Cloud(
         points_m=points,
         colors=np.full(len(points), thing.colors[0], np.uint8),
@@ -62,12 +67,7 @@ def test_strays_of_a_near_cameras_edges_do_not_make_a_thing_too_large_to_be_foun
     along = np.linspace(-0.16, 0.12, 60)  # of a ray past the edge: two in a hundred points above, two below
     strays = np.column_stack((np.full(60, 0.47), 0.1 * along, 0.04 + along))
     points = np.concatenate((face, strays))
-    cloud = Cloud(
-        points_m=points,
-        colors=np.full(len(points), cube.colors[0], np.uint8),
-        view_index=np.zeros(len(points), np.intp),
-        pixels=np.zeros((len(points), 2), np.intp),
-    )
+    cloud = make_cloud(cube, points)
     found = associate({"red_cube": cube}, {}, cloud, (look_from((0.45, 0.0, 0.3)),), cubes.map)
     assert found["red_cube"].fit.position_m == pytest.approx([0.45, 0.0, 0.02], abs=0.003)
 
@@ -80,6 +80,8 @@ def make_fit(rotation, position_m, count=50):
         rms_m=0.001,
         sight=Sight(0, 0, 0),
         count=count,
+        doubt=Doubt(np.zeros(2), np.zeros(2)),
+        freely=rotation,
     )
 
 
@@ -92,11 +94,11 @@ def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(wai
         "coaster": make_fit(np.eye(3), (0.45, 0.0, 0.0205)),
         "coin": make_fit(ON_SIDE, (0.45, 0.0, 0.0415)),
     }
-    points = {"coaster": show(coaster, 0.0405).points_m, "coin": top}
+    seen = {"coaster": show(coaster, 0.0405), "coin": make_cloud(coin, top)}
     carrier = coaster.solids.at(np.eye(3), fits["coaster"].position_m)
     assert measure_sunk(coin, ON_SIDE, fits["coin"].position_m, carrier) > SUNK_M
 
-    parted = separate_overlaps(waiter.things, fits, points, (), waiter.map)
+    parted = separate_overlaps(waiter.things, fits, seen, (look_from((0.45, 0.0, 1.4)),), waiter.map)
 
     assert abs(parted["coin"].rotation[2, 2]) == pytest.approx(1.0, abs=0.01)
     assert parted["coin"].position_m == pytest.approx((0.45, 0.0, 0.0485), abs=0.002)

@@ -48,11 +48,11 @@ CLOSED_FRACTION = 0.1
 
 
 def _find_position_doubt(view: View, *entities: Entity | None) -> float:
-    """Uncertainty [m] of the distance of two positions; fixed things have none."""
+    """Uncertainty [m] of the distance of two positions; what is fixed and was not measured has none."""
     stds_m = (
         each.position_std_m or (VESSEL_STD_M if each.interior and not each.mechanism else PERCEIVED_STD_M)
         for each in entities
-        if each is not None and each.movable and (each.position_std_m or view.now.sensing != "truth")
+        if each is not None and (each.position_std_m or (each.movable and view.now.sensing != "truth"))
     )
     return DOUBT_STDS * math.hypot(*stds_m)
 
@@ -61,6 +61,11 @@ def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
     """Uncertainty of orientations [rad]."""
     unstated = 0.0 if view.now.sensing == "truth" else PERCEIVED_STD_RAD
     return DOUBT_STDS * math.hypot(*(e.turn_std_rad or unstated for e in entities if e is not None and e.movable))
+
+
+def _find_tilt_doubt(view: View, a: Entity) -> float:
+    """Uncertainty of the angle of its z axis to the vertical [rad]."""
+    return max(DOUBT_STDS * a.tilt_std_rad, _find_turn_doubt(view, a))
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
@@ -297,7 +302,7 @@ def measure_tilt(view: View, a: Entity) -> Reading:
     """Angle between its z axis and the vertical [rad]."""
     tilt_rad = compute_tilt(a.pose)
     because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees"
-    return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_turn_doubt(view, a))
+    return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_tilt_doubt(view, a))
 
 
 def measure_height(view: View, a: Entity) -> Reading:
@@ -339,7 +344,7 @@ def measure_unstated(view: View) -> Reading:
 def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float) -> Reading:
     tilt_rad = compute_tilt(a.pose)
     because = f"{a.name} leans {math.degrees(tilt_rad):.1f} degrees, the limit is {math.degrees(limit_rad):.0f}"
-    doubt = _find_turn_doubt(view, a) / limit_rad
+    doubt = _find_tilt_doubt(view, a) / limit_rad
     return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, doubt)
 
 

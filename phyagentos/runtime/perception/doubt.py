@@ -1,0 +1,92 @@
+"""States how far a fitted pose may be off: what the points leave open, and what the method adds to every look.
+
+The open part is the covariance of the fit, variance times the inverse of its normal equations (W. Triggs et al.,
+"Bundle adjustment - a modern synthesis", 2000, section 6); it falls with the number of looks. The other part is common
+to all looks at an unchanged thing: calibration, wavering edges, walls seen from one side. It never falls.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from phyagentos.runtime.perception.solid_distance import linearise
+from phyagentos.runtime.perception.solids import Array
+
+CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them count as one
+RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as this
+BIAS_M, BIAS_SHARE = 0.0004, 0.30  # of a position in every look: its least, and its share of the residuals
+BIAS_TURN = 0.5  # of the same shift between two ends of a thing
+OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow
+LOOSE_M, LOOSE_RAD = 0.03, 0.5  # what is known of a pose without its points
+UPRIGHT_STDS = 3.0  # a lean of less than this many deviations is none that the pixels show
+FREE = np.ones(6)
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Standard deviations of a pose in one look: of its position [m] and of its turn [rad].
+
+    Attributes:
+        total: (2,) of the look.
+        common: (2,) the part that all looks have in common.
+    """
+
+    total: Array
+    common: Array
+
+    def compute_gain(self, before: Array) -> Array:
+        """(2,) weights of this look in the mean with those before, whose deviations are `before` (2,)."""
+        shared = np.minimum(self.common, before) ** 2
+        old, new = before**2 - shared, self.total**2 - shared
+        gain: Array = np.maximum(old, OPEN_LEAST * shared) / np.maximum(
+            np.maximum(old, OPEN_LEAST * shared) + new, 1e-12
+        )
+        return gain
+
+    def fuse(self, before: Array) -> Array:
+        """(2,) deviations of that mean; never less than the common part."""
+        gain, shared = self.compute_gain(before), np.minimum(self.common, before) ** 2
+        square = ((1 - gain) * before) ** 2 + (gain * self.total) ** 2 + 2 * gain * (1 - gain) * shared
+        fused: Array = np.maximum(np.sqrt(square), self.common)
+        return fused
+
+
+def compute_doubt(
+    distance_m: Array,
+    gradient: Array,
+    arm_m: Array,
+    rotation: Array,
+    axes: Array,
+    width_m: float,
+    free: Array,
+    huber_m: float,
+) -> Doubt:
+    """The doubt of a fit.
+
+    Args:
+        distance_m: (n,) of its points.
+        gradient: (n, 3) of these, in the thing's frame.
+        arm_m: (n, 3) from the thing's origin to its points, in the world.
+        rotation: (3, 3) `world_T_thing`.
+        axes: (3, k) turns that its surface shows, in its frame.
+        width_m: Of the thing.
+        free: (6,) is 1 for each free motion of the fit; what is not free is known.
+        huber_m: Distances beyond this are weighted down.
+    """
+    jacobian, weighted = linearise(distance_m, gradient, np.ascontiguousarray(arm_m), rotation, np.arange(6), huber_m)
+    weight = huber_m / np.maximum(np.abs(distance_m), huber_m)
+    variance = float(np.sum(weight * np.minimum(np.abs(distance_m), 3 * huber_m) ** 2) / max(np.sum(weight), 1.0))
+    variance = max(variance, RESIDUAL_M**2)
+    motions = np.zeros((6, 3 + axes.shape[1]))
+    motions[:3, :3], motions[3:, 3:] = np.eye(3), rotation @ axes
+    motions *= free[:, None]
+    known = np.array([LOOSE_M] * 3 + [LOOSE_RAD] * axes.shape[1])
+    spread = CORRELATED * variance
+    matrix = motions.T @ (weighted @ jacobian.T) @ motions / spread + np.diag(known**-2.0)
+    covariance = motions @ np.linalg.inv(matrix) @ motions.T
+    parts = covariance[:3, :3], covariance[3:, 3:]
+    left = np.array([max(np.linalg.eigvalsh(part)[-1], 0.0) for part in parts])  # (2,) variances that the points leave
+    bias_m = BIAS_M + BIAS_SHARE * float(np.sqrt(variance))
+    bias_rad = BIAS_TURN * bias_m / max(width_m, 1e-3)
+    common = np.array([bias_m, bias_rad if axes.shape[1] and np.any(free[3:]) else 0.0])
+    return Doubt(np.sqrt(left + common**2), common)

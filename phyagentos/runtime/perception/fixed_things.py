@@ -1,0 +1,156 @@
+"""Measures fixed bodies: each is searched where the scene file lets it stand, then measured near its believed pose.
+
+Where the span of its place is narrow, one fit from the nominal pose finds it. In an area, every cluster of its colour
+is a start, with turns all over the span of its yaw; the fit of least cost wins, as for movable things (`fitting`).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from phyagentos.geometry import compute_rotation, turn
+from phyagentos.protocol.world.environment import Entity
+from phyagentos.runtime.perception.clusters import find_clusters
+from phyagentos.runtime.perception.fitting import (
+    CONTRADICTION_M,
+    POINTS_MAX,
+    Fit,
+    Patch,
+    compute_cost,
+    measure_doubt,
+    refine,
+)
+from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.views import CameraView, Cloud
+from phyagentos.runtime.perception.visibility import compute_sight
+
+POINTS_MIN = 12  # fewer do not fix a place
+NEAR_M, STRETCH_M = 0.03, 0.05  # of the nominal surface, beside its reach: points may be of the body
+SEARCH_M, SEARCH_RAD = 0.04, 0.6  # wider spans than these are searched
+LINK_M = 0.03  # between the visible parts of one body
+CLUSTERS, TURN_STEP_RAD = 4, np.pi / 4  # starts of a search
+GATE_M = 0.0065  # a search that leaves more than this has not found it
+
+Start = tuple[Array, Array]
+
+
+def measure_fixed(
+    thing: ObjectModel, believed: Mapping[str, Entity], views: tuple[CameraView, ...], cloud: Cloud
+) -> Fit | None:
+    """Pose of a fixed body; None where it is not seen, or its frame is not known yet."""
+    nominal, entity = _find_nominal(thing, believed), believed.get(thing.name)
+    if nominal is None or thing.reach_m is None:
+        return None
+    reach = np.array(thing.reach_m)
+    is_searched = max(reach[:2]) > SEARCH_M or thing.yaw_span_rad > SEARCH_RAD
+    seen = _find_points(thing, nominal, cloud, is_searched)
+    if entity is not None and entity.looks:
+        pose = entity.pose
+        starts = [(compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m))]
+    else:
+        starts = list(_iter_starts(thing, nominal, seen.points_m)) if is_searched else [nominal]
+    patch = Patch.of(seen, views, 3 * POINTS_MAX)
+    fits = [fit for start in starts if (fit := _fit(thing, patch, views, start, nominal)) is not None]
+    best = min(fits, key=lambda each: each.cost_m, default=None)
+    return best if best is None or not is_searched or best.cost_m < GATE_M else None
+
+
+def _find_nominal(thing: ObjectModel, believed: Mapping[str, Entity]) -> Start | None:
+    """Middle of the span of its place, in the world; None without the body in whose frame it is meant."""
+    pose = thing.template.pose
+    rotation, position = compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m)
+    if thing.frame is None:
+        return rotation, position
+    frame = believed.get(thing.frame)
+    if frame is None:
+        return None
+    turned = compute_rotation(frame.pose.quaternion_wxyz)
+    return turned @ rotation, turned @ position + np.array(frame.pose.position_m)
+
+
+def _get_axes(thing: ObjectModel, nominal: Start) -> Array:
+    """(3, 3) axes along which `reach_m` is meant, in the world."""
+    own: Array = nominal[0] @ compute_rotation(thing.template.pose.quaternion_wxyz).T
+    return own
+
+
+def _find_points(thing: ObjectModel, nominal: Start, cloud: Cloud, is_searched: bool) -> Cloud:
+    """Points of its colour that may be of the body."""
+    own = cloud.take(cloud.colors == thing.colors[0])
+    rotation, position = nominal
+    reach = np.array(thing.reach_m)
+    if is_searched:
+        axes = _get_axes(thing, nominal)
+        beyond = np.maximum(np.abs((own.points_m - position) @ axes) - reach, 0.0)
+        radius_m = thing.solids.radius_m + float(np.linalg.norm(thing.solids.center_m))
+        return own.take(np.linalg.norm(beyond, axis=1) < radius_m + NEAR_M)
+    margin_m = float(reach.max()) + NEAR_M + (STRETCH_M if thing.stretch else 0.0)
+    return own.take(thing.solids.measure((own.points_m - position) @ rotation) < margin_m)
+
+
+def _iter_starts(thing: ObjectModel, nominal: Start, points: Array) -> Iterator[Start]:
+    """Over the largest clusters, with turns over the span of its yaw."""
+    steps = max(1, round(thing.yaw_span_rad / TURN_STEP_RAD))
+    offsets = (np.arange(steps) + 0.5) / steps * thing.yaw_span_rad - thing.yaw_span_rad / 2
+    for cluster in find_clusters(points, LINK_M)[:CLUSTERS]:
+        low, high = np.percentile(points[cluster], (2, 98), axis=0)
+        for offset in offsets if thing.yaw_span_rad > 0.0 else (0.0,):
+            rotation = turn(np.array([0.0, 0.0, float(offset)])) @ nominal[0]
+            middle = [sum(thing.solids.measure_extent(rotation.T @ axis)) / 2 for axis in np.eye(3)]
+            position = np.array([*((low + high) / 2 - middle)[:2], nominal[1][2]])
+            yield rotation, position
+
+
+def _fit(thing: ObjectModel, patch: Patch, views: tuple[CameraView, ...], start: Start, nominal: Start) -> Fit | None:
+    """The pose near a start, within the span of its place; its doubt is that of the free directions."""
+    if len(patch.points_m) < POINTS_MIN or thing.reach_m is None:
+        return None
+    free = np.array([*(float(reach > 0) for reach in thing.reach_m), 0.0, 0.0, float(thing.yaw_span_rad > 0)])
+    solids, stretch = thing.solids, 1.0
+    rotation, position_m = start
+    if thing.stretch is not None:
+        stretch = _measure_stretch(thing, patch.points_m)
+        solids, position_m = stretch_solids(solids, stretch), np.array([*position_m[:2], _lift(thing, stretch)])
+        free[2] = 0.0
+    if free.any():
+        rotation, position_m = refine(solids, patch, rotation, position_m, free, 10)
+    if thing.stretch is None:
+        axes, reach = _get_axes(thing, nominal), np.array(thing.reach_m)
+        position_m = nominal[1] + axes @ np.clip((position_m - nominal[1]) @ axes, -reach, reach)
+    cost, rms = compute_cost(solids, patch, rotation, position_m)
+    sight = compute_sight(thing, rotation, position_m, views)
+    return Fit(
+        rotation=rotation,
+        position_m=position_m,
+        cost_m=cost + CONTRADICTION_M * sight.contradicted_fraction,
+        rms_m=rms,
+        sight=sight,
+        count=len(patch.points_m),
+        doubt=measure_doubt(thing, solids, patch, rotation, position_m, free),
+        freely=rotation,
+        stretch=stretch,
+    )
+
+
+def _measure_stretch(thing: ObjectModel, points: Array) -> float:
+    """Factor of the height, from the highest points; the lower end is fixed."""
+    low, high = thing.solids.measure_extent(np.array([0.0, 0.0, 1.0]))
+    base_m = thing.template.pose.position_m[2] + low
+    top_m = float(np.percentile(points[:, 2], 99))
+    least, greatest = thing.stretch or (1.0, 1.0)
+    return float(np.clip((top_m - base_m) / (high - low), least, greatest))
+
+
+def _lift(thing: ObjectModel, stretch: float) -> float:
+    """Height of the frame of a stretched body that stands on its lower end."""
+    _, high = thing.solids.measure_extent(np.array([0.0, 0.0, 1.0]))
+    return thing.template.pose.position_m[2] + high * (stretch - 1.0)
+
+
+def stretch_solids(solids: Solids, factor: float) -> Solids:
+    """Solids with their heights scaled."""
+    positions = solids.positions_m * np.array([1.0, 1.0, factor])
+    sizes = tuple((*size[:-1], size[-1] * factor) for size in solids.sizes_m)
+    return replace(solids, sizes_m=sizes, positions_m=positions)

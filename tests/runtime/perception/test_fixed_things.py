@@ -1,0 +1,80 @@
+"""Fixed bodies that a scene file places within a span: they are searched, and perceived with a doubt."""
+
+import math
+
+import numpy as np
+import pytest
+
+from phyagentos.geometry import compute_rotation
+from phyagentos.protocol.capabilities.library import Library
+from tests.runtime.perception.conftest import Stage
+
+pytestmark = pytest.mark.sim
+SCENE = """
+scene: test/furnished
+materials:
+  wood: {rgba: [0.86, 0.68, 0.48, 1]}
+  blue: {rgba: [0.12, 0.33, 0.78, 1]}
+  green: {rgba: [0.15, 0.6, 0.27, 1]}
+areas:
+  floor: {x_m: [0.40, 0.60], y_m: [-0.30, 0.05]}
+bodies:
+  table:
+    kind: table
+    fixed: true
+    material: wood
+    place: {position_m: [0.38, 0.05, -0.02]}
+    shapes: [{kind: box, size_m: [0.52, 0.65, 0.02]}]
+  tray:
+    kind: tray
+    fixed: true
+    material: blue
+    place: {area: floor, position_m: [0.0, 0.0, 0.0], yaw_rad: [-1.5, 1.5]}
+    interior: {center_m: [0.0, 0.0, 0.015], half_m: [0.06, 0.08, 0.01]}
+    shapes:
+      - {kind: box, size_m: [0.065, 0.085, 0.0025], position_m: [0.0, 0.0, 0.0025]}
+      - {kind: box, size_m: [0.0025, 0.085, 0.01], position_m: [-0.0625, 0.0, 0.015]}
+      - {kind: box, size_m: [0.0025, 0.085, 0.01], position_m: [0.0625, 0.0, 0.015]}
+      - {kind: box, size_m: [0.06, 0.0025, 0.01], position_m: [0.0, -0.0825, 0.015]}
+      - {kind: box, size_m: [0.06, 0.0025, 0.01], position_m: [0.0, 0.0825, 0.015]}
+  block:
+    kind: riser
+    fixed: true
+    material: green
+    place: {frame: table, position_m: [0.1, 0.2, 0.06], jitter_m: [0.02, 0.02, 0.0], yaw_rad: [0.2, 0.5]}
+    shapes: [{kind: box, size_m: [0.05, 0.06, 0.04]}]
+cameras: {}
+lights:
+  key: {position_m: [1.2, -1.2, 2.2], direction: [-0.4, 0.55, -1.0], diffuse: [0.65, 0.63, 0.6]}
+"""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    root = tmp_path_factory.mktemp("furnished")
+    (root / "scenes" / "test").mkdir(parents=True)
+    (root / "scenes" / "test" / "furnished.yaml").write_text(SCENE)
+    return Library.open(root)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_fixed_bodies_of_an_area_and_of_a_frame_are_found_within_their_stated_doubt(library, seed):
+    stage = Stage(library, "test/furnished", seed)
+    stage.look()
+    belief = stage.look()
+    for name in ("tray", "block"):
+        entity = belief.entities[name]
+        assert 0.0 < entity.position_std_m < 0.005
+        assert math.dist(entity.pose.position_m, stage.find(name)) < 2 * entity.position_std_m
+        body = stage.physics.model.body(name).id
+        turned = compute_rotation(entity.pose.quaternion_wxyz).T @ stage.physics.seen.xmat[body].reshape(3, 3)
+        yaw_rad = abs(math.remainder(np.arctan2(turned[1, 0], turned[0, 0]), math.pi))  # half a turn looks the same
+        assert 0.0 < entity.turn_std_rad < 0.05
+        assert yaw_rad < 2 * entity.turn_std_rad
+
+
+def test_a_fixed_body_that_does_not_stand_where_it_may_is_not_believed(library):
+    stage = Stage(library, "test/furnished")
+    for name in ("tray", "block"):
+        stage.physics.model.body(name).pos[:] = 0.2, 0.5, 0.0
+    assert not {"tray", "block"} & set(stage.look().entities)

@@ -1,0 +1,86 @@
+"""Looking again at what does not change: the measured pose stays within its stated doubt, and no claim comes true."""
+
+import math
+
+import numpy as np
+import pytest
+
+from phyagentos.geometry import compute_rotation, compute_tilt
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.truth import Truth
+from tests.runtime.perception.conftest import Stage
+
+pytestmark = pytest.mark.sim
+LOOKS = 8
+WALL = "{{kind: box, size_m: [0.002, 0.011, 0.035], position_m: [{x}, {y}, 0.002], euler_rad: [0.0, 0.0, {turn}]}}"
+MUG = ",\n      ".join(
+    WALL.format(x=round(0.03 * math.cos(turn), 5), y=round(0.03 * math.sin(turn), 5), turn=round(turn, 5))
+    for turn in np.arange(10) * math.pi / 5
+)
+SCENE = f"""
+scene: test/leaning
+materials:
+  wood: {{rgba: [0.86, 0.68, 0.48, 1]}}
+  red: {{rgba: [0.82, 0.16, 0.14, 1]}}
+  blue: {{rgba: [0.12, 0.33, 0.78, 1]}}
+bodies:
+  table:
+    kind: table
+    fixed: true
+    material: wood
+    place: {{position_m: [0.38, 0.05, -0.02]}}
+    shapes: [{{kind: box, size_m: [0.52, 0.65, 0.02]}}]
+  cube:
+    kind: cube
+    material: red
+    place: {{position_m: [0.48, -0.1, 0.02]}}
+    shapes: [{{kind: box, size_m: [0.012, 0.013, 0.014]}}]
+  mug:
+    kind: mug
+    material: blue
+    place: {{position_m: [0.5, 0.15, 0.0375], yaw_rad: [2.0, 2.0]}}
+    shapes: [
+      {{kind: cylinder, size_m: [0.03, 0.002], position_m: [0.0, 0.0, -0.035]}},
+      {MUG},
+      {{kind: box, size_m: [0.01, 0.005, 0.02], position_m: [0.042, 0.0, 0.0]}}]
+cameras: {{}}
+lights:
+  key: {{position_m: [1.2, -1.2, 2.2], direction: [-0.4, 0.55, -1.0], diffuse: [0.65, 0.63, 0.6]}}
+"""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    root = tmp_path_factory.mktemp("leaning")
+    (root / "scenes" / "test").mkdir(parents=True)
+    (root / "scenes" / "test" / "leaning.yaml").write_text(SCENE)
+    return Library.open(root)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 7.6, 12.0, 19.0])
+def test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again(library, tilt_deg):
+    stage, upright = Stage(library, "test/leaning"), parse_predicate("upright(cube)")
+    stage.put("cube", 0.48, -0.1, 0.02, yaw_rad=0.6, tilt_rad=math.radians(tilt_deg))
+    stated = []
+    for _ in range(LOOKS):
+        belief = stage.look()
+        entity = belief.entities["cube"]
+        found_deg = math.degrees(compute_tilt(entity.pose))
+        stated.append((found_deg, math.degrees(entity.tilt_std_rad)))
+        assert abs(found_deg - tilt_deg) < 2.5 * math.degrees(entity.tilt_std_rad)
+        claim = upright.evaluate(View(now=belief, initial=None, target="panda")).truth
+        assert claim is not (Truth.FALSE if tilt_deg < 15.0 else Truth.TRUE), stated
+    assert all(abs(found - stated[0][0]) < 2.5 * math.hypot(std, stated[0][1]) for found, std in stated)
+    assert stated[-1][1] > 0.3  # what all looks have in common stays
+
+
+def test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_it_is(library):
+    stage = Stage(library, "test/leaning")
+    for _ in range(3):
+        entity = stage.look().entities["mug"]
+        turned = compute_rotation(entity.pose.quaternion_wxyz)
+        assert entity.position_std_m < 0.002
+        assert abs(entity.pose.position_m[2] - stage.find("mug")[2]) < 2 * entity.position_std_m
+        assert math.dist(entity.pose.position_m, stage.find("mug")) < 3 * entity.position_std_m
+        assert abs(math.remainder(math.atan2(turned[1, 0], turned[0, 0]) - 2.0, 2 * math.pi)) < 2 * entity.turn_std_rad
