@@ -15,7 +15,7 @@ from phyagentos.runtime.perception.solids import Array
 CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them count as one
 RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as this
 BIAS_M, BIAS_SHARE = 0.0004, 0.30  # of a position in every look: its least, and its share of the residuals
-BIAS_TURN = 0.5  # of the same shift between two ends of a thing
+BIAS_TURN = 0.7  # of the same shift between two ends of a thing
 OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow
 LOOSE_M, LOOSE_RAD = 0.03, 0.5  # what is known of a pose without its points
 UPRIGHT_STDS = 3.0  # a lean of less than this many deviations is none that the pixels show

@@ -35,11 +35,11 @@ bodies:
     kind: cube
     material: red
     place: {{position_m: [0.48, -0.1, 0.02]}}
-    shapes: [{{kind: box, size_m: [0.012, 0.013, 0.014]}}]
+    shapes: [{{kind: box, size_m: [0.012, 0.012, 0.012]}}]
   mug:
     kind: mug
     material: blue
-    place: {{position_m: [0.5, 0.15, 0.0375], yaw_rad: [2.0, 2.0]}}
+    place: {{position_m: [0.5, 0.15, 0.0375], yaw_rad: [0.5, 0.5]}}
     shapes: [
       {{kind: cylinder, size_m: [0.03, 0.002], position_m: [0.0, 0.0, -0.035]}},
       {MUG},
@@ -76,11 +76,14 @@ def test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again(library
 
 
 def test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_it_is(library):
-    stage = Stage(library, "test/leaning")
-    for _ in range(3):
-        entity = stage.look().entities["mug"]
+    for yaw_rad in (0.5, -2.6):
+        stage = Stage(library, "test/leaning")
+        stage.put("mug", 0.5, 0.15, yaw_rad=yaw_rad)
+        for _ in range(2):
+            entity = stage.look().entities["mug"]
         turned = compute_rotation(entity.pose.quaternion_wxyz)
+        yaw_off_rad = math.remainder(math.atan2(turned[1, 0], turned[0, 0]) - yaw_rad, 2 * math.pi)
         assert entity.position_std_m < 0.002
         assert abs(entity.pose.position_m[2] - stage.find("mug")[2]) < 2 * entity.position_std_m
         assert math.dist(entity.pose.position_m, stage.find("mug")) < 3 * entity.position_std_m
-        assert abs(math.remainder(math.atan2(turned[1, 0], turned[0, 0]) - 2.0, 2 * math.pi)) < 2 * entity.turn_std_rad
+        assert abs(yaw_off_rad) < 3 * entity.turn_std_rad
