@@ -17,7 +17,7 @@ RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as 
 BIAS_M, BIAS_SHARE = 0.0004, 0.30  # of a position in every look: its least, and its share of the residuals
 BIAS_TURN = 0.7  # of the same shift between two ends of a thing
 OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow
-LOOSE_M, LOOSE_RAD = 0.03, 0.5  # what is known of a pose without its points
+OUTLINE_M, OUTLINE_TURN = 0.004, 2.0  # where a face in sight ends fixes its thing this well, and a turn by its width
 UPRIGHT_STDS = 3.0  # a lean of less than this many deviations is none that the pixels show
 FREE = np.ones(6)
 
@@ -80,7 +80,7 @@ def compute_doubt(
     motions = np.zeros((6, 3 + axes.shape[1]))
     motions[:3, :3], motions[3:, 3:] = np.eye(3), rotation @ axes
     motions *= free[:, None]
-    known = np.array([LOOSE_M] * 3 + [LOOSE_RAD] * axes.shape[1])
+    known = np.array([OUTLINE_M] * 3 + [OUTLINE_TURN * OUTLINE_M / max(width_m, 1e-3)] * axes.shape[1])
     spread = CORRELATED * variance
     matrix = motions.T @ (weighted @ jacobian.T) @ motions / spread + np.diag(known**-2.0)
     covariance = motions @ np.linalg.inv(matrix) @ motions.T
