@@ -183,6 +183,7 @@ TARGET_MISMATCH          The live target differs from TARGETS.md.
 TARGET_UNAVAILABLE       The target's worker cannot be started.
 TARGET_UNKNOWN           No worker serves a target of this name.
 TOO_HEAVY                What the session takes hold of may weigh more than the arm carries.
+TOO_SLIPPERY             What the session takes hold of weighs more than friction can bear between its fingers.
 TREE_INVALID             The skill's tree cannot be built.
 VERSION_MISMATCH         Skill, policy, target and this software are not of versions that go together.
 UNKNOWN_DETECTOR         perception.yaml names a detector that is not registered.

@@ -5,10 +5,11 @@ import pytest
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.world.scenes import Body, Joint, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Inside, Joint, SceneSpec, Solid
 from phyagentos.runtime.preflight.needs import iter_payload_problems
 
 PROFILE = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")
+HOLLOW = Inside(center_m=(0.0, 0.0, 0.0), half_m=(0.05, 0.05, 0.05))
 SLIDE = Joint(kind="slide", axis=(1.0, 0.0, 0.0), travel=0.1)
 SKILL = SkillRuntime(skill="pick", description="d", tree="pick")
 
@@ -29,6 +30,13 @@ def make_body(**facts) -> Body:
         ({"drawer": make_body(mass_kg=9.0, joint=SLIDE), "handle": make_body(part_of="drawer")}, []),
         ({"handle": make_body(mass_kg=9.0, fixed=True)}, []),
         ({"other": make_body(mass_kg=9.0)}, []),
+        ({"handle": make_body(mass_kg=2.8, grip_span=(0.05, 0.14))}, ["at least 27.5 N of weight"]),
+        ({"handle": make_body(mass_kg=2.8, mass_span_kg=(1.1, 2.8), grip_span=(0.05, 0.14))}, []),
+        ({"handle": make_body(mass_kg=2.8, grip_span=(0.05, 0.14), interior=HOLLOW)}, []),
+        (
+            {"pot": make_body(mass_kg=2.0), "handle": make_body(mass_kg=0.5, part_of="pot", grip_span=(0.1, 0.3))},
+            ["at least 24.5 N of weight"],
+        ),
     ],
 )
 def test_what_may_weigh_more_than_the_arm_carries_is_refused(bodies, found):
@@ -36,4 +44,5 @@ def test_what_may_weigh_more_than_the_arm_carries_is_refused(bodies, found):
     problems = list(iter_payload_problems(["handle"], SKILL, spec, PROFILE))
 
     assert [problem.found for problem in problems] == found
-    assert {problem.code for problem in problems} <= {"TOO_HEAVY"}
+    codes = {"TOO_SLIPPERY" if problem.found.startswith("at least") else "TOO_HEAVY" for problem in problems}
+    assert {problem.code for problem in problems} == codes

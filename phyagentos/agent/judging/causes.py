@@ -88,6 +88,7 @@ _REFUSALS = {
     "OUT_OF_REACH": CauseClass.PLANNING,
     "TOO_WIDE": CauseClass.PLANNING,
     "TOO_HEAVY": CauseClass.PLANNING,
+    "TOO_SLIPPERY": CauseClass.PLANNING,
     "NO_SPACE": CauseClass.PLANNING,
     "NO_FREE_SITE": CauseClass.PLANNING,
     "START_OUTSIDE": CauseClass.SAFETY,

@@ -47,7 +47,7 @@ _OF_CODES = {
     "PLANNER_LOST": Cause.RUNNER_LOST,
     "TOO_WIDE": Cause.IMPOSSIBLE,
     "UNMET": Cause.UNMET,
-    **dict.fromkeys(("NO_SPACE", "OUT_OF_REACH"), Cause.IMPOSSIBLE),
+    **dict.fromkeys(("NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY"), Cause.IMPOSSIBLE),
     **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN"), Cause.NO_PLAN),
 }
 _OF_ENDS = {

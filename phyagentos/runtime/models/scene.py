@@ -3,6 +3,7 @@
 Random numbers come from one generator, drawn in the order of the file: a seed gives one scene on every machine.
 """
 
+from collections.abc import Set
 from dataclasses import dataclass
 
 import mujoco
@@ -179,8 +180,9 @@ def add_scene(robot: mujoco.MjSpec, spec: SceneSpec, placed: tuple[PlacedBody, .
     """Add floor, lights, cameras, materials and bodies to the robot's spec."""
     robot.modelname = spec.scene.replace("/", "_")
     _add_surroundings(robot, spec)
+    names = frozenset(item.name for item in placed)
     for item in placed:
-        _add_body(robot, item)
+        _add_body(robot, item, names)
 
 
 def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec) -> None:
@@ -237,7 +239,15 @@ def _look_at(camera: Camera) -> list[float]:
     return [float(value) for value in (*right, *np.cross(right, forward))]
 
 
-def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
+def _name_solid(body: str, index: int, bodies: Set[str]) -> str:
+    """The first solid has the name of its body, the next ones its name and a number: none that of another body."""
+    between = "_"
+    while f"{body}{between}{index}" in bodies:
+        between += ":"
+    return f"{body}{between}{index}" if index else body
+
+
+def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str]) -> None:
     place = item.body.place
     if item.body.part_of is None:
         body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
@@ -251,7 +261,7 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody) -> None:
     volumes = [0.0 if solid.decor else _compute_volume(solid) for solid in item.shapes]
     for index, (solid, volume) in enumerate(zip(item.shapes, volumes, strict=True)):
         geom = body.add_geom(
-            name=item.name if index == 0 else f"{item.name}_{index}",
+            name=_name_solid(item.name, index, bodies),
             type=_GEOMS[solid.kind],
             size=[*solid.size_m, 0.0, 0.0][:3],
             pos=solid.position_m,

@@ -102,7 +102,6 @@ class Examiner:
                 loading_s = self.clock.now_s() - loading_began_s
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self.preflight.find_scene_problems(session, live)
-                problems += self._find_payload_problems(session)
                 found, held_back, trials = self._look(session, live, is_repeated=bool(snapshot), thorough=thorough)
                 problems += found
         except DefinitionError as error:
@@ -130,11 +129,11 @@ class Examiner:
         if met is Truth.TRUE and all(each.code == _UNMET for each in problems):
             seen = make_problem(ALREADY_MET, f"{session.id}: accept", "true in preflight, not any more", "true")
             return [], (seen,), ()
-        if is_repeated and not thorough:
-            return problems, (), ()
-        trials = self._try_out(session, now, live, thorough=thorough)
-        impossible = (make_trial_problem(each, session) for each in trials if each.outcome == "impossible")
-        refused = locate(session, impossible)
+        refused, trials = self._find_payload_problems(session), tuple[Trial, ...]()
+        if thorough or not is_repeated:
+            trials = self._try_out(session, now, live, thorough=thorough)
+            impossible = (make_trial_problem(each, session) for each in trials if each.outcome == "impossible")
+            refused += locate(session, impossible)
         if met is Truth.UNKNOWN:  # it may rest in its place already
             return problems, tuple(refused), trials
         return [*problems, *refused], (), trials

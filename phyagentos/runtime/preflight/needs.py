@@ -1,5 +1,6 @@
 """Needs of a skill against the offers of the target and the permissions of the site."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
 
@@ -13,6 +14,8 @@ from phyagentos.protocol.settings.operations import CORE_OPERATIONS, SESSION_OPE
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract
 from phyagentos.protocol.world.scenes import Body, SceneSpec
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
+
+STANDARD_GRAVITY_M_S2 = 9.80665
 
 
 def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterator[Problem]:
@@ -91,27 +94,41 @@ def iter_version_problems(skill: SkillRuntime) -> Iterator[Problem]:
 def iter_payload_problems(
     grasped: Iterable[str], skill: SkillRuntime, spec: SceneSpec, profile: TargetProfile
 ) -> Iterator[Problem]:
-    """Sure grasps of the skill that may weigh more than the arm carries; of a declared span the top counts."""
+    """Sure grasps of the skill of what may weigh more than the arm carries, or surely slips out of the hand.
+
+    Of a declared span of weights the top decides what is too heavy, the bottom what is too slippery.
+    """
     carried_kg = profile.arm.payload_kg - profile.gripper.mass_kg
+    press_n = profile.gripper.force_n
+    by = f"skill {skill.skill}: its grasp"
     for name in grasped:
-        load_kg = _compute_load_kg(name, spec.bodies) if name in spec.bodies else 0.0
+        whole = _find_lifted(name, spec.bodies)
+        if not whole:
+            continue
+        least_kg, load_kg = _sum_up_kg(whole, spec.bodies)
+        address = f"scene {spec.scene}: bodies.{name}"
         if load_kg > carried_kg:
-            address = f"scene {spec.scene}: bodies.{name}.mass_kg"
-            by = f"skill {skill.skill}: its grasp"
             fix = f"Choose another thing or target; {profile.target} carries arm.payload_kg less gripper.mass_kg."
-            yield make_problem("TOO_HEAVY", address, f"up to {load_kg:g} kg", f"at most {carried_kg:g} kg", by, fix)
+            found, expected = f"up to {load_kg:g} kg", f"at most {carried_kg:g} kg"
+            yield make_problem("TOO_HEAVY", f"{address}.mass_kg", found, expected, by, fix)
+        body = spec.bodies[name]
+        borne_n = 2.0 * press_n * body.grip_span[1] if body.grip_span is not None else math.inf
+        if STANDARD_GRAVITY_M_S2 * least_kg > borne_n and body.interior is None:  # a vessel may hang on its rim
+            found = f"at least {STANDARD_GRAVITY_M_S2 * least_kg:.1f} N of weight"
+            expected = f"at most {borne_n:.1f} N, which two fingers of {press_n:g} N bear by friction"
+            fix = "Choose another thing, or a skill that does not lift it."
+            yield make_problem("TOO_SLIPPERY", f"{address}.grip_span", found, expected, by, fix)
 
 
-def _compute_load_kg(name: str, bodies: Mapping[str, Body]) -> float:
-    """The greatest weight of a thing with all that is fixed to it; nothing of what stands fixed or runs in a joint."""
-    while (whole := bodies[name].part_of) is not None:
+def _find_lifted(name: str, bodies: Mapping[str, Body]) -> str:
+    """The thing that is lifted with this one; empty for what stands fixed, or is pulled or pushed in a joint."""
+    while name in bodies and (whole := bodies[name].part_of) is not None:
         name = whole
-    if bodies[name].fixed or bodies[name].joint is not None:
-        return 0.0  # pulled or pushed, never lifted
-    return _sum_up_kg(name, bodies)
+    return name if name in bodies and not bodies[name].fixed and bodies[name].joint is None else ""
 
 
-def _sum_up_kg(name: str, bodies: Mapping[str, Body]) -> float:
-    body = bodies[name]
-    own_kg = body.mass_span_kg[1] if body.mass_span_kg else body.mass_kg
-    return own_kg + sum(_sum_up_kg(part, bodies) for part, each in bodies.items() if each.part_of == name)
+def _sum_up_kg(name: str, bodies: Mapping[str, Body]) -> tuple[float, float]:
+    """Least and greatest weight of a thing with all that is fixed to it."""
+    own = bodies[name].mass_span_kg or (bodies[name].mass_kg, bodies[name].mass_kg)
+    parts = [_sum_up_kg(part, bodies) for part, each in bodies.items() if each.part_of == name]
+    return own[0] + sum(each[0] for each in parts), own[1] + sum(each[1] for each in parts)

@@ -325,8 +325,8 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.preflight.examination",
-                "        if is_repeated and not thorough:\n",
-                "        if (is_repeated or session.attempt) and not thorough:\n",
+                "        if thorough or not is_repeated:\n",
+                "        if thorough or not (is_repeated or session.attempt):\n",
             ),
         ),
         tests=("tests/runtime/test_preflight_dry_run.py::test_every_attempt_passes_the_same_dry_run",),

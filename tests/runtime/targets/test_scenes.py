@@ -6,9 +6,9 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 from phyagentos.runtime.models.robot import build_robot, name_actuator, read_profile
-from phyagentos.runtime.models.scene import draw_bodies
+from phyagentos.runtime.models.scene import add_scene, draw_bodies
 from phyagentos.runtime.targets import wire
 
 pytestmark = pytest.mark.sim
@@ -79,6 +79,18 @@ def test_a_broken_scene_is_told_with_line_and_nearest_name(tmp_path):
     path.write_text(SCENE_TEXT.replace("plaec", "place").replace("[1, 1]", "[1, 1, 1]"))
     with pytest.raises(DefinitionError, match=r"test.yaml:4:\d+: UNKNOWN_MATERIAL: found 'wod'; expected wood"):
         read_scene(path)
+
+
+def test_solids_and_bodies_of_like_names_are_built_side_by_side():
+    solid = {"kind": "box", "size_m": (0.02, 0.02, 0.02)}
+    bodies = {name: Body(kind="thing", shapes=(solid,) * 3) for name in ("mug", "mug_2", "mug_2_1", "mug_:2")}
+    spec = SceneSpec(scene="s", bodies=bodies, cameras={})
+    robot = mujoco.MjSpec()
+    add_scene(robot, spec, draw_bodies(spec, 1))
+    model = robot.compile()
+    names = {model.geom(index).name: model.body(model.geom(index).bodyid[0]).name for index in range(model.ngeom)}
+    assert {name: body for name, body in names.items() if name in bodies} == {name: name for name in bodies}
+    assert (names["mug_1"], names["mug_::2"], names["mug_2_:1"], names["mug_2_2"]) == ("mug", "mug", "mug_2", "mug_2")
 
 
 def test_an_overfull_area_is_told(tmp_path, make_rig):
