@@ -7,7 +7,7 @@ from pathlib import Path
 
 from phyagentos.assembly.processes import open_world_model
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import CONTRACT
 from phyagentos.protocol.sessions.looks import LOOKS, LookEntry, read_looks
@@ -37,7 +37,7 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
         raise ExecutionError("LOOK_MISSING", f"{folder / LOOKS}: no look was recorded; {found}")
     _check_settings(workspace, folder)
     looks = {entry.file: read_look(folder / entry.file, entry.sha256) for entry in entries}
-    profile = read_target_registry(workspace.target_registry)[target]
+    profile = get_registered_target(workspace.target_registry, target)
     eyes = RecordedFrames(next(iter(looks.values())))
     world = open_world_model(workspace, target, profile, eyes, read_settings(workspace, target))
     if not isinstance(world, PerceivedWorld):

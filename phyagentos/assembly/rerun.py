@@ -8,7 +8,7 @@ from pathlib import Path
 from phyagentos.assembly.paths import RECORDED_FAULTS, choose_folder
 from phyagentos.assembly.runtime_plane import hire_worker, start_world
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.protocol.capabilities.registries import get_registered_target, read_target_registry
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, SessionId, SessionStatus
@@ -36,7 +36,7 @@ def rerun_session(root: Path, session: str) -> Rerun:
 
     Raises:
         DefinitionError: `NOT_EXECUTED`; `NO_SNAPSHOT` without a recorded start; `WORLD_SHARED` for a session in a world
-            of several targets. Nothing was started.
+            of several targets; `TARGET_UNKNOWN` where its target is no more. Nothing was started.
         ExecutionError: When the repetition cannot be carried out.
     """
     recorded = Workspace.open(root)
@@ -75,8 +75,8 @@ def _refuse_without_start(folder: Path) -> None:
 
 def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
     """What the other targets of a shared world did meanwhile is not repeated, so the bits would differ."""
+    world = get_registered_target(workspace.target_registry, status.contract.target).world
     targets = read_target_registry(workspace.target_registry)
-    world = targets[status.contract.target].world
     others = [name for name, profile in targets.items() if world and profile.world == world]
     if len(others) > 1:
         found = f"the world {world!r} of {', '.join(others)}"

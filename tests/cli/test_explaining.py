@@ -6,6 +6,7 @@ import pytest
 
 from phyagentos.cli.history import read_ledger
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, TRACE, encode_lines, write_json
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -192,4 +193,18 @@ def test_a_session_that_left_no_state_to_start_from_is_not_repeated(replanned, p
     assert refused.code == ExitCode.INVALID_INPUT
     assert f"{folder}/initial.npz: NO_SNAPSHOT: found {left or 'no such file'}; expected " in refused.err
     assert "Run the goal again" in refused.err
+    assert not (workspace.root / "reruns").exists()
+
+
+def test_a_session_whose_target_was_removed_is_not_repeated(replanned, paos):
+    workspace = replanned.workspace
+    folder = workspace.evidence_of("tidy-7.red")
+    folder.mkdir()
+    (folder / "initial.npz").write_bytes(b"state")
+    assert read_target_registry(workspace.target_registry) == {}
+
+    refused = paos("rerun", "tidy-7.red", "-w", workspace.root)
+
+    assert refused.code == ExitCode.INVALID_INPUT
+    assert f"{workspace.target_registry}: TARGET_UNKNOWN: found 'panda'" in refused.err
     assert not (workspace.root / "reruns").exists()

@@ -121,6 +121,14 @@ def read_target_registry(path: Path) -> dict[str, TargetProfile]:
     return {name: TargetProfile.model_validate(each.model_dump(exclude={"health"})) for name, each in targets.items()}
 
 
+def get_registered_target(path: Path, name: str) -> TargetProfile:
+    """One profile of TARGETS.md; raises DefinitionError `TARGET_UNKNOWN` where it holds none of that name."""
+    targets = read_target_registry(path)
+    if name not in targets:
+        raise DefinitionError.unknown("TARGET_UNKNOWN", str(path), name, targets)
+    return targets[name]
+
+
 def _read(path: Path, format: DocumentFormat[_BlockT]) -> dict[str, _BlockT]:
     try:
         text = path.read_text(encoding="utf-8")

@@ -153,6 +153,19 @@ def test_what_a_look_finds_between_the_fingers_is_held_although_nobody_saw_it_ta
     assert (belief.entities["can"].status, belief.entities["can"].held_by) == (Status.HELD, "panda")
 
 
+@pytest.mark.parametrize(("risen_m", "looks"), [(0.01, 0), (0.04, 1)])
+def test_what_a_lost_worker_gripped_unseen_counts_as_lifted_once_a_look_finds_it_risen(twins, risen_m, looks):
+    x_m, y_m, z_m = twins.look().entities["can"].pose.position_m
+    down, at = (0.0, 1.0, 0.0, 0.0), (0.45, 0.1, z_m + risen_m)  # far from where it was believed
+    twins.put("can", *at)
+    grip = msgspec.structs.replace(twins.state, tcp=Pose(at, down), gripper_width_m=0.06, fingers_touching=2)
+
+    can = twins.look(state=grip).entities["can"]
+
+    assert (can.status, can.looks) == (Status.HELD, looks)
+    assert can.taken_at_m == pytest.approx((x_m, y_m, z_m), abs=0.005)  # where it stood before
+
+
 def test_fingers_that_touch_nothing_known_hold_nothing(twins):
     twins.look()
     closed = msgspec.structs.replace(twins.state, gripper_width_m=0.01, grip_force_n=30.0)
