@@ -99,6 +99,8 @@ class Tally:
             table.add_row(name, f"{sum(values)} of {count}", f"[{low:.4f}, {high:.4f}]")
         for name in ("judged_unmet_in_truth", "judged_open", "crashed", "hung"):
             table.add_row(name.replace("_", " "), f"{figures[name]:.0f}", "")
+        planted = sum(len(goal.faults) for goal in self.goals)
+        table.add_row("faults that never struck", f"{sum(len(goal.unstruck) for goal in self.goals)} of {planted}", "")
         console.print(table)
         for goal in self.goals:
             for finding in iter_findings(goal):

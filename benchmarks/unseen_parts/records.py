@@ -1,5 +1,6 @@
 """One goal as it ended, judged: a line of the results file, from which every figure can be computed again."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -90,6 +91,7 @@ class GoalRecord:
         ended: `over`, `crashed` or `hung`.
         truth: Of its own acceptance at the end of its last session, as of a session; empty where it has none.
         feasible: `yes`, `no`, or `open` where a false claim, a lasting fault or a twin spoils it.
+        unstruck: Faults that never struck: the goal shows nothing about them.
         error: What a crash said.
     """
 
@@ -99,6 +101,7 @@ class GoalRecord:
     detail: str
     faults: tuple[str, ...]
     ended: str
+    unstruck: tuple[str, ...] = ()
     verdict: str = ""
     reason: str = ""
     truth: str = ""
@@ -135,7 +138,7 @@ class GoalRecord:
         """From plain data."""
         nodes = tuple(NodeRecord(**node) for node in data["nodes"])
         sessions = tuple(SessionRecord(**each | {"against": tuple(each["against"])}) for each in data["sessions"])
-        lists = {"faults": tuple(data["faults"]), "against": tuple(data["against"])}
+        lists = {name: tuple(data.get(name, ())) for name in ("faults", "against", "unstruck")}
         return cls(**data | lists | {"nodes": nodes, "sessions": sessions})
 
 
@@ -175,6 +178,7 @@ class Recorder:
             truth=truth,
             against=against,
             feasible=self._weigh(nodes),
+            unstruck=self._find_unstruck(),
             wall_s=round(wall_s, 2),
             nodes=nodes,
             sessions=sessions,
@@ -193,6 +197,14 @@ class Recorder:
             return "no"
         is_spoilt = any(is_lasting(fault) for fault in self.case.faults)
         return "open" if is_spoilt or any(node.feasible == "open" for node in nodes) else "yes"
+
+    def _find_unstruck(self) -> tuple[str, ...]:
+        """Faults of the case of whose kind and body no bundle records a strike; `*` is any camera."""
+        files = [self.folder / each["id"] / "faults.json" for each in self.report["sessions"]]
+        strikes = [each for file in files if file.exists() for each in json.loads(file.read_text())]
+        struck = {(each["kind"], body) for each in strikes for body in ("*", each["details"].get("body"))}
+        names = [(str(fault["kind"]), find_struck(fault)) for fault in self.case.faults]
+        return tuple(f"{kind} {body}" for kind, body in names if (kind, body) not in struck)
 
     def _has_end(self, session: str) -> bool:
         return all((self.folder / session / name).exists() for name in ("scene.mjb", "initial.npz", "terminal.npz"))
@@ -259,8 +271,13 @@ def mark_open(sessions: list[SessionRecord]) -> tuple[SessionRecord, ...]:
 def begin_record(case: Case, table: str, **rest: Any) -> GoalRecord:
     """A record with what is known of a case before it runs."""
     kind = "impossible" if case.detail else "fault" if case.faults else "plain"
-    faults = tuple(f"{fault['kind']} {fault.get('object') or fault.get('camera')}" for fault in case.faults)
+    faults = tuple(f"{fault['kind']} {find_struck(fault)}" for fault in case.faults)
     return GoalRecord(seed=case.seed, table=table, kind=kind, detail=case.detail, faults=faults, **rest)
+
+
+def find_struck(fault: dict[str, object]) -> str:
+    """What a fault strikes: a thing, a camera (`*`: every one) or a joint."""
+    return str(fault.get("joint") or fault.get("object") or fault.get("camera"))
 
 
 def is_lasting(fault: dict[str, object]) -> bool:
@@ -297,5 +314,7 @@ def iter_findings(record: GoalRecord) -> Iterator[str]:
             yield f"{kind}: seed {record.seed}, {session.id} ({session.skill}): {told}"
     if record.is_false_success:
         yield f"FALSE SUCCESS of the goal: seed {record.seed}: {'; '.join(record.against)}"
+    for fault in record.unstruck:
+        yield f"fault never struck: seed {record.seed}, {fault}"
     if record.ended != "over":
         yield f"{record.ended}: seed {record.seed}: {record.error[-300:]}"

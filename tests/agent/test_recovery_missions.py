@@ -12,7 +12,9 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.trace import TraceEvent
+from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.truth import Truth
 
 from .conftest import Play, add_skills, hold, make_world, put, remove, succeed
 
@@ -172,6 +174,27 @@ def test_a_remainder_that_loses_the_thing_gives_the_node_back_to_its_own_skill(m
     assert stage.pursue(two).verdict == "success"
     assert [session.skill for session in stage.runtime.ran[:3]] == ["pick_and_place", "place", "pick_and_place"]
     assert "holding(target, green_cube)" not in stage.runtime.ran[2].requires
+
+
+@pytest.mark.parametrize(("pushed_m", "verdict"), [(0.1, "failure"), (0.0, "success")])
+def test_what_a_session_could_not_see_of_its_hold_condition_is_asked_of_its_replan(
+    make_stage, write_graph, pushed_m, verdict
+):
+    held = "not moved(bottle)"
+    unseen = Criterion(text=held, kind="hold", truth=Truth.UNKNOWN, because="bottle was not visible")
+
+    def push_unseen(world, session):
+        x, y, z = world.entities["bottle"].pose.position_m
+        world = put(world, "bottle", (x, y + pushed_m, z))
+        return Play(world=world, ended=Ended.SKILL_FAILED, code="GRASP_MISSED", hold_truth={held: unseen})
+
+    after = "after: [green]"
+    graph = write_graph(GRAPH.replace("BUDGET", "").replace(after, f'{after}\n        hold: ["{held}"]'))
+    report = make_stage({"red": push_unseen}).pursue(graph)
+    assert report.verdict == verdict
+    child = next(session for session in report.sessions if session.id == "two-7.red.r1")
+    carried = [(each.text, each.truth) for each in child.criteria if each.kind == "constraint"]
+    assert carried == [(held, "false" if pushed_m else "true")]
 
 
 def achieve_and_hide_green(world, session):

@@ -13,6 +13,7 @@ from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Environment, Interior
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
+from phyagentos.runtime.execution.loop import EndRequest
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.worker.orders import Reconcile
 
@@ -291,7 +292,8 @@ def test_a_cancellation_halts_the_target_and_the_planner(build_bench, build_sess
     bench = build_bench(planner=planner)
     bench.target.q = bench.target.q + 0.3
     execution = bench.run(
-        build_session(skill="home", parameters={}), cancel=lambda: "cancelled" if planner.waits > 5 else None
+        build_session(skill="home", parameters={}),
+        cancel=lambda: EndRequest("cancelled") if planner.waits > 5 else None,
     )
 
     assert (execution.ended, execution.code) == (Ended.CANCELLED, "CANCELLED")
@@ -319,6 +321,22 @@ def test_the_limit_that_decides_ends_a_session_and_is_named(build_bench, session
     assert execution.ended is Ended.TIMED_OUT
     assert execution.message.startswith(named)
     assert len(bench.target.commands()) == 25
+
+
+@pytest.mark.parametrize(
+    ("reason", "why", "code", "named"),
+    [
+        ("timed_out", "the contract allows 9 s by the wall clock", "TIMED_OUT", "9 s by the wall"),
+        ("stalled", "no command for 20 s although it acts", "NO_PROGRESS", "20 s although"),
+        ("cancelled", "", "CANCELLED", "asked for"),
+    ],
+)
+def test_an_end_by_the_watchdog_names_the_limit_that_decided(build_bench, session, plant, reason, why, code, named):
+    bench = build_bench(library=plant(["wait: {seconds: 100}"]))
+    execution = bench.run(session, cancel=lambda: EndRequest(reason, why))
+
+    assert (execution.ended, execution.code) == (reason, code)
+    assert named in execution.message
 
 
 def test_a_tree_that_neither_moves_nor_thinks_is_stalled(build_bench, session, plant, registry):

@@ -32,10 +32,17 @@ MOST_REFERENCES = 16  # a bundle has fewer files that can be judged on
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Children that the node has had, and may have."""
+    """What the judgement has to know of the node's earlier sessions.
+
+    Attributes:
+        replans: Children that the node has had.
+        max_replans: Children that it may have.
+        carried: Conditions that earlier sessions of the node could not see all through, as they stand now.
+    """
 
     replans: int = 0
     max_replans: int = 0
+    carried: tuple[Criterion, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +80,7 @@ class SessionVerifier:
             )
         if self.mode is VerificationMode.ENFORCE:
             history = replace(history, max_replans=0)
-        criteria = [criterion for judge in self.judges for criterion in judge.judge(bundle)]
+        criteria = [*(criterion for judge in self.judges for criterion in judge.judge(bundle)), *history.carried]
         for judge in self.costly:
             if all(each.truth is not Truth.FALSE for each in _choose_decisive(criteria)):
                 criteria += judge.judge(bundle)

@@ -23,7 +23,21 @@ PERIODS_AHEAD = 1  # sent before the report of the one before, where the skill's
 WAIT_S = 0.02  # longest sleep between looks at a planner, a cancellation, a deadline
 LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not renewed the lease in time
 
-Cancel = Callable[[], str | None]
+
+@dataclass(frozen=True, slots=True)
+class EndRequest:
+    """Why a session is to end.
+
+    Attributes:
+        reason: `cancelled`, `timed_out`, `stalled`, `lease_lost`.
+        why: One sentence that names the limit; empty where none decided.
+    """
+
+    reason: str
+    why: str = ""
+
+
+Cancel = Callable[[], EndRequest | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +77,7 @@ class SessionLoop:
     Attributes:
         handle: Has authority for the session.
         holds: Conditions that must be true throughout.
-        cancel: Polled every turn; a reason (`cancelled`, `timed_out`, `stalled`, `lease_lost`) ends the execution.
+        cancel: Polled every turn; a request ends the execution.
         clock: Bounds planning by the wall.
         observers: Called at every turn and every step.
         ticks: Control periods commanded.
@@ -87,8 +101,8 @@ class SessionLoop:
         try:
             return self._run()
         except CommandRefused as refusal:
-            reason = self.cancel() if refusal.code == "ABORTED" else None
-            return describe_request(reason) if reason else self._describe_refusal(refusal)
+            request = self.cancel() if refusal.code == "ABORTED" else None
+            return describe_request(request) if request else self._describe_refusal(refusal)
         except LeafError as error:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
@@ -104,8 +118,8 @@ class SessionLoop:
         deadline_s = self.context.time_s + session.execution_s - TIME_TOLERANCE_S
         wall_deadline_s = now_s() + limits.wall_timeout_s
         while True:
-            if reason := self.cancel():
-                return describe_request(reason)
+            if request := self.cancel():
+                return describe_request(request)
             began_s = now_s()
             result = self.skill.tick()
             self.ms["tree"] += 1e3 * (now_s() - began_s)
@@ -207,14 +221,13 @@ class SessionLoop:
         return Outcome(ended=Ended.SAFETY_STOP, code=refusal.code, message=str(refusal))
 
 
-def describe_request(reason: str) -> Outcome:
+def describe_request(request: EndRequest) -> Outcome:
     """The outcome of an end that the watchdog, or its silence, requested."""
-    if reason == LEASE_LOST:
+    if request.reason == LEASE_LOST:
         return Outcome(ended=Ended.SAFETY_STOP, code="LEASE_LOST", message="no watchdog has renewed the lease in time")
-    if reason == Ended.STALLED:  # a motor that does not follow is a leaf's finding
-        message = "no control period passed within the contract's limit"
-        return Outcome(ended=Ended.STALLED, code=FailureCode.NO_PROGRESS, message=message)
-    return Outcome(ended=Ended(reason), code=reason.upper(), message="an end was asked for")
+    # a motor that does not follow is a leaf's finding
+    code = FailureCode.NO_PROGRESS if request.reason == Ended.STALLED else request.reason.upper()
+    return Outcome(ended=Ended(request.reason), code=code, message=request.why or "an end was asked for")
 
 
 def _ended_by(code: str) -> Ended:

@@ -88,7 +88,8 @@ def _find_due_of_session(standing: Standing, session: Session) -> Due | None:
         why = f"it was checked for longer than {limits.preflight_s} s"
         return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT")
     if standing.age_s > limits.wall_timeout_s:
-        return Due(Measure.STOP, ended=Ended.TIMED_OUT)
+        why = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
+        return Due(Measure.STOP, why, ended=Ended.TIMED_OUT)
     trouble = standing.find_trouble(limits)
     if trouble is None:
         return None

@@ -335,7 +335,7 @@ class TargetSupervisor:
             halt = self._journal.open_halt(self.session.id, self.epoch)
             if halt:
                 self._journal.record(*halt, durable=False)
-            self.worker.send(Stop(session=self.session.id, reason=due.ended))
+            self.worker.send(Stop(session=self.session.id, reason=due.ended, why=due.reason))
             self._stop_by_s = self._clock.now_s() + STOP_GRACE_S
         elif self.session is not None:
             self._refuse(self.session, Problem(due.code, str(self.session.id), due.reason))

@@ -60,10 +60,12 @@ class Stop(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         reason: `cancelled`, `timed_out` or `stalled`.
+        why: One sentence that names the limit; empty where none decided.
     """
 
     session: str
     reason: str
+    why: str = ""
 
 
 class Pause(msgspec.Struct, frozen=True, tag=True):

@@ -23,7 +23,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.handle import CommandRefused
 from phyagentos.runtime.channel import Channel
-from phyagentos.runtime.execution.loop import LEASE_LOST
+from phyagentos.runtime.execution.loop import LEASE_LOST, EndRequest
 from phyagentos.runtime.lookahead.gate import LookaheadGate
 from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.look_file import read_look
@@ -94,7 +94,7 @@ class WorkerLoop:
         self._published_at_s = -PUBLISH_PERIOD_S
         self._episode = ""
         self._checked: _Checked | None = None  # what passed its check last, until it runs
-        self._stop_reason: str | None = None
+        self._stop: EndRequest | None = None
         self._is_paused = False
         self._lease_until_s = float("inf")
         self._waiting: deque[ToWorker] = deque()  # orders that came while a session ran
@@ -120,7 +120,7 @@ class WorkerLoop:
                         order.epoch,
                         checked.plan,
                         evidence=order.evidence,
-                        cancel=self._find_stop_reason,
+                        cancel=self._find_stop,
                         beat=self._heartbeat.beat,
                     )
                 else:
@@ -164,7 +164,7 @@ class WorkerLoop:
 
     def _check(self, order: Check) -> Checked:
         session = order.session
-        self._checked, self._stop_reason, self._is_paused = None, None, False
+        self._checked, self._stop, self._is_paused = None, None, False
         is_new = session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
@@ -198,7 +198,7 @@ class WorkerLoop:
         self._heartbeat.beat(phase="rehearsing", session=order.session.id, epoch=order.epoch)
         while self._is_asked():
             self._obey(receive_order(self._control))
-        return self._stop_reason is not None
+        return self._stop is not None
 
     def _publish_environment(self, period_s: float) -> None:
         """ENVIRONMENT.md: the world after the latest session, unless it was published less than `period_s` ago."""
@@ -210,30 +210,30 @@ class WorkerLoop:
             self._world.enter(scene)
             publish(self._workspace.environment, render_environment(self._world.observe(WORLD)))
 
-    def _find_stop_reason(self) -> str | None:
+    def _find_stop(self) -> EndRequest | None:
         """Why the session has to end, if it has; called in every turn of the runner's loop. Waits during a pause."""
-        while self._stop_reason is None and self._control.poll():
+        while self._stop is None and self._control.poll():
             self._obey(receive_order(self._control))
-        while self._is_paused and self._stop_reason is None and self._handle.is_at_rest:
+        while self._is_paused and self._stop is None and self._handle.is_at_rest:
             self._heartbeat.beat_again("paused")
             if self._control.poll(REST_S):
                 self._obey(receive_order(self._control))
             if self._clock.now_s() > self._lease_until_s:
                 break
-        if self._stop_reason is None and self._clock.now_s() > self._lease_until_s:
-            return LEASE_LOST
-        return self._stop_reason
+        if self._stop is None and self._clock.now_s() > self._lease_until_s:
+            return EndRequest(LEASE_LOST)
+        return self._stop
 
     def _is_ending(self) -> bool:
         """Whether the session has to end, while a motion of it waits for other targets."""
         self._heartbeat.beat_again("paused")
-        while self._stop_reason is None and self._control.poll():
+        while self._stop is None and self._control.poll():
             self._obey(receive_order(self._control))
-        return self._stop_reason is not None or self._clock.now_s() > self._lease_until_s
+        return self._stop is not None or self._clock.now_s() > self._lease_until_s
 
     def _obey(self, order: ToWorker) -> None:
         if isinstance(order, Stop):
-            self._stop_reason = order.reason
+            self._stop = EndRequest(order.reason, order.why)
         elif isinstance(order, Renew):
             self._lease_until_s = order.until_s
         elif isinstance(order, Pause | Resume):
@@ -243,7 +243,7 @@ class WorkerLoop:
 
     def _reconcile(self, order: Reconcile) -> Finished:
         """Observe the world that a lost runner left behind; what brings it to rest waits for no other target."""
-        self._stop_reason = order.ended
+        self._stop = EndRequest(order.ended)
         try:
             self._handle.load(order.session.scene)
             self._remember(order)

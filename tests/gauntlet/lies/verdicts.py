@@ -358,4 +358,13 @@ SABOTAGES = (
         ),
         tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_ends_there",),
     ),
+    Sabotage(
+        name="unseen_hold_forgotten_by_the_replan",
+        lie="A hold condition that a session could not see is asked of its replan against a world after the harm.",
+        edits=(Edit(VERIFIER, "judge.judge(bundle)), *history.carried]", "judge.judge(bundle))]"),),
+        tests=(
+            "tests/agent/test_recovery_missions.py::"
+            "test_what_a_session_could_not_see_of_its_hold_condition_is_asked_of_its_replan[0.1-failure]",
+        ),
+    ),
 )
