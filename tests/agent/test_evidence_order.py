@@ -9,6 +9,7 @@ from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.store.views.environment import render_environment
 from tests.contracts import make_contract
 
 
@@ -75,3 +76,10 @@ def test_a_session_that_is_read_again_is_no_older_for_it(evidence):
     evidence.read(make_status("b", SessionState.REPLANNED, "2026-01-01T10:00:00Z"))
 
     assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)
+
+
+def test_what_is_published_of_another_episode_says_nothing_about_this_one(tmp_path):
+    (tmp_path / "ENVIRONMENT.md").write_text(render_environment(see(1.0)), encoding="utf-8")
+    evidence = Evidence(tmp_path)
+    assert evidence.find_latest(see(1.0).episode) is not None
+    assert evidence.find_latest("another") is None

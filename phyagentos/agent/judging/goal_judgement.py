@@ -88,14 +88,15 @@ class Evidence:
         if status.contract.id not in self._ages:
             self.read(status, with_course=False)
 
-    def find_latest(self) -> Environment | None:
-        """The latest snapshot that was judged; before the first, the content of ENVIRONMENT.md."""
+    def find_latest(self, episode: str) -> Environment | None:
+        """The latest snapshot that was judged; before the first, what ENVIRONMENT.md shows of this episode."""
         if self.all.now is not None:
             return self.all.now
         try:
-            return read_environment((self.root / ENVIRONMENT.file).read_text(encoding="utf-8"))
+            shown = read_environment((self.root / ENVIRONMENT.file).read_text(encoding="utf-8"))
         except (OSError, DefinitionError):
             return None
+        return shown if shown.episode == episode else None
 
     def _read(self, status: SessionStatus, with_course: bool) -> Bundle:
         execution = status.execution

@@ -216,7 +216,7 @@ class Recovery:
 
     def _restore_for(self, refused: SessionStatus) -> list[Entry]:
         """Reopens finished nodes for a session that preflight refused; empty when none can help."""
-        node, world = refused.contract.node, self.evidence.find_latest()
+        node, world = refused.contract.node, self.evidence.find_latest(refused.contract.scene.episode)
         if world is None or not _is_unmet(refused) or not self.facts.has_replans(node):
             return []
         lost = {each.text for each in find_lost_preconditions(refused.contract, world) if each.is_lasting}
@@ -255,7 +255,7 @@ class Recovery:
             return Miss.of_execution(self.evidence.read(subject), decided) if decided is not None else None
         codes = {problem.code for problem in subject.problems}
         cause = next((cause for code, cause in _REFUSALS.items() if code in codes), None)
-        unmet, world = _find_unmet(subject), self.evidence.find_latest()
+        unmet, world = _find_unmet(subject), self.evidence.find_latest(subject.contract.scene.episode)
         if world is None:
             return None
         if "visible" in unmet:
