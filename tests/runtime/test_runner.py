@@ -360,7 +360,7 @@ def test_a_grasp_on_air_fails_with_its_code(build_bench, build_session):
 
     assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "GRASP_MISSED")
     assert execution.leaf == "pick_and_place/pick/verify_grasp"
-    assert "touched from neither side: no red_cube" in execution.message
+    assert "press on nothing: no red_cube" in execution.message
 
 
 def test_an_object_that_leaves_the_fingers_on_the_way_is_a_lost_grasp(build_bench, build_session, doubles, profile):
