@@ -36,7 +36,7 @@ from tests.contracts import make_contract
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
-WAITER, SEED = "tabletop/waiter", 1
+WAITER, SEED = "tabletop/waiter", 7
 
 
 @pytest.fixture(scope="module")
