@@ -91,6 +91,12 @@ def test_a_condition_on_a_force_that_nobody_felt_is_unknown(tmp_path):
     assert (force.truth, force.because) == (Truth.UNKNOWN, "nothing measured peak_force_n")
 
 
+def test_what_was_not_commanded_pressed_on_nothing():
+    session, idle = make_session(hold=("metric(peak_force_n) <= 20",)), {"ticks": 0, "code": "ALREADY_MET"}
+    (force,) = HoldJudge().judge(make_bundle(DONE, session=session, execution=idle))
+    assert (force.truth, force.because) == (Truth.TRUE, "ALREADY_MET: no control period was commanded")
+
+
 def test_a_force_spike_of_one_period_counts(tmp_path):
     force = np.zeros((ROWS, 2))
     force[3, 1] = -41.0

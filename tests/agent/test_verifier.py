@@ -125,6 +125,7 @@ def test_a_hold_condition_without_a_sample_is_unknown():
         (make_world(), {"ended": Ended.RUNNER_LOST}, Cause.RUNNER_LOST, Layer.RUNTIME, Verdict.REPLAN),
         (make_world(), {"ended": Ended.SAFETY_STOP, "code": "GUARD"}, Cause.SAFETY_STOP, Layer.SAFETY, Verdict.REPLAN),
         (make_world(), {"ticks": 0}, Cause.NOTHING_CHANGED, Layer.ACCEPTANCE, Verdict.FAILURE),
+        (make_world(), {"ticks": 0, "code": "ALREADY_MET"}, Cause.WITHOUT_EFFECT, Layer.ACCEPTANCE, Verdict.REPLAN),
         (make_world(), {}, Cause.WITHOUT_EFFECT, Layer.ACCEPTANCE, Verdict.REPLAN),
         (put(make_world(), "red_cube", AWAY), {}, Cause.PLACED_WRONG, Layer.ACCEPTANCE, Verdict.REPLAN),
         (None, {"ended": Ended.RUNNER_LOST}, Cause.EVIDENCE_MISSING, Layer.EVIDENCE, Verdict.FAILURE),

@@ -266,8 +266,8 @@ def _judge_completed(
             return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
         cause = Cause.UNDECIDABLE if _is_all_seen(unknown, bundle) else Cause.EVIDENCE_MISSING
         return cause, f"{unknown.text} is unknown: {unknown.because}"
-    claims_effect = not bundle.execution.code  # else it reports that nothing was to be done
-    if claims_effect and bundle.execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
+    execution = bundle.execution
+    if not execution.is_idle and execution.ticks == 0 and not _has_anything_moved(bundle.before, bundle.after):
         return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
     wanted = [find_formula(criterion.text) for criterion in criteria if criterion.truth is Truth.FALSE]
     if any(isinstance(each, Call) and each.name == "holding" for each in wanted):

@@ -80,9 +80,11 @@ def find_key(status: SessionStatus) -> str:
 
 
 def find_episode(status: SessionStatus, surroundings: Surroundings) -> Episode | None:
-    """The episode of a session; None while its verdict is open, or when it serves no goal."""
+    """The episode of a session; None while its verdict is open, when it serves no goal, or had nothing to do."""
     decision = status.decision
     if status.state not in JUDGED or decision is None or not status.contract.goal:
+        return None
+    if status.execution is not None and status.execution.is_idle:
         return None
     contract: Session = status.contract
     return Episode(

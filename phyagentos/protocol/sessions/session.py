@@ -52,6 +52,8 @@ class Ended(StrEnum):
     """An end was requested."""
 
 
+ALREADY_MET = "ALREADY_MET"
+"""Code of a completed execution that commanded nothing, because the acceptance was true before it."""
 INTERRUPTED = frozenset({Ended.TIMED_OUT, Ended.STALLED, Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.SAFETY_STOP})
 """Ends in the middle of a motion: the hand may still hold what another session would let fall."""
 
@@ -204,7 +206,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         evidence: Folder of the bundle, relative to the workspace.
         outputs: Values that later nodes may use (`place_site`).
         leaf: Path of the leaf that decided the end, empty when all succeeded.
-        code: Coded reason, empty when completed.
+        code: Coded reason; empty when completed, unless nothing was to be done (`ALREADY_MET`).
         message: One sentence for people.
         sim_time_s: Simulated time spent [s].
         interventions: Number of safety interventions.
@@ -224,6 +226,11 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ticks: int = 0
     open_criteria: tuple[str, ...] = msgspec.field(default=(), name="undecided")
     driver: str = ""
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing was to be done, and nothing was commanded."""
+        return self.ended is Ended.COMPLETED and self.code == ALREADY_MET
 
 
 class SessionStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -11,8 +11,6 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
-ALREADY_MET = "ALREADY_MET"
-
 
 def weigh_before(session: Session, now: Environment) -> Truth:
     """Whether the acceptance is true before the session: unknown where all that is missing is a second look at rest.

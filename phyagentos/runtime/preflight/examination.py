@@ -11,12 +11,12 @@ import msgspec
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.session import Session
+from phyagentos.protocol.sessions.session import ALREADY_MET, Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.execution.already_met import ALREADY_MET, weigh_before
+from phyagentos.runtime.execution.already_met import weigh_before
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
 from phyagentos.runtime.motion.process import Planner

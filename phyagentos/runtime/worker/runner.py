@@ -14,11 +14,11 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions import evidence as files
 from phyagentos.protocol.sessions.looks import LookRole
-from phyagentos.protocol.sessions.session import Ended, Execution, Session
+from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.set_points import SetPoints
-from phyagentos.runtime.execution.already_met import ALREADY_MET, weigh_before
+from phyagentos.runtime.execution.already_met import weigh_before
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError

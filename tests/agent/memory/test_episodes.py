@@ -1,11 +1,12 @@
 """An episode tells what the evidence says of a session, whoever decided about it."""
 
 import pytest
+from msgspec.structs import replace
 
 from phyagentos.agent.memory.episodes import find_episode
 from phyagentos.agent.memory.features import Surroundings
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
+from phyagentos.protocol.sessions.session import ALREADY_MET, Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from tests.contracts import make_contract
@@ -41,6 +42,15 @@ def test_what_nobody_judged_is_no_episode(surroundings):
     skipped = Attempt(verdict=Verdict.UNVERIFIED, criteria=(), mode=VerificationMode.OFF)
 
     assert find_episode(make_status(SessionState.UNVERIFIED, skipped), surroundings) is None
+
+
+def test_a_session_that_had_nothing_to_do_teaches_nothing(surroundings):
+    met = Attempt(verdict=Verdict.SUCCESS, found=Verdict.SUCCESS, criteria=())
+    status = make_status(SessionState.SUCCEEDED, met)
+    idle = replace(status, execution=replace(status.execution, code=ALREADY_MET))
+
+    assert find_episode(status, surroundings) is not None
+    assert find_episode(idle, surroundings) is None
 
 
 def test_a_judgement_that_was_added_later_changes_no_episode(surroundings):

@@ -11,7 +11,6 @@ from phyagentos.agent.judging.judges.metrics import read_metrics
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import EXECUTION, HOLDS, TRAJECTORY, Bundle
-from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.predicates.predicate import is_metric_only, iter_metrics, parse_predicate
 from phyagentos.protocol.world.truth import Truth
@@ -33,7 +32,7 @@ def _judge(text: str, sampled: Criterion | None, bundle: Bundle) -> Criterion:
     if sampled is not None and sampled.truth is Truth.FALSE:
         return sampled
     if _is_metric_only(text):  # the last sample may be older than the last spike
-        if bundle.execution.code and not bundle.execution.ticks and bundle.execution.ended is Ended.COMPLETED:
+        if bundle.execution.is_idle:
             because = f"{bundle.execution.code}: no control period was commanded"
             return Criterion(text=text, kind="hold", truth=Truth.TRUE, evidence=EXECUTION, because=because)
         metrics = read_metrics(bundle, set(iter_metrics(text)))
