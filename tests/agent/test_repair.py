@@ -191,6 +191,29 @@ def test_the_same_plan_is_found_again_behind_another_attempt(shipped):
     assert propose(refused).kind is AlternativeKind.GIVE_UP
 
 
+def test_a_refusal_is_no_repetition_once_a_preparation_has_moved_something(shipped):
+    later = SessionStatus(
+        contract=make_contract(id=SessionId("g.red.r1"), skill="set_aside", purpose="clear"), state="replanned"
+    )
+    case = make_case(shipped, Cause.NO_PLAN, world=HEMMED, later=(later,))
+    case = replace(case, recall=lambda status: case.miss.bundle if status is later else None)
+    refused = replace(case, miss=replace(case.miss, bundle=None))
+    assert propose(refused).kind is AlternativeKind.GIVE_UP
+    assert propose(replace(refused, miss=replace(refused.miss, world=shift(HEMMED, "post", 0.1)))).kind is RETRY
+
+
+def test_a_grasp_that_was_not_found_does_not_depend_on_sites_and_speed(shipped):
+    trace = (make_event("plan_grasp", "FAILURE", "a/plan"),)
+    for strategy, kind in (
+        (Strategy(avoid_sites=("s",), speed=0.5), AlternativeKind.GIVE_UP),
+        (Strategy(avoid_grasps=("yaw+000",)), RETRY),
+    ):
+        assert propose(make_case(shipped, Cause.NO_PLAN, trace=trace, contract={"strategy": strategy})).kind is kind
+
+
+RETRY = AlternativeKind.RETRY
+
+
 def propose(case: Case) -> Alternative:
     return GraphRepair((propose_retry,)).choose(case).chosen
 

@@ -8,12 +8,14 @@ from collections.abc import Iterable
 
 from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause
-from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage
+from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, find_failed_leaf
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.looking import PURPOSE
 from phyagentos.agent.repair.regressions import acts
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
+from phyagentos.protocol.sessions.strategy import Strategy
+from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import View, find_things, parse_predicate
 from phyagentos.protocol.world.truth import Truth
@@ -32,7 +34,7 @@ def find_repeated(case: Case, revision: Revision) -> str:
         if (
             status.contract.purpose == revision.purpose
             and _goes_same_way(case, revision, status.contract)
-            and (cause := _find_lasting_cause(case, status))
+            and (cause := _find_lasting_cause(case, status, revision.strategy))
         ):
             return f"{status.contract.id} ended with {cause} in the same way, and the world is as it was"
     return ""
@@ -54,40 +56,51 @@ def find_change(before: Environment, now: Environment, names: Iterable[str]) -> 
 def _goes_same_way(case: Case, revision: Revision, earlier: Session) -> bool:
     choice = revision.choice or case.choice
     given = choice.parameters if revision.choice else {}  # the node's own arguments are those of all its own sessions
-    return (
-        (choice.skill, choice.target, revision.strategy) == (earlier.skill, earlier.target, earlier.strategy)
-        and all(earlier.parameters.get(key) == value for key, value in given.items())
-    )  # fmt: skip
+    is_same_skill = (choice.skill, choice.target) == (earlier.skill, earlier.target)
+    return is_same_skill and all(earlier.parameters.get(key) == value for key, value in given.items())
 
 
-def _find_lasting_cause(case: Case, status: SessionStatus) -> str:
-    """The cause of a miss that the present world would bring about again; empty where that is not known."""
-    is_own = status.contract.id == case.session.id
+def _find_lasting_cause(case: Case, status: SessionStatus, strategy: Strategy) -> str:
+    """The cause of a miss that this strategy would bring about again in the present world; empty where unknown."""
+    is_own, session, world = status.contract.id == case.session.id, status.contract, case.world
     decision = status.decision
     cause = case.cause if is_own else Cause(decision.cause) if decision is not None and decision.cause else None
     bundle = case.miss.bundle if is_own else case.recall(status)
-    world = case.world
-    if cause is None or world is None:
-        return ""
-    if bundle is None:  # refused: of earlier refusals it is not recorded in what world
-        return cause if is_own and cause in _OF_PLANS else ""
-    if bundle.before is None:
+    refused_in = _find_world_of_refusal(case, status) if is_own else None  # of earlier refusals no cause is recorded
+    before = bundle.before if bundle is not None else refused_in
+    if cause is None or world is None or before is None or not _plans_alike(session.strategy, strategy, bundle):
         return ""
     if cause in _OF_PLANS:
-        names = _find_planned_with(bundle, bundle.before, world)
-    elif bundle.execution.ended is Ended.COMPLETED and _only_looks(case, status.contract):
-        names = {name for text in status.contract.accept for name in find_things(text, world)}
+        names = _find_planned_with(bundle, before, world)
+    elif bundle is not None and bundle.execution.ended is Ended.COMPLETED and _only_looks(case, session):
+        names = {name for text in session.accept for name in find_things(text, world)}
     else:
         return ""
-    return "" if find_change(bundle.before, world, sorted(names)) else cause
+    return "" if find_change(before, world, sorted(names)) else cause
+
+
+def _find_world_of_refusal(case: Case, refused: SessionStatus) -> Environment | None:
+    """The world that preflight saw: that in which the next session of the node began, else the present one."""
+    ids = [status.contract.id for status in case.lineage]
+    later = case.lineage[ids.index(refused.contract.id) + 1 :] if refused.contract.id in ids else ()
+    return next((bundle.before for status in later if (bundle := case.recall(status)) is not None), case.world)
+
+
+def _plans_alike(one: Strategy, other: Strategy, bundle: Bundle | None) -> bool:
+    """Whether what failed was planned with the same restrictions; a grasp knows nothing of sites and speed."""
+    failed = find_failed_leaf(bundle) if bundle is not None else None
+    if failed is not None and failed.role is Role.PLAN_GRASP:
+        return set(one.avoid_grasps) == set(other.avoid_grasps)
+    return one == other
 
 
 def _only_looks(case: Case, session: Session) -> bool:
     return not acts(case.catalogue.skills[session.skill].guarantees)
 
 
-def _find_planned_with(bundle: Bundle, before: Environment, now: Environment) -> set[str]:
+def _find_planned_with(bundle: Bundle | None, before: Environment, now: Environment) -> set[str]:
     """What the plan that failed was made with; where the hand took the object does not matter to a place."""
-    object = before.find_movable(bundle.session.parameters.values())
-    is_taken = ManipulationTimeline.of(bundle, object).stage >= Stage.GRASPED
-    return (before.entities.keys() | now.entities.keys()) - ({object} if object and is_taken else set())
+    names = before.entities.keys() | now.entities.keys()
+    object = before.find_movable(bundle.session.parameters.values()) if bundle is not None else None
+    is_taken = bundle is not None and ManipulationTimeline.of(bundle, object).stage >= Stage.GRASPED
+    return names - ({object} if object and is_taken else set())

@@ -337,7 +337,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.agent.repair.repetition",
-                '    return "" if find_change(bundle.before, world, sorted(names)) else cause\n',
+                '    return "" if find_change(before, world, sorted(names)) else cause\n',
                 '    return ""\n',
             ),
         ),
