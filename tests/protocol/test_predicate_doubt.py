@@ -134,6 +134,13 @@ def test_only_what_is_between_the_pads_counts_as_the_width():
     assert truth("holding(arm, a)", at_the_neck) is Truth.TRUE
 
 
+def test_a_thing_held_at_its_rim_is_as_wide_as_the_rim():
+    walls = tuple(Shape(ShapeKind.BOX, (0.02, 0.002, 0.02), Pose((0.0, y, 0.0))) for y in (-0.035, 0.035))
+    for width_m, expected in ((0.004, Truth.TRUE), (0.03, Truth.UNKNOWN)):
+        at_the_rim = holding(2, width_m, y=0.035, shapes=walls, **IN_HAND)
+        assert truth("holding(arm, a)", at_the_rim) is expected
+
+
 def test_a_metric_is_unknown_in_a_snapshot_and_compared_where_it_was_measured():
     assert truth("metric(peak_force_n) <= 40", world()) is Truth.UNKNOWN
     view = View(now=world(), metrics={"peak_force_n": 41.5})

@@ -24,6 +24,7 @@ from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Footprint, Site, Space, find_sites, find_space, measure_footprint
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
+PART_M = 0.015  # by which a thing is wider than the fingers that hold a part of it only, as its rim
 RELEASE_M = 0.02  # further open than around the thing, where there is no room for more
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way
 FALL_STEP_M = 0.015  # between the heights from which a thing may be dropped
@@ -52,7 +53,8 @@ def find_placements(
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     found: list[Approach] = []
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
-    releases_m = (open_m, min(open_m, held_m + RELEASE_M))
+    low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
+    releases_m = (open_m, min(open_m, held_m + RELEASE_M))[high_m - low_m > held_m + PART_M :]
     for fall_m, sites, release_m in product(_list_falls(request, space, footprint), groups, releases_m):
         for site in (each for each in sites if not (each.is_tight and fall_m)):
             yaws = attitudes if site.degrees is None else (site.degrees,)

@@ -11,6 +11,7 @@ from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array
 
+ON_AXIS_M = 1e-4  # a solid whose middle is this near to the axis is round about it
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
 _compute_frame = lru_cache(maxsize=256)(compute_matrix)  # of a shape's pose, which seldom changes
 
@@ -66,5 +67,10 @@ def compute_entity_box(entity: Entity) -> Box:
 
 
 def is_round(entity: Entity) -> bool:
-    """Whether every solid is round about its own z axis."""
-    return all(shape.kind in ROUND_KINDS for shape in entity.shapes)
+    """Whether every solid is round about the entity's own z axis; a rod that lies along another one is not."""
+    return all(
+        shape.kind in ROUND_KINDS
+        and np.hypot(*shape.pose.position_m[:2]) < ON_AXIS_M
+        and (shape.kind is ShapeKind.SPHERE or abs(_compute_frame(shape.pose)[2, 2]) > 1.0 - 1e-6)
+        for shape in entity.shapes
+    )

@@ -67,7 +67,8 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState) -> Entit
     rotation = _align(compute_rotation(entity.pose.quaternion_wxyz), tcp[:, 1], thing)
     local = tcp.T @ (np.array(entity.pose.position_m) - np.array(state.tcp.position_m))
     low, high = thing.solids.measure_extent(rotation.T @ tcp[:, 1])
-    local[1] = -(low + high) / 2
+    if high - low <= state.gripper_width_m + WIDTH_M:  # otherwise the fingers hold a part of it, as a rim
+        local[1] = -(low + high) / 2
     return msgspec.structs.replace(
         entity,
         status=Status.HELD,

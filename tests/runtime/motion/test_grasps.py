@@ -39,6 +39,20 @@ def test_fingers_go_between_a_thing_and_the_wall_beside_it_and_sweep_no_wall_whe
         assert {other for _, other in touched} <= {"cube0"}, approach.label
 
 
+def test_a_lying_rod_is_closed_on_across_its_axis(planner, build, table, home):
+    """A capsule along x counted as round about z: the fingers came down on its ends."""
+    lying = Shape(ShapeKind.CAPSULE, (0.0115, 0.032), Pose(quaternion_wxyz=(0.5**0.5, 0.0, 0.5**0.5, 0.0)))
+    for yaw_rad in (0.0, 1.2):
+        rod = msgspec.structs.replace(build.cube("rod", 0.5, 0.0, yaw=yaw_rad, z=0.0115), shapes=(lying,))
+        answer = planner.answer(FindGrasps(world=World((table, rod)), object="rod", q_rad=home, seed=1))
+        for approach in answer.approaches:
+            w, x, y, z = approach.tcp_end.quaternion_wxyz
+            closing = np.array(
+                (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z))
+            )  # the tool's y axis, seen from above
+            assert abs(closing @ (np.cos(yaw_rad), np.sin(yaw_rad))) < 0.01, approach.label
+
+
 def build_bowl(build, x, y):
     """Ten flat walls that lean outwards, wider above than the hand opens."""
     base = Shape(ShapeKind.CYLINDER, (0.03, 0.002), Pose((0.0, 0.0, -0.013)))

@@ -196,6 +196,38 @@ def test_an_arm_that_presses_on_something_stops_and_takes_no_further_command_of_
     assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
 
 
+def test_an_arm_that_rests_in_contact_may_leave_it_and_may_not_press_harder(make_rig, monkeypatch):
+    """Each later session ended at once with COLLISION_STOP, whatever it commanded: nothing led out."""
+    rig = make_rig()
+    rig.load()
+    rig.begin()
+    x, y, _ = rig.entity("red_cube").pose.position_m
+    above, below = rig.reach((x, y, 0.14)), rig.reach((x, y, 0.03))
+    rig.move(above, width=0.0)
+    allow(rig, monkeypatch, 1e4)
+    assert press(rig, below) == ""
+    standing_n = rig.driver.controller._force_n
+    assert standing_n > 50.0
+    allow(rig, monkeypatch, 0.2 * standing_n)
+    for session, goal, expected in (("t", below, "COLLISION_STOP"), ("u", above, ""), ("v", below, "COLLISION_STOP")):
+        rig.world.handle(wire.End(session=rig.session, epoch=1))
+        rig.begin(session)
+        assert press(rig, goal) == expected, session
+
+
+def allow(rig, monkeypatch, force_n):
+    profile = rig.profile.model_copy(update={"contact_force_n": force_n})
+    monkeypatch.setattr(rig.driver.controller, "_profile", profile)
+
+
+def press(rig, goal):
+    """Move to a posture with closed fingers, until the target stops by itself; why it did."""
+    for q, qd in rig.plan(goal, 2.0):
+        if stopped := rig.send(rig.make_command(q, 0.0, qd)).stopped:
+            return stopped
+    return ""
+
+
 def test_a_stop_of_category_one_ends_the_motion_of_its_session(rig):
     assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
     assert isinstance(rig.world.handle(wire.Halt(session="s", epoch=1, category=1)), wire.Step)

@@ -207,7 +207,7 @@ def _measure_perceived_holding(view: View, target: str, a: str, state: TargetSta
 
 def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
     """What a grip alone does not show: the thing is between the pads, as wide as they are apart, and came along."""
-    between_m = compute_grasp_width(a, state.tcp, PAD_M)
+    between_m = compute_grasp_width(a, state.tcp, PAD_M, state.gripper_width_m)
     if between_m is None:
         raise FactUnknown(f"the fingers press on something, and {a.name} is not between them")
     if abs(between_m - state.gripper_width_m) > WIDTH_M + _find_position_doubt(view, a):

@@ -39,10 +39,11 @@ def compute_center(entity: Entity) -> Vector:
     return to_parent(entity.pose, (x, y, z))
 
 
-def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float) -> float | None:
+def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: float) -> float | None:
     """Extent [m] along the closing axis (y of `tcp`) of the solids between the pads; None when none is there.
 
-    Between the pads are the solids that come within `pad_m` of the tool centre point along its other two axes.
+    Between the pads are the solids that come within `pad_m` of the tool centre point along its other two axes, and as
+    near as pads do that are `opening_m` apart: of a bowl held at its rim, the far rim is not.
     """
     sides: list[float] = []
     for shape in entity.shapes:
@@ -53,7 +54,8 @@ def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float) -> float | None
             low, high = compute_extent(solid, rotate(invert_rotation(entity.pose.quaternion_wxyz), direction))
             away = dot(entity.pose.position_m, direction) - dot(tcp.position_m, direction)
             spans.append((away + low, away + high))
-        if all(spans[i][0] <= pad_m and spans[i][1] >= -pad_m for i in (0, 2)):
+        reaches_m = (pad_m, 0.5 * opening_m + pad_m, pad_m)
+        if all(low <= reach and high >= -reach for (low, high), reach in zip(spans, reaches_m, strict=True)):
             sides += spans[1]
     return max(sides) - min(sides) if sides and min(sides) <= 0.0 <= max(sides) else None
 

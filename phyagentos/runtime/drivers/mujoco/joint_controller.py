@@ -24,6 +24,7 @@ Motion = Generator[None, None, str]
 HISTORY_S = 1.5  # more than the latest camera allowed, with a run of lost frames
 HALT_MAX_S = 2.0  # longest deceleration to a hold
 REST_RAD_S = 0.01  # every joint slower than this is at rest
+STANDING_SHARE = 1.2  # of a force that stood when a session began: more is a command that presses harder
 FELT_NM = 1.0  # torque of contacts on a joint below which its sensor feels none: 2 N at an arm's half metre
 
 
@@ -75,6 +76,7 @@ class JointController:
         self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
         self._width_m = profile.gripper.max_width_m
         self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since the last report
+        self._standing_n = 0.0  # force in which the session began; falls with it, and never rises
         self.activations: list[RecordedFault] = []
         self.history = StateHistory()
         self._n_steps, self._steps = n_steps, 0
@@ -96,9 +98,14 @@ class JointController:
         self._width_m = float(self._physics.data.ctrl[self._physics.inputs][-1])
 
     def begin(self) -> None:
-        """Begin a session: set-points continue from the measured posture, at rest."""
+        """Begin a session: set-points continue from the measured posture, at rest.
+
+        An arm that rests in contact beyond its limit may leave it: until the force has fallen below the limit, only a
+        greater force than the one that stands is a collision.
+        """
         self._held = SetPoint.at_rest(np.clip(self._physics.q_rad, self._limits.low, self._limits.high))
         self._force_max_n = 0.0
+        self._standing_n = self._force_n
         self._begin_history()
 
     def _begin_history(self) -> None:
@@ -118,7 +125,7 @@ class JointController:
         for row in controls:
             physics.data.ctrl[physics.inputs] = row
             yield from self._step()
-            if self._is_in_collision():
+            if self._force_n > max(self._profile.contact_force_n, STANDING_SHARE * self._standing_n):
                 yield from self.halt()
                 return "COLLISION_STOP"
         last = command.q_rad[-2] if len(command.q_rad) > 1 else self._held.q_rad
@@ -153,7 +160,7 @@ class JointController:
             q = np.clip(q + qd * dt, self._limits.low, self._limits.high)
             physics.set_servos(q, qd, self._width_m)
             yield from self._step()
-            if self._is_in_collision():  # whatever is pressed is not pressed on
+            if self._force_n > self._profile.contact_force_n:  # whatever is pressed is not pressed on
                 q, moving = physics.q_rad, np.zeros_like(q)
             if step >= braking and np.abs(physics.qd_rad_s).max() < REST_RAD_S:
                 break
@@ -199,6 +206,4 @@ class JointController:
         is_felt = np.count_nonzero(np.abs(physics.data.qfrc_constraint[physics.v_address]) > FELT_NM)
         self._force_n = physics.find_hardest_contact()[0] if is_felt else 0.0
         self._force_max_n = max(self._force_max_n, self._force_n)
-
-    def _is_in_collision(self) -> bool:
-        return self._force_n > self._profile.contact_force_n
+        self._standing_n = min(self._standing_n, self._force_n)
