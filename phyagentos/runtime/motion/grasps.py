@@ -20,7 +20,7 @@ from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approaches, Array, FindGrasps, NoPlan
-from phyagentos.runtime.motion.shapes import compute_entity_box, compute_shape_boxes, is_round
+from phyagentos.runtime.motion.shapes import compute_entity_box, compute_shape_boxes, is_round, settle
 
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
 NARROW_M = (0.02, 0.012)  # further open than the object is wide, where there is no room for more
@@ -39,6 +39,7 @@ def find_grasps(
 ) -> Approaches | NoPlan:
     """Approaches to grasps of `entity`, the nearest first."""
     profile, fingers = scene.robot.profile, scene.robot.fingers
+    entity = settle(entity, request.world.entities)
     ways = compute_grasp_ways(entity, profile, fingers, request.hover_m)
     corners = compute_grasp_ways(entity, profile, fingers, request.hover_m, corners=True)
     solids = list(_iter_solid_ways(entity, profile, fingers, request.hover_m))
@@ -84,7 +85,12 @@ def _narrow(ways: list[Way], further_m: float) -> list[Way]:
 
 
 def compute_grasp_ways(
-    entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float, *, corners: bool = False
+    entity: Entity,
+    profile: TargetProfile,
+    fingers: Collection[str],
+    hover_m: float,
+    *,
+    corners: bool = False,
 ) -> list[Way]:
     """Every tool pose that grasps an entity from above with the opening of the gripper.
 
@@ -122,7 +128,7 @@ def compute_grasp_ways(
 def _iter_solid_ways(entity: Entity, profile: TargetProfile, fingers: Collection[str], hover_m: float) -> Iterator[Way]:
     """Tool poses that close on one thin solid of several, along its own axes; the fingers touch nothing else of it."""
     boxes = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
-    bottom_m = min((box.bottom_m for box in boxes), default=0.0) + profile.gripper.fingertip_m
+    low_m = min((box.bottom_m for box in boxes), default=0.0) + profile.gripper.fingertip_m
     for index, box in enumerate(boxes):
         for closing in range(3):
             width_m = 2.0 * float(box.half_m[closing])
@@ -135,7 +141,7 @@ def _iter_solid_ways(entity: Entity, profile: TargetProfile, fingers: Collection
                     continue
                 up_m = max(0.0, float(box.half_m[approach]) - RIM_DEPTH_M)
                 position = box.pose[:3, 3] - up_m * z
-                position[2] = max(position[2], bottom_m)
+                position[2] = max(position[2], low_m)
                 for (turned, sign), lean in product(enumerate((1.0, -1.0)), LEANS):
                     yield Way(
                         label=f"solid{index}.{'xyz'[closing]}+{180 * turned:03d}.lean{lean:g}",

@@ -54,7 +54,8 @@ def find_placements(
     found: list[Approach] = []
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
     low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
-    releases_m = (open_m, min(open_m, held_m + RELEASE_M))[high_m - low_m > held_m + PART_M :]
+    is_part = 0.0 < held_m < high_m - low_m - PART_M
+    releases_m = (open_m, min(open_m, held_m + RELEASE_M))[is_part:]
     for fall_m, sites, release_m in product(_list_falls(request, space, footprint), groups, releases_m):
         for site in (each for each in sites if not (each.is_tight and fall_m)):
             yaws = attitudes if site.degrees is None else (site.degrees,)

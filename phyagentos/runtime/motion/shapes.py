@@ -1,16 +1,20 @@
 """Boxes around an entity and its solids, posed in the world."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import sqrt
 
 import numpy as np
+from msgspec.structs import replace
 
 from phyagentos.geometry import compute_matrix
-from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.runtime.motion.requests import Array
 
+SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of a thing and what it stands on
+SETTLED_M = 0.003  # less is what perception says of its own error
 ON_AXIS_M = 1e-4  # a solid whose middle is this near to the axis is round about it
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
 _compute_frame = lru_cache(maxsize=256)(compute_matrix)  # of a shape's pose, which seldom changes
@@ -64,6 +68,26 @@ def compute_entity_box(entity: Entity) -> Box:
     pose = compute_matrix(entity.pose)
     pose[:3, 3] += pose[:3, :3] @ center
     return Box(pose, half)
+
+
+def settle(entity: Entity, others: Iterable[Entity]) -> Entity:
+    """An entity lowered or raised onto the fixed solid that it is believed to stand nearly on.
+
+    The believed height of a thin thing errs by more than its own; that of a table does not.
+    """
+    x, y, z = entity.pose.position_m
+    bottom_m = compute_entity_box(entity).bottom_m
+    tops_m = [
+        box.top_m
+        for other in others
+        if not other.movable and other.name != entity.name
+        for box in compute_shape_boxes(other)
+        if abs(box.top_m - bottom_m) <= SUPPORT_DOUBT_M and box.compute_distance(np.array((x, y, box.top_m))) < 1e-6
+    ]
+    off_m = max(tops_m, default=bottom_m) - bottom_m
+    if abs(off_m) <= SETTLED_M:
+        return entity
+    return replace(entity, pose=Pose((x, y, z + off_m), entity.pose.quaternion_wxyz))
 
 
 def is_round(entity: Entity) -> bool:

@@ -53,6 +53,17 @@ def test_a_lying_rod_is_closed_on_across_its_axis(planner, build, table, home):
             assert abs(closing @ (np.cos(yaw_rad), np.sin(yaw_rad))) < 0.01, approach.label
 
 
+@pytest.mark.parametrize("error_m", [-0.012, 0.012])
+def test_a_thin_thing_whose_height_is_believed_wrong_is_met_above_its_support(planner, build, table, home, error_m):
+    """None of 10 ways to grasp it worked (`left_finger|table`), and a push went over its top."""
+    slab = build.cube("slab", 0.5, 0.0, z=0.007 + error_m)
+    world = World((table, msgspec.structs.replace(slab, shapes=(build.box((0, 0, 0), (0.03, 0.02, 0.007)),))))
+    grasps = planner.answer(FindGrasps(world=world, object="slab", q_rad=home, seed=1))
+    push = planner.answer(FindPush(world=world, object="slab", to_m=(0.6, 0.0), q_rad=home, seed=1))
+    assert grasps.approaches[0].tcp_end.position_m[2] == pytest.approx(0.016, abs=1e-6)
+    assert planner._chain.compute_tcp(push.approaches[0].line_rad[-1])[2, 3] == pytest.approx(0.018, abs=2e-4)
+
+
 def build_bowl(build, x, y):
     """Ten flat walls that lean outwards, wider above than the hand opens."""
     base = Shape(ShapeKind.CYLINDER, (0.03, 0.002), Pose((0.0, 0.0, -0.013)))
