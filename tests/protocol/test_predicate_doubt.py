@@ -137,7 +137,7 @@ def test_only_what_is_between_the_pads_counts_as_the_width():
 def test_a_thing_held_at_its_rim_is_as_wide_as_the_rim():
     walls = tuple(Shape(ShapeKind.BOX, (0.02, 0.002, 0.02), Pose((0.0, y, 0.0))) for y in (-0.035, 0.035))
     for width_m, expected in ((0.004, Truth.TRUE), (0.03, Truth.UNKNOWN)):
-        at_the_rim = holding(2, width_m, y=0.035, shapes=walls, **IN_HAND)
+        at_the_rim = holding(40.0, width_m, y=0.035, shapes=walls, **IN_HAND)
         assert truth("holding(arm, a)", at_the_rim) is expected
 
 
