@@ -25,8 +25,10 @@ MISSING_PARAMETER    An argument that the skill needs.
 MISSING_PORT         A port that the leaf or subtree needs.
 MODEL_MISSING        A target names a model file that is not there.
 MODEL_UNREADABLE     MuJoCo cannot read a model file.
+ALIKE                A goal names one of some things that no picture tells apart; a warning.
 NAME_MISMATCH        A name differs from that of its file or folder.
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
+NOT_ALIKE            Things that are called interchangeable have different forms or colours.
 NOT_A_KEY            A port is wired to something that is no key of a tree.
 NOT_A_LEAF           A registered class is no leaf, or declares no role.
 NOT_A_NODE           A value of a tree is no node.
@@ -256,6 +258,7 @@ UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not."""
 
 HOPELESS = """
+AMBIGUOUS               Things that nothing tells apart: the contract asks which of them is which.
 CANCELLED               An end was requested.
 CRITERIA_CONTRADICT     Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.

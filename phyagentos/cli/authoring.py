@@ -15,10 +15,12 @@ if TYPE_CHECKING:
 
 def lint(paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")]) -> int:
     """Check authored files and report every problem with file, line and column."""
-    from phyagentos.cli.lint import lint_paths
+    from phyagentos.cli.lint import find_warnings, lint_paths
 
     checked, problems = lint_paths(paths)
     count = print_problems(problems)
+    for warning in (each for path in checked for each in find_warnings(path)):
+        print_note(f"warning: {warning}")
     if not checked:
         print_note("no authored file found")
         return int(ExitCode.INVALID_INPUT)

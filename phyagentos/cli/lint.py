@@ -69,6 +69,18 @@ def iter_authored_files(folder: Path) -> Iterator[Path]:
             yield path
 
 
+def find_warnings(path: Path) -> list[Problem]:
+    """What a sound goal graph may leave undecided; empty for other files."""
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.goals.graph import read_goal_graph
+
+    try:
+        is_graph = find_kind(path) is FileKind.GOAL_GRAPH
+        return list(read_goal_graph(path, Catalogue.read(open_library(path))).warnings) if is_graph else []
+    except DefinitionError:
+        return []
+
+
 def lint_file(path: Path) -> list[Problem]:
     """Every problem of one file; an unknown kind is one."""
     try:

@@ -283,3 +283,20 @@ def test_the_child_requires_to_see_the_object_and_not_that_it_stands_where_its_s
 def test_the_child_requires_what_the_node_itself_does_whatever_the_world_is_now():
     stood = "at(red_cube, (0.4, 0.3, 0.02), 0.03)"
     assert _revise(Cause.OBJECT_MOVED, requires=(stood,)).requires == (stood, "visible(red_cube)")
+
+
+def test_alike_things_end_a_session_at_once_with_their_names():
+    world = put(make_world(), "red_cube", IN_TRAY)
+    pair = {"red_cube": "blue_cube", "blue_cube": "red_cube"}
+    doubtful = {n: msgspec.structs.replace(world.entities[n], alternatives=(other,)) for n, other in pair.items()}
+    after = msgspec.structs.replace(world, sensing="perceived", entities=world.entities | doubtful)
+    attempt = SessionVerifier().judge(make_bundle(after), BUDGET)
+
+    assert (attempt.verdict, attempt.cause, attempt.missing_evidence) == (Verdict.FAILURE, Cause.AMBIGUOUS, ())
+    assert attempt.criteria[0].alternatives == ("blue_cube", "red_cube")
+    assert "nothing tells blue_cube and red_cube apart" in attempt.reason
+
+    agreed = make_session(interchangeable=(("red_cube", "blue_cube"),))
+    attempt = SessionVerifier().judge(make_bundle(after, session=agreed), BUDGET)
+    assert attempt.verdict is Verdict.SUCCESS
+    assert "by agreement" in attempt.criteria[0].because

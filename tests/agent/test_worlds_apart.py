@@ -43,7 +43,9 @@ def judge(accept, *constraints, worlds=None, **heights_m):
         evidence.read(SessionStatus(contract=contract, state="awaiting_verification", execution=execution))
     choices = {id: SimpleNamespace(target=f"{id}_arm") for id in heights_m}
     graph = SimpleNamespace(
-        spec=SimpleNamespace(accept=(accept,), constraints=constraints, targets={}, worlds=worlds or {}),
+        spec=SimpleNamespace(
+            accept=(accept,), constraints=constraints, targets={}, worlds=worlds or {}, interchangeable=()
+        ),
         choices=choices,
     )
     return judge_goal(graph, evidence, {})

@@ -21,6 +21,7 @@ sessions:
     with: {object: red_cube, destination: red_tray}
     accept: ["insde(red_cube, red_tray)"]
 """
+RED, BLUE = "red: {rgba: [0.82, 0.16, 0.14, 1]", "blue: {rgba: [0.12, 0.33, 0.78, 1]"
 
 
 @pytest.fixture
@@ -147,3 +148,25 @@ def test_a_skill_is_checked_against_its_parameters_and_trees(paos, write):
 )
 def test_a_kind_is_found_by_name_then_keys_then_folder(write, name, text, kind):
     assert find_kind(write(name, text)) is kind
+
+
+def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
+    shipped = (ROOT / "scenes" / "tabletop" / "cubes_and_trays.yaml").read_text()
+    write(
+        "scenes/alike.yaml",
+        shipped.replace("scene: tabletop/cubes_and_trays", "scene: alike").replace(BLUE, RED.replace("red", "blue")),
+    )
+    text = GRAPH.replace("colour: red\n", "").replace("pick_and_plase", "pick_and_place").replace("insde", "inside")
+    text = text.replace("tabletop/cubes_and_trays", "alike")
+    path = write("goal_graphs/broken.yaml", text)
+    result = paos("lint", path)
+    assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
+    assert f"warning: {path}:10:14: ALIKE: found 'red_cube', which looks as blue_cube does" in result.err
+
+    agreed = write("goal_graphs/broken.yaml", text + "interchangeable: [[red_cube, blue_cube]]\n")
+    assert paos("lint", agreed).err == ""
+    wrong = write("goal_graphs/broken.yaml", text + "interchangeable: [[red_cube, green_cube, ghost]]\n")
+    result = paos("lint", wrong)
+    assert result.code == ExitCode.INVALID_INPUT
+    assert "NOT_ALIKE: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']" in result.err
+    assert "UNKNOWN_ENTITY: found 'ghost'" in result.err

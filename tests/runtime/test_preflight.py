@@ -234,3 +234,29 @@ def test_a_skill_whose_actions_cannot_be_bridged_is_rejected_with_every_reason()
     problems = preflight.find_contract_problems(make_session())
     assert {problem.code for problem in problems} == {"JOINT_UNKNOWN", "GRIPPER_MISMATCH", "RATE_UNBRIDGED"}
     assert all(problem.address.startswith("g.a: skill.action_space.") for problem in problems)
+
+
+ALIKE = {
+    "cube": Entity(name="cube", kind="cube", pose=Pose(), observed_at_s=1.0, alternatives=("other",)),
+    "other": Entity(name="other", kind="cube", pose=Pose((0.3, 0.0, 0.0)), observed_at_s=1.0, alternatives=("cube",)),
+}
+
+
+@pytest.mark.parametrize(
+    ("accept", "agreed", "is_refused"),
+    [
+        (("at(cube, (0.6, 0, 0))",), (), True),
+        (("at(cube, (0.6, 0, 0))",), (("cube", "other"),), False),
+        (("at(cube, (0.3, 0, 0))",), (), False),  # the other one is there: afterwards both are
+        (("count(at(*, (0.6, 0, 0))) >= 1",), (), False),
+        (("exists(cube)",), (), False),
+    ],
+)
+def test_a_session_that_asks_which_of_two_alike_things_is_which_is_refused(accept, agreed, is_refused):
+    session = make_session(accept=accept, interchangeable=agreed)
+    now = msgspec.structs.replace(NOW, entities=ALIKE)
+
+    problems = make_preflight().find_world_problems(session, describe(), now)
+
+    assert codes(problems) == (["AMBIGUOUS"] if is_refused else [])
+    assert all("nothing tells cube and other apart" in problem.found for problem in problems)

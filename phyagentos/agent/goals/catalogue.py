@@ -10,7 +10,7 @@ from phyagentos.protocol.capabilities.registries import read_skill_registry, rea
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.scenes import find_alike, read_scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +67,15 @@ class Catalogue:
         except DefinitionError:
             return None
         return frozenset((*content.bodies, *content.regions))
+
+    def find_alike(self, scene: str) -> dict[str, frozenset[str]]:
+        """Things of a scene that no picture tells from others, and those; empty when it cannot be read."""
+        try:
+            content = read_scene(self.scenes[scene])
+        except (KeyError, DefinitionError):
+            return {}
+        found = {name: find_alike(content, name) for name in content.bodies}
+        return {name: others for name, others in found.items() if others}
 
 
 def _find_scenes(library: Library) -> dict[str, Path]:

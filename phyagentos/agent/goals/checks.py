@@ -25,6 +25,7 @@ class Checks:
     def __init__(self, spec: GoalSpec, nodes: Mapping[str, Node], located: Located, catalogue: Catalogue) -> None:
         self.spec, self.nodes, self.located, self.catalogue = spec, nodes, located, catalogue
         self._names = catalogue.find_scene_names(spec.scene)
+        self._alike = catalogue.find_alike(spec.scene)
 
     def check_spec(self) -> Iterator[Problem]:
         """Problems of name, scene, roles and every predicate."""
@@ -36,6 +37,7 @@ class Checks:
             if target != ANY and target not in self.catalogue.targets:
                 yield self._unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
         yield from self._check_worlds()
+        yield from self._check_interchangeable()
         targets = {*self.spec.targets, *self.catalogue.targets, "target"}
         for path, text in self._iter_predicates():
             yield from self._check_predicate(path, text, targets)
@@ -105,6 +107,36 @@ class Checks:
                 placed.setdefault(target, world)
         for problem in find_unshared([each for name, each in self.catalogue.targets.items() if name in placed]):
             yield replace(problem, address=self.located.address_of(("worlds",)))
+
+    def _check_interchangeable(self) -> Iterator[Problem]:
+        """Groups of two or more things of the scene that look alike."""
+        for index, names in enumerate(self.spec.interchangeable):
+            path: Path = ("interchangeable", index)
+            if self._names is None:
+                return
+            for name in names:
+                if name not in self._names:
+                    yield self._unknown("UNKNOWN_ENTITY", path, name, self._names)
+                elif len(names) < 2 or set(names) - {name} - self._alike.get(name, frozenset()):
+                    alike = format_names(self._alike.get(name, ()))
+                    yield self.located.problem("NOT_ALIKE", path, f"{name!r} in {list(names)}", f"alike are {alike}")
+
+    def iter_warnings(self) -> Iterator[Problem]:
+        """Things that the goal names and no picture tells from others, unless they are interchangeable."""
+        used: dict[str, Path] = {}
+        for path, text in self._iter_predicates():
+            for reference in parse_predicate(text, template=True).iter_references():
+                used.setdefault(reference.name, path)
+        for node in self.nodes.values():
+            for key, value in node.spec.arguments.items():
+                used.setdefault(str(value), (*node.path, "with", key))
+        agreed = [set(names) for names in self.spec.interchangeable]
+        for name in sorted(used.keys() & self._alike.keys()):
+            others = sorted(self._alike[name])
+            if not any({name, *others} <= names for names in agreed):
+                hint = "Mark one of them, ask for a number of them, or write them into 'interchangeable'."
+                found = f"{name!r}, which looks as {', '.join(others)} does"
+                yield self.located.problem("ALIKE", used[name], found, "a thing that can be told from others", hint)
 
     def _iter_predicates(self) -> Iterator[tuple[Path, str]]:
         yield from ((("constraints", index), text) for index, text in enumerate(self.spec.constraints))

@@ -129,6 +129,7 @@ class SessionCompiler:
             purpose=purpose,
             lookahead=self._ask_ahead(name, attempt, revision),
             unless_met=not purpose and not spec.even_if_met and _wants_state(promiser, spec),
+            interchangeable=self.graph.spec.interchangeable,
         )
 
     def _ask_ahead(self, name: str, attempt: int, revision: Revision | None) -> LookaheadRequest | None:

@@ -26,6 +26,7 @@ class GoalGraph:
         nodes: By name, in authored order.
         dag: Edges lead to the nodes that wait; the attribute `data` names the outputs that flow.
         order: Topological; authored order decides between nodes without an edge.
+        warnings: What may not be decided when it runs; it can run.
     """
 
     spec: GoalSpec
@@ -34,6 +35,7 @@ class GoalGraph:
     choices: Mapping[str, Choice]
     dag: "nx.DiGraph[str]"
     order: tuple[str, ...]
+    warnings: tuple[Problem, ...] = ()
 
     @property
     def name(self) -> str:
@@ -110,7 +112,16 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
     unique = list(reversed(by_finding.values()))
     if len(choices) < len(nodes):
         return None, unique
-    graph = GoalGraph(spec=spec, source=located.source, nodes=nodes, choices=choices, dag=dag, order=order)
+    warnings = () if unique else tuple(checks.iter_warnings())
+    graph = GoalGraph(
+        spec=spec,
+        source=located.source,
+        nodes=nodes,
+        choices=choices,
+        dag=dag,
+        order=order,
+        warnings=warnings,
+    )
     return graph, unique
 
 

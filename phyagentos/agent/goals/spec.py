@@ -127,6 +127,8 @@ class GoalSpec(Authored):
         sessions: Nodes by name.
         accept: The goal's own acceptance, judged at the end against the goal's first snapshot.
         budget: What the whole goal may cost; without end when empty.
+        interchangeable: Groups of things of equal form that may stand for each other: where nothing tells them apart,
+            their names are by agreement.
     """
 
     version: Literal[1] = 1
@@ -140,3 +142,4 @@ class GoalSpec(Authored):
     sessions: dict[str, NodeSpec] = pydantic.Field(min_length=1)
     accept: tuple[str, ...] = ()
     budget: Budget = Budget()
+    interchangeable: tuple[tuple[str, ...], ...] = ()

@@ -105,6 +105,7 @@ _LAYERS = {
         Cause.EVIDENCE_MISSING,
         Cause.SENSOR_STALE,
         Cause.UNDECIDABLE,
+        Cause.AMBIGUOUS,
         Cause.NO_CRITERIA,
         Cause.JUDGES_DISAGREE,
         Cause.JUDGE_FAILED,
@@ -260,6 +261,8 @@ def _judge_completed(
     name, moved_m = timeline.name, timeline.moved_m
     if not any(criterion.truth is Truth.FALSE for criterion in criteria):
         unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
+        if (ambiguous := next((each for each in criteria if each.alternatives), None)) is not None:
+            return Cause.AMBIGUOUS, f"{ambiguous.text} is unknown: {ambiguous.because}"
         after, now = bundle.after, timeline.now
         if after is not None and now is not None and now.visible and not after.shows(now.name):
             age_s = after.time_s - now.observed_at_s

@@ -84,7 +84,14 @@ def _replace_snapshots(bundle: Bundle, seen: Seen) -> tuple[Bundle, list[str]]:
     for entry, world in seen:
         if not entry.text:
             continue
-        view = View(now=world, initial=before, target=bundle.session.target, metrics=entry.metrics)
+        session = bundle.session
+        view = View(
+            now=world,
+            initial=before,
+            target=session.target,
+            metrics=entry.metrics,
+            interchangeable=session.interchangeable,
+        )
         found = parse_predicate(entry.text).evaluate(view)
         if entry.role is LookRole.WORST and entry.text in holds:
             holds[entry.text] = msgspec.structs.replace(
@@ -101,7 +108,12 @@ def _judge_requires(bundle: Bundle) -> list[Criterion]:
     if before is None:
         return []
     return [
-        evaluate_on(text, "requires", before, before, target=session.target, evidence=BEFORE)
+        evaluate_on(
+            text,
+            "requires",
+            View(now=before, initial=before, target=session.target, interchangeable=session.interchangeable),
+            BEFORE,
+        )
         for text in session.requires
     ]
 

@@ -23,7 +23,7 @@ from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.environment import ENVIRONMENT, Environment, read_environment
 from phyagentos.protocol.world.predicates.library import ArgumentKind
-from phyagentos.protocol.world.predicates.predicate import has_metric, parse_predicate
+from phyagentos.protocol.world.predicates.predicate import View, has_metric, parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 Age = tuple[int, str]
@@ -175,8 +175,14 @@ def _judge(text: str, kind: str, graph: GoalGraph, evidence: Evidence) -> Criter
                 worlds[" and ".join(names)] = _join(together)
     targets = {choice.target for choice in graph.choices.values()}
     only = targets.pop() if len(targets) == 1 else None
+    agreed = graph.spec.interchangeable
     answers = {
-        target: evaluate_on(predicate.text, kind, seen.now, seen.initial, target=only, evidence=seen.now_file)
+        target: evaluate_on(
+            predicate.text,
+            kind,
+            View(now=seen.now, initial=seen.initial, target=only, interchangeable=agreed),
+            seen.now_file,
+        )
         for target, seen in worlds.items()
         if seen.now is not None
     }

@@ -166,6 +166,7 @@ def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnos
     judged = [
         each for each in criteria if each.evidence
     ]  # a look helps where a judge had evidence and it was not enough
+    is_open = is_open and not any(each.alternatives for each in criteria)  # no look tells alike things apart
     missing = find_missing_evidence(judged, bundle.after) if is_open else ()
     if not missing or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
         return diagnosis, ()

@@ -13,6 +13,7 @@ from phyagentos.agent.repair.alternative import SESSION_S, Alternative, Alternat
 from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revise_requires
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import Call, Formula, Name, Number, Variable, iter_calls
@@ -37,7 +38,7 @@ def propose_other_skill(case: Case) -> Iterator[Alternative]:
         if name in tried or not promised or next(find_lacks(skill, target), None):
             continue
         parameters = _cover(promised, skill, world)
-        if parameters is None or find_false(skill, parameters, world, case.session.target):
+        if parameters is None or find_false(skill, parameters, world, case.session):
             continue
         because = f"{name} promises {'; '.join(skill.guarantees)}, which covers {'; '.join(promised)}"
         requires = bind_requires(skill, parameters, case.session.target)
@@ -132,11 +133,11 @@ def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[flo
     return [round(value, 4) for value in region.pose.position_m]
 
 
-def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, target: str) -> str:
+def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, session: Session) -> str:
     """A precondition of the skill that is false now, empty when there is none."""
-    view = View(now=world, initial=world, target=target)
+    view = View(now=world, initial=world, target=session.target, interchangeable=session.interchangeable)
     for text in skill.requires:
-        predicate = parse_predicate(substitute(text, {**parameters, "target": target}))
+        predicate = parse_predicate(substitute(text, {**parameters, "target": session.target}))
         holds = any(call.name == "holding" for call in iter_calls(predicate.formula))
         truth = predicate.evaluate(view).truth
         if truth is Truth.FALSE or (holds and truth is not Truth.TRUE):

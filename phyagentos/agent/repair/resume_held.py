@@ -31,7 +31,7 @@ def propose_resume_held(case: Case) -> Iterator[Alternative]:
         if name == case.choice.skill or not begins_with_holding(skill) or next(find_lacks(skill, target), None):
             continue
         parameters = _bind(case, skill)
-        if parameters is None or find_false(skill, parameters, world, case.session.target):
+        if parameters is None or find_false(skill, parameters, world, case.session):
             continue
         because = f"{name} begins with what is held already, and promises {'; '.join(skill.guarantees)}"
         yield Alternative(

@@ -136,6 +136,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         lookahead: What is to be simulated before it starts; None for nothing.
         goal_left_s: Simulated time that the goal's budget left for it [s]; None where that bounds nothing.
         unless_met: Whether it ends with `ALREADY_MET`, and nothing is commanded, when its acceptance is true before.
+        interchangeable: Groups of things that the goal lets stand for each other.
     """
 
     id: SessionId
@@ -163,6 +164,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     lookahead: LookaheadRequest | None = None
     goal_left_s: float | None = None
     unless_met: bool = False
+    interchangeable: tuple[tuple[str, ...], ...] = ()
 
     @property
     def execution_s(self) -> float:

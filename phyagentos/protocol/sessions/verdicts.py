@@ -41,6 +41,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
         at_s: Simulated time of the deciding observation [s].
         because: One sentence for people.
         failure: Coded reason why its judge gave no usable answer; left out where it answered.
+        alternatives: Things that nothing tells apart, where the value depends on which has which name.
     """
 
     text: str
@@ -51,6 +52,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
     at_s: float | None = None
     because: str = ""
     failure: str | msgspec.UnsetType = msgspec.UNSET
+    alternatives: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
 
 
 class EvidenceReference(msgspec.Struct, frozen=True, kw_only=True):

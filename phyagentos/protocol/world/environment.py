@@ -123,6 +123,9 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         lean_rad: (3,) turn in the world from the stated orientation to the one that pixels alone give [rad]; a thing is
             stated to be upright where they do not contradict it.
         evidence: Where it was seen: `camera@time_s:left,top,width,height`, in pixels.
+        alternatives: Names that this body may have as well, and whose body may have this name: no look, no mark and no
+            history tells them apart. Empty where the name is known.
+        named_at_s: When the present naming among the alternatives was chosen [s]; it has followed the body since.
     """
 
     name: str
@@ -152,20 +155,25 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     tilt_std_rad: float = 0.0
     lean_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     evidence: tuple[str, ...] = ()
+    alternatives: tuple[str, ...] = ()
+    named_at_s: float = 0.0
 
 
-class Region(msgspec.Struct, frozen=True, kw_only=True):
+class Region(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A named box of space, posed in the world, in which things may be put (`shelf_board`, `left_half`).
 
     Attributes:
         name: Unique name.
         pose: `world_T_region` of its centre.
         half_m: (3,) half extents [m].
+        alternatives: Regions that it may be exchanged with, as the two halves of a tray that looks the same turned
+            half around; a name that no region has stands for its unnamed image.
     """
 
     name: str
     pose: Pose
     half_m: tuple[float, float, float]
+    alternatives: tuple[str, ...] = ()
 
 
 class TargetState(msgspec.Struct, frozen=True, kw_only=True):

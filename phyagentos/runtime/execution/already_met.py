@@ -26,5 +26,5 @@ def weigh_before(session: Session, now: Environment) -> Truth:
 
 
 def _is_met(session: Session, now: Environment) -> bool:
-    view = View(now=now, initial=now, target=session.target)
+    view = View(now=now, initial=now, target=session.target, interchangeable=session.interchangeable)
     return all(parse_predicate(text).evaluate(view).truth is Truth.TRUE for text in session.accept)

@@ -10,6 +10,8 @@ target is read, which holds the greatest force since the one before.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from msgspec import UNSET
+
 from phyagentos.protocol.sessions.evidence import HOLDS
 from phyagentos.protocol.sessions.looks import LookRole
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -51,8 +53,16 @@ class HoldMonitor:
         samples: The worst and the first unknown sample of each condition.
     """
 
-    def __init__(self, texts: Sequence[str], initial: Environment, target: str, every: int = SAMPLE_PERIODS) -> None:
+    def __init__(
+        self,
+        texts: Sequence[str],
+        initial: Environment,
+        target: str,
+        every: int = SAMPLE_PERIODS,
+        interchangeable: tuple[tuple[str, ...], ...] = (),
+    ) -> None:
         self.every = every
+        self._interchangeable = interchangeable
         self._predicates: tuple[tuple[str, Predicate], ...] = tuple((text, parse_predicate(text)) for text in texts)
         self._felt = tuple(each for each in self._predicates if is_metric_only(each[1]))
         self._seen = tuple(each for each in self._predicates if each not in self._felt)
@@ -98,7 +108,13 @@ class HoldMonitor:
         is_last: bool = False,
     ) -> Criterion | None:
         violated: Criterion | None = None
-        view = View(now=now, initial=self._initial, target=self._target, metrics=self._peaks)
+        view = View(
+            now=now,
+            initial=self._initial,
+            target=self._target,
+            metrics=self._peaks,
+            interchangeable=self._interchangeable,
+        )
         for text, predicate in predicates:
             evaluation = predicate.evaluate(view)
             if evaluation.truth is not Truth.UNKNOWN:
@@ -146,4 +162,5 @@ def _to_criterion(text: str, evaluation: Evaluation, time_s: float) -> Criterion
         evidence=HOLDS,
         at_s=time_s,
         because=evaluation.because,
+        alternatives=evaluation.alternatives or UNSET,
     )

@@ -68,9 +68,14 @@ class Condition(Leaf):
 
     def on_start(self) -> Status:
         """Substitute, parse, evaluate."""
-        target = self.context.session.target
+        session = self.context.session
         text = substitute(self._text, self._read_keys())
-        view = View(now=self.context.world.observe(BELIEF), initial=self.context.initial, target=target)
+        view = View(
+            now=self.context.world.observe(BELIEF),
+            initial=self.context.initial,
+            target=session.target,
+            interchangeable=session.interchangeable,
+        )
         evaluation = parse_predicate(text).evaluate(view)
         if evaluation.truth is Truth.TRUE:
             return self.succeed(text)

@@ -1,33 +1,39 @@
 """Assigns known things to clusters of points, over time and through occlusion.
 
-Within each colour, every thing is fitted to every cluster that it could be; the assignment of least total cost wins
-(H. W. Kuhn, "The Hungarian method", 1955). Form separates unlike things, the last pose separates like ones.
+Among things of near colours, every thing is fitted to every cluster that it could be; the assignment of least total
+cost wins (`naming`). Form and colour separate unlike things. Like ones are separated by their history alone: where
+that was lost, or never known, each lists the names that it may have as well.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status
-from phyagentos.runtime.perception.clusters import POINTS_MIN, find_clusters, split
 from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.naming import HUGE, assign, iter_exchanges
+from phyagentos.runtime.perception.pieces import LINK_M, Piece, find_pieces
+from phyagentos.runtime.perception.segmentation import find_near_colors
 from phyagentos.runtime.perception.separate_overlaps import separate_overlaps
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 
-LINK_M = 0.016  # points of one surface are this near: two pixels of a camera a metre away
 GATE_M = 0.0065  # a fit that leaves more than this is no fit
 UNSEEN_COST = 0.012  # of leaving a thing without a cluster
 TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
+FEW, FEW_COST = 60, 0.003  # a handful of points fits anything
+COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
+OWN_MIN = 0.25  # of a cluster's pixels; with less of its own colour it is another thing
+SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
 ROOM = 1.6  # a cluster may be this much larger than a thing that it is
 STRAY_PERCENT = 3  # at either end: pixels of a near camera's wavering edges lie anywhere along their rays
-HUGE = 1e3
 BLOCKED_M = 0.008  # so deep in a solid of the map a line of sight ends: calibration and depth err by less
 SIGHT_STEP_M = 0.01  # between the points of a line of sight that are looked up
 SIGHT_REACH_M = 0.5  # so much of it, before the thing
@@ -35,10 +41,19 @@ SIGHT_REACH_M = 0.5  # so much of it, before the thing
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Match:
-    """A thing's fit, and the indices of its points in the cloud."""
+    """A thing's cluster.
+
+    Attributes:
+        fit: Its pose.
+        points: Indices of its points in the cloud.
+        alternatives: Names that it may have as well, sorted.
+        is_renamed: Whether the name was chosen among them now; otherwise it has followed the thing.
+    """
 
     fit: Fit
     points: NDArray[np.intp]
+    alternatives: tuple[str, ...] = ()
+    is_renamed: bool = False
 
 
 def associate(
@@ -47,19 +62,21 @@ def associate(
     cloud: Cloud,
     views: tuple[CameraView, ...],
     map_solids: Solids | None = None,
+    palette: Array | None = None,
 ) -> dict[str, Match]:
     """Matches of the movable things to points of `cloud`, which neither a fixed thing nor the hand explains.
 
-    Things without a match are left out. Points behind `map_solids`, which are opaque, come from edges and noise.
+    Things without a match are left out. Points behind `map_solids`, which are opaque, come from edges and noise. Things
+    whose colours are near in the `palette` (k, 3) are assigned together.
     """
+    near = find_near_colors(palette if palette is not None else np.zeros((0, 3)))
     matches: dict[str, Match] = {}
-    for color in dict.fromkeys(thing.colors[0] for thing in things.values()):
-        group = [thing for thing in things.values() if thing.colors[0] == color]
-        indices = np.flatnonzero(cloud.colors == color)
-        if len(indices) < POINTS_MIN:
-            continue
-        pieces = [indices[piece] for piece in _cut(group, believed, cloud.points_m[indices])]
-        pieces = [piece for piece in pieces if not _is_behind_map(cloud.take(piece), views, map_solids)]
+    for group in _iter_groups(things, near):
+        pieces = [
+            piece
+            for piece in find_pieces(group, believed, cloud, near)
+            if not _is_behind_map(cloud.take(piece), views, map_solids)
+        ]
         tracked = _track(group, believed, cloud, pieces, views)
         matches |= tracked
         taken = {id(match.points) for match in tracked.values()}
@@ -71,7 +88,28 @@ def associate(
     fits = {name: match.fit for name, match in matches.items()}
     seen = {name: cloud.take(match.points) for name, match in matches.items()}
     apart = separate_overlaps(things, fits, seen, views, map_solids)
-    return {name: replace(match, fit=apart[name]) for name, match in matches.items()}
+    possible = {name: found for name, found in apart.items() if found.cost_m < GATE_M}  # not deep in another solid
+    return {name: replace(matches[name], fit=found) for name, found in possible.items()}
+
+
+def exchange_doubts(entities: Mapping[str, Entity], seen: Collection[str]) -> dict[str, Entity]:
+    """The entities, each of two that may be exchanged listing the other: as the `seen` ones say."""
+    after = dict(entities)
+    for name, entity in entities.items():
+        told = {other for other in seen if name in entities[other].alternatives}
+        kept = {other for other in entity.alternatives if name in seen or other not in seen}
+        alternatives = tuple(sorted(told | kept))
+        if alternatives != entity.alternatives:
+            named_at_s = max([entity.named_at_s, *(entities[other].named_at_s for other in told)])
+            after[name] = msgspec.structs.replace(entity, alternatives=alternatives, named_at_s=named_at_s)
+    return after
+
+
+def _iter_groups(things: Mapping[str, ObjectModel], near: NDArray[np.bool_]) -> Iterator[list[ObjectModel]]:
+    """Things whose colours are near to each other, in chains."""
+    _, labels = connected_components(near, directed=False)
+    for label in dict.fromkeys(int(labels[thing.colors[0]]) for thing in things.values()):
+        yield [thing for thing in things.values() if labels[thing.colors[0]] == label]
 
 
 def _is_behind_map(seen: Cloud, views: tuple[CameraView, ...], map_solids: Solids | None) -> bool:
@@ -93,83 +131,124 @@ def _track(
     group: Sequence[ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
-    pieces: Sequence[NDArray[np.intp]],
+    pieces: Sequence[Piece],
     views: tuple[CameraView, ...],
 ) -> dict[str, Match]:
-    """Things near their last pose, each alone with its cluster."""
+    """Things near their last pose, each alone with its cluster; not those that a better look may tell apart."""
+    names = {thing.name for thing in group}
     middles = [np.median(cloud.points_m[piece], axis=0) for piece in pieces]
     claims: dict[int, list[ObjectModel]] = {}
     for thing in group:
-        prior = _get_prior(believed.get(thing.name))
-        if prior is None or not middles:
+        entity = believed.get(thing.name)
+        prior = _get_prior(entity)
+        if entity is None or prior is None or not middles:
             continue
-        away = [float(np.linalg.norm(middle - prior[1])) for middle in middles]
+        if set(entity.alternatives) & names - thing.alike:
+            continue
+        away = [_measure_gap(middle, prior[1]) for middle in middles]
         nearest = int(np.argmin(away))
-        if away[nearest] < thing.diameter_m / 2 + LINK_M:
+        is_own = _measure_share(cloud, pieces[nearest], thing) >= OWN_MIN
+        if is_own and away[nearest] < thing.diameter_m / 2 + LINK_M:
             claims.setdefault(nearest, []).append(thing)
     found: dict[str, Match] = {}
     for index, claimants in claims.items():
-        prior = _get_prior(believed.get(claimants[0].name))
+        name = claimants[0].name
+        prior = _get_prior(believed.get(name))
         if len(claimants) > 1 or prior is None:
             continue
         fitted = track(claimants[0], cloud.take(pieces[index]), views, prior)
         if fitted is not None:
-            found[claimants[0].name] = Match(fit=fitted, points=pieces[index])
+            found[name] = Match(fit=fitted, points=pieces[index], alternatives=believed[name].alternatives)
     return found
-
-
-def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[NDArray[np.intp]]:
-    """Clusters of one colour, each at most as large as the largest thing of that colour."""
-    pieces: list[NDArray[np.intp]] = []
-    largest = max(thing.diameter_m for thing in group)
-    for cluster in find_clusters(points, LINK_M):
-        own = points[cluster]
-        seeds = [
-            np.array(entity.pose.position_m)
-            for thing in group
-            if (entity := believed.get(thing.name)) is not None
-            and entity.status in (Status.SEEN, Status.HIDDEN)
-            and float(np.linalg.norm(own - entity.pose.position_m, axis=1).min()) < thing.diameter_m / 2
-        ]
-        pieces += [cluster[part] for part in split(own, largest, len(group), seeds)]
-    return pieces[: 3 * len(group) + 3]
 
 
 def _assign(
     group: Sequence[ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
-    pieces: Sequence[NDArray[np.intp]],
+    pieces: Sequence[Piece],
     views: tuple[CameraView, ...],
 ) -> dict[str, Match]:
-    costs = np.full((len(group), len(pieces) + len(group)), HUGE)
+    """The matches of least cost by form, colour and history; without those that may as well be elsewhere."""
+    shown, travelled, fits = _weigh_pairs(group, believed, cloud, pieces, views)
+    unseen = np.where(np.eye(len(group), dtype=np.bool_), UNSEEN_COST, HUGE)
+    looks, costs = np.hstack((shown, unseen)), np.hstack((shown + travelled, unseen))
+    chosen = assign(costs)
+
+    def is_same_place(row: int, column: int) -> bool:
+        one, other = fits.get((row, int(chosen[row]))), fits[row, column]
+        return one is not None and _measure_gap(one.position_m, other.position_m) < group[row].diameter_m / 2
+
+    by_looks = list(iter_exchanges(looks, chosen, is_same_place))
+    undecided = list(iter_exchanges(costs, chosen, is_same_place))
+    matches = {}
+    for row, column in enumerate(chosen.tolist()):
+        thing = group[row]
+        if (row, column) not in fits or frozenset({row}) in undecided:
+            continue
+        unclaimed = [piece for index, piece in enumerate(pieces) if index not in chosen]
+        if any(_is_spill(cloud, pieces[column], piece, thing) for piece in unclaimed):
+            continue
+        doubts = {group[other].name for rows in undecided if row in rows for other in rows - {row}}
+        known = {other.name for other in group} - {group[o].name for rows in by_looks if row in rows for o in rows}
+        inherited = set(believed[thing.name].alternatives) - known if thing.name in believed else set()
+        matches[thing.name] = Match(
+            fit=fits[row, column],
+            points=pieces[column],
+            alternatives=tuple(sorted(doubts | inherited)),
+            is_renamed=bool(doubts),
+        )
+    return matches
+
+
+def _is_spill(cloud: Cloud, piece: Piece, other: Piece, thing: ObjectModel) -> bool:
+    """Whether a cluster is small beside another one of the thing's colour, which no thing explains."""
+    return len(other) > SPILL * len(piece) and len(piece) < FEW and _measure_share(cloud, other, thing) > 0.5
+
+
+def _measure_share(cloud: Cloud, piece: Piece, thing: ObjectModel) -> float:
+    """Share of the thing's colour among the pixels of a cluster."""
+    return float((cloud.colors[piece] == thing.colors[0]).mean())
+
+
+def _weigh_pairs(
+    group: Sequence[ObjectModel],
+    believed: Mapping[str, Entity],
+    cloud: Cloud,
+    pieces: Sequence[Piece],
+    views: tuple[CameraView, ...],
+) -> tuple[Array, Array, dict[tuple[int, int], Fit]]:
+    """Costs by looks and costs of travel, both (n, m), `HUGE` without a fit; and the fits."""
+    shown = np.full((len(group), len(pieces)), HUGE)
+    travelled = np.zeros_like(shown)
     fits: dict[tuple[int, int], Fit] = {}
     for row, thing in enumerate(group):
-        costs[row, len(pieces) + row] = UNSEEN_COST
         entity = believed.get(thing.name)
         prior = _get_prior(entity)
         for column, piece in enumerate(pieces):
-            if _measure_size(cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
+            share = _measure_share(cloud, piece, thing)
+            if share < OWN_MIN or _measure_size(cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
                 continue
             found = fit(thing, cloud.take(piece), views, prior)
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found
-            travel = 0.0 if prior is None else min(float(np.linalg.norm(found.position_m - prior[1])), TRAVEL_MAX_M)
-            seen = min(len(piece), 60) / 60  # a handful of points fits anything
-            costs[row, column] = found.cost_m + TRAVEL_COST * travel + 0.003 * (1 - seen)
-    rows, columns = linear_sum_assignment(costs)
-    return {
-        group[row].name: Match(fit=fits[row, column], points=pieces[column])
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
-        if (row, column) in fits and costs[row, column] < UNSEEN_COST
-    }
+            few = 1 - min(len(piece), FEW) / FEW
+            shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share)
+            if prior is not None and entity is not None and entity.status is Status.SEEN:
+                away_m = _measure_gap(found.position_m, prior[1])
+                travelled[row, column] = TRAVEL_COST * min(away_m, TRAVEL_MAX_M)
+    return shown, travelled, fits
 
 
 def _get_prior(entity: Entity | None) -> tuple[Array, Array] | None:
     if entity is None or entity.status is Status.GONE:
         return None
     return compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
+
+
+def _measure_gap(one: Array, other: Array) -> float:
+    return float(np.linalg.norm(one - other))
 
 
 def _measure_size(points: Array) -> float:

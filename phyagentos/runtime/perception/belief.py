@@ -13,7 +13,7 @@ import numpy as np
 from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vector, turn
 from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
-from phyagentos.runtime.perception.association import Match, associate
+from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import measure_fixed
@@ -63,7 +63,9 @@ def update_belief(
     rest = _leave_out(cloud, inventory, entities, held)
     loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
-    matches = associate(loose, entities, rest, views, inventory.map)
+    beside = {name: thing for name, thing in inventory.things.items() if thing.template.movable and name not in held}
+    beside = {name: thing for name, thing in beside.items() if thing.vessel is None}  # what may be taken for another
+    matches = associate(beside, entities, rest, views, inventory.map, inventory.palette)
     for name, thing in loose.items():
         match, entity = matches.get(name), entities.get(name)
         if match is not None:
@@ -71,6 +73,7 @@ def update_belief(
             entities[name] = found if before else msgspec.structs.replace(found, still_since_s=None)
         elif entity is not None:
             entities[name] = _miss(thing, entity, views)
+    entities = exchange_doubts(entities, matches.keys() & loose.keys())
     if not held and not focus:  # a worker that was lost may have gripped it unseen
         seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
         taken = find_held(seen, state, inventory, hand)
@@ -208,7 +211,13 @@ def _see(
     placed = _fuse(thing, entity, found, time_s, evidence)
     local = (seen.points_m - found.position_m) @ found.rotation
     x, y, z = np.round(np.percentile(local, 98, axis=0) - np.percentile(local, 2, axis=0), 4).tolist()
-    return msgspec.structs.replace(placed, extent_m=(x, y, z))
+    named_at_s = time_s if match.is_renamed or entity is None else entity.named_at_s
+    return msgspec.structs.replace(
+        placed,
+        extent_m=(x, y, z),
+        alternatives=match.alternatives,
+        named_at_s=named_at_s if match.alternatives else 0.0,
+    )
 
 
 def _point_at(view: CameraView, seen: Cloud, index: int) -> str:

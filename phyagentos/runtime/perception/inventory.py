@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from phyagentos.geometry import compute_matrix, convert_euler
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
-from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid, find_alike
 from phyagentos.runtime.perception.drawers import Drawer, find_drawer
 from phyagentos.runtime.perception.solids import Array, Solids
 
@@ -63,6 +63,7 @@ class ObjectModel:
         width_m: The middle one of its three extents.
         turns: (3, k) axes, in its own frame, about which a turn changes its form.
         lookalikes: Rotations (3, 3) with shifts (3,), in its own frame, that nearly repeat its form.
+        alike: Names of other things that no picture tells from it.
     """
 
     template: Entity
@@ -81,6 +82,7 @@ class ObjectModel:
     width_m: float
     turns: Array
     lookalikes: tuple[tuple[Array, Array], ...]
+    alike: frozenset[str] = frozenset()
 
     @property
     def name(self) -> str:
@@ -247,6 +249,7 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
         width_m=float(np.sort(np.ptp(samples, axis=0))[1]),
         turns=_find_turns(samples, normals, form),
         lookalikes=() if body.fixed else tuple(_iter_lookalikes(solids, samples, symmetries, form)),
+        alike=find_alike(spec, name),
     )
 
 

@@ -13,6 +13,7 @@ BITS = 5  # per channel of the table: 32768 entries
 LIGHTS = np.linspace(0.3, 1.6, 14)  # from shade to more light than a picture can show
 NO_COLOR = 255
 FARTHEST = 0.24  # of a normalised colour from every curve: something that the scene file does not know
+NEAR = 0.11  # of colours that are taken for each other in shade, in light and at edges
 DIM = 0.02  # of full brightness: too dark to label
 
 
@@ -49,6 +50,14 @@ class Palette:
         red, green, blue = (rgb[..., channel].astype(np.intp) >> shift for channel in range(3))
         labels: NDArray[np.uint8] = self._labels[(red << 2 * BITS) | (green << BITS) | blue]
         return labels
+
+
+def find_near_colors(palette: Array) -> NDArray[np.bool_]:
+    """(256, 256) whether pixels of one surface of a palette (k, 3) may be labelled as another one."""
+    near = np.eye(256, dtype=np.bool_)
+    for index, color in enumerate(palette):
+        near[: len(palette), index] = _measure(np.maximum(palette, DIM), np.maximum(color, DIM)) < NEAR
+    return near | near.T
 
 
 def _measure(grid: Array, point: Array) -> Array:

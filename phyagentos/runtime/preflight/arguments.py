@@ -1,14 +1,16 @@
 """The contract itself: arguments, time limits, predicates, and the names in them. Independent of the live target."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import View, iter_entities, parse_predicate
+from phyagentos.protocol.world.predicates.exchanges import exchange, find_groups
+from phyagentos.protocol.world.predicates.predicate import Predicate, View, iter_entities, parse_predicate
+from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
 
@@ -83,13 +85,62 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
     """Preconditions that do not hold in the world as observed."""
     for text in session.requires:
         try:
-            evaluation = parse_predicate(text).evaluate(View(now=now, initial=now, target=session.target))
+            evaluation = parse_predicate(text).evaluate(_look_at(session, now))
         except DefinitionError:
             continue  # reported by `iter_predicate_problems`
         if evaluation.truth is not Truth.TRUE:
             found = f"{text} is {evaluation.truth}"
             by = f"requires: {text}"
             yield make_problem("PRECONDITION_UNMET", "requires", found, "true", by, evaluation.because, text)
+
+
+def iter_ambiguity_problems(session: Session, skill: SkillRuntime | None, now: Environment) -> Iterator[Problem]:
+    """Acceptance that asks which of some things is which, where nothing tells them apart.
+
+    What the session acts on meets its acceptance afterwards; the others that it may be have to meet it already. Where
+    it only looks, its acceptance has to be decided now.
+    """
+    calls = _find_calls(skill.guarantees) if skill is not None else []
+    moves = any(call != "visible" for call in calls) or not calls
+    acted = now.find_movable(session.parameters.values())
+    entity = now.entities.get(acted or "")
+    agreed = {name for names in session.interchangeable if acted in names for name in names}
+    others = [name for name in entity.alternatives if name not in agreed] if entity is not None else []
+    for index, text in enumerate(session.accept):
+        try:
+            predicate = parse_predicate(text)
+        except DefinitionError:
+            continue  # reported by `iter_predicate_problems`
+        doubtful = predicate.evaluate(_look_at(session, now)).alternatives
+        if moves and acted is not None:
+            named = acted in iter_entities(predicate)
+            doubtful = tuple(
+                other for other in others if named and not _is_met_by(other, acted, predicate, session, now)
+            )
+        if doubtful:
+            found = f"{text}, and nothing tells {' and '.join(sorted({*doubtful, acted or doubtful[0]}))} apart"
+            fix = "Mark one of them, ask for a number of them, or write them into 'interchangeable' of the goal."
+            address = f"accept[{index}]"
+            yield make_problem(
+                "AMBIGUOUS", address, found, "things that can be told apart", f"accept: {text}", fix, text
+            )
+
+
+def _is_met_by(other: str, acted: str, predicate: Predicate, session: Session, now: Environment) -> bool:
+    """Whether a predicate is true if another body has the name of the one that is acted on."""
+    world = exchange(now, {acted: other, other: acted})
+    named = tuple(tuple(group) for group in find_groups(world))  # as they are in that world
+    view = View(now=world, initial=world, target=session.target, interchangeable=named)
+    return predicate.evaluate(view).truth is Truth.TRUE
+
+
+def _look_at(session: Session, now: Environment) -> View:
+    return View(now=now, initial=now, target=session.target, interchangeable=session.interchangeable)
+
+
+def _find_calls(texts: Iterable[str]) -> list[str]:
+    """Names of the predicates that some texts use; of templates too."""
+    return [call.name for text in texts for call in iter_calls(parse_predicate(text, template=True).formula)]
 
 
 def _find_names(text: str) -> list[str]:

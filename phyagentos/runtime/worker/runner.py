@@ -164,7 +164,7 @@ class SessionRunner:
         self._take_picture(recorder, files.PICTURE_BEFORE)
         context = self._skills.open_context(session, self._target, initial)
         skill = self._skills.open(session, plan, context)
-        holds = HoldMonitor(session.hold, initial, session.target, self._sample_every)
+        holds = HoldMonitor(session.hold, initial, session.target, self._sample_every, session.interchangeable)
         heartbeat = _HeartbeatObserver(session=session, epoch=epoch, beat=beat)
         loop = SessionLoop(
             handle=handle,

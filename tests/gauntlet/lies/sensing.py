@@ -7,7 +7,52 @@ FIXED_TESTS = "tests/runtime/perception/test_fixed_things.py"
 UNCHANGED_TESTS = "tests/runtime/perception/test_unchanged_things.py"
 MUG_TEST = f"{UNCHANGED_TESTS}::test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_it_is"
 
+NAMING_TESTS = "tests/runtime/perception/test_naming.py"
+EXCHANGE_TESTS = "tests/protocol/test_exchanges.py"
+
 SABOTAGES = (
+    Sabotage(
+        name="chance_names_are_facts",
+        lie="What is so of one of two things that nothing tells apart is so of the one that is named.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.evaluation",
+                "if _evaluate_each(formula, world).truth is not believed.truth:",
+                "if False and world:",
+            ),
+        ),
+        tests=(
+            f"{EXCHANGE_TESTS}::test_what_depends_on_the_name_of_one_of_two_alike_things_is_unknown",
+            "tests/agent/test_verifier.py::test_alike_things_end_a_session_at_once_with_their_names",
+        ),
+    ),
+    Sabotage(
+        name="costs_without_noise",
+        lie="The assignment of least cost decides every name, however little the others cost more.",
+        edits=(Edit("phyagentos.runtime.perception.naming", "NOISE_M = 0.0012", "NOISE_M = 0.0"),),
+        tests=(
+            f"{NAMING_TESTS}::test_costs_that_differ_by_less_than_their_noise_decide_no_name",
+            f"{NAMING_TESTS}::test_a_name_that_fits_a_free_cluster_as_well_has_no_place",
+        ),
+    ),
+    Sabotage(
+        name="old_names_are_known",
+        lie="A thing that was named by chance once is known by that name from then on.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.association",
+                "Match(fit=fitted, points=pieces[index], alternatives=believed[name].alternatives)",
+                "Match(fit=fitted, points=pieces[index])",
+            ),
+        ),
+        tests=(f"{NAMING_TESTS}::test_a_chance_name_follows_its_thing_and_does_not_become_known",),
+    ),
+    Sabotage(
+        name="stray_pixels_are_a_thing",
+        lie="A thing out of view is where another one shows stray pixels of its colour.",
+        edits=(Edit("phyagentos.runtime.perception.pieces", "PURE = 0.6", "PURE = 0.0"),),
+        tests=(f"{NAMING_TESTS}::test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels",),
+    ),
     Sabotage(
         name="closed_on_air_is_held",
         lie="Fingers that press on each other hold whatever was nearest to them.",
@@ -126,8 +171,8 @@ SABOTAGES = (
             Edit("phyagentos.runtime.perception.association", "        matches |= tracked\n", "        tracked = {}\n"),
             Edit(
                 "phyagentos.runtime.perception.association",
-                "group[row].name: Match(fit",
-                "group[len(group) - 1 - row].name: Match(fit",
+                "thing = group[row]\n        if (row, column)",
+                "thing = group[len(group) - 1 - row]\n        if (row, column)",
             ),
         ),
         tests=(f"{BELIEF_TESTS}::test_two_identical_cubes_ten_centimetres_apart_stay_two",),

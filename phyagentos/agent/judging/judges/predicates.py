@@ -6,6 +6,8 @@ A fact about a movable entity counts only when the look at the end shows it, see
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from msgspec import UNSET
+
 from phyagentos.agent.judging.judges.judge import make_unknown
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
@@ -37,18 +39,19 @@ def evaluate_criterion(
         return make_unknown(text, kind, AFTER, "the world was not observed after the session")
     if bundle.before is not None and _is_older(bundle.after, bundle.before, bundle.execution):
         return make_unknown(text, kind, AFTER, "the snapshot after the session is older than the one before it")
-    view = View(now=bundle.after, initial=bundle.before, target=bundle.session.target, metrics=metrics)
-    return _evaluate(text, kind, view, evidence)
+    session = bundle.session
+    view = View(
+        now=bundle.after,
+        initial=bundle.before,
+        target=session.target,
+        metrics=metrics,
+        interchangeable=session.interchangeable,
+    )
+    return evaluate_on(text, kind, view, evidence)
 
 
-def evaluate_on(
-    text: str, kind: str, now: Environment, initial: Environment | None, *, target: str | None, evidence: str
-) -> Criterion:
-    """One predicate on two snapshots; text that is no predicate is unknown, with the reason."""
-    return _evaluate(text, kind, View(now=now, initial=initial, target=target), evidence)
-
-
-def _evaluate(text: str, kind: str, view: View, evidence: str) -> Criterion:
+def evaluate_on(text: str, kind: str, view: View, evidence: str) -> Criterion:
+    """One predicate on snapshots; text that is no predicate is unknown, with the reason."""
     try:
         evaluation = parse_predicate(text).evaluate(view)
     except DefinitionError as error:
@@ -61,6 +64,7 @@ def _evaluate(text: str, kind: str, view: View, evidence: str) -> Criterion:
         evidence=evidence,
         at_s=view.now.time_s,
         because=evaluation.because,
+        alternatives=evaluation.alternatives or UNSET,
     )
 
 

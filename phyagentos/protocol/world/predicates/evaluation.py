@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from phyagentos.protocol.world.environment import Pose
+from phyagentos.protocol.world.predicates.exchanges import find_agreed, iter_exchanged
 from phyagentos.protocol.world.predicates.library import (
     ArgumentKind,
     FactUnknown,
@@ -65,12 +66,14 @@ class Evaluation:
         because: The deciding fact in words.
         margin: How far it is from turning over, without unit, negative when false; only differences between samples
             of the same predicate mean anything.
+        alternatives: Names that cannot be told apart, where that makes it unknown.
     """
 
     truth: Truth
     measured: dict[str, float | str | bool] = field(default_factory=dict)
     because: str = ""
     margin: float = 0.0
+    alternatives: tuple[str, ...] = ()
 
     @property
     def order(self) -> tuple[int, float]:
@@ -84,7 +87,27 @@ def worse(a: Evaluation, b: Evaluation) -> Evaluation:
 
 
 def evaluate(formula: Formula, view: View) -> Evaluation:
-    """The value of a formula, any free `*` read as "for every movable thing that it does not name"."""
+    """The value of a formula, any free `*` read as "for every movable thing that it does not name".
+
+    A value that turns over where things that look alike exchange their names is unknown.
+    """
+    believed = _evaluate_each(formula, view)
+    if believed.truth is Truth.UNKNOWN:
+        return believed
+    try:
+        for world, names in iter_exchanged(formula, view):
+            if _evaluate_each(formula, world).truth is not believed.truth:
+                told = f"{believed.because}, if the names are as believed"
+                because = f"nothing tells {' and '.join(names)} apart: {told}"
+                return replace(believed, truth=Truth.UNKNOWN, because=because, margin=0.0, alternatives=names)
+    except ValueError as error:
+        return _unknown(str(error))
+    agreed = " and ".join(find_agreed(formula, view))
+    return replace(believed, because=f"{believed.because}; {agreed} are named by agreement") if agreed else believed
+
+
+def _evaluate_each(formula: Formula, view: View) -> Evaluation:
+    """The value with the names as the view has them."""
     if next(iter_free_stars(formula), None) is None:
         return _evaluate(formula, view)
     names = _iter_range(formula, view)

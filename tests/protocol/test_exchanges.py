@@ -1,0 +1,126 @@
+"""Predicates about things that nothing tells apart: a value only where every naming gives the same one."""
+
+import pytest
+
+from phyagentos.protocol.world.environment import Pose, Region
+from phyagentos.protocol.world.predicates.exchanges import EXCHANGES_MAX
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.truth import Truth
+
+from .predicate_worlds import cube, tray, truth, value, world
+
+AB = {"alternatives": ("b",)}, {"alternatives": ("a",)}
+IN_TRAY = {"x": 0.5, "z": 0.03}
+
+
+def twins(a, b, *others, **more):
+    """A world of a tray, a and b that look alike, and other things."""
+    return world(tray(), cube("a", **(AB[0] | a)), cube("b", **(AB[1] | b)), *others, **more)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "inside(a, tray)",
+        "not inside(a, tray)",
+        "not inside(b, tray)",
+        "at(a, (0.5, 0, 0.03))",
+        "distance(a, c) >= 0.3",
+        "height(b) > 0.005",
+        "inside(a, tray) and not inside(b, tray)",
+        "not upright(b) or inside(b, tray)",
+        "near(c, a)",
+        "visible(a) and inside(a, tray)",
+    ],
+)
+def test_what_depends_on_the_name_of_one_of_two_alike_things_is_unknown(text):
+    found = value(text, twins(IN_TRAY, {"x": 0.0}, cube("c", x=0.1)))
+
+    assert found.truth is Truth.UNKNOWN
+    assert found.alternatives == ("a", "b")
+    assert found.because.startswith("nothing tells a and b apart: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("upright(a)", Truth.TRUE),
+        ("fallen(b)", Truth.FALSE),
+        ("exists(a)", Truth.TRUE),
+        ("count(inside(*, tray)) == 1", Truth.TRUE),
+        ("count(inside(*, tray)) >= 2", Truth.FALSE),
+        ("inside(a, tray) or inside(b, tray)", Truth.TRUE),
+        ("inside(a, tray) and inside(b, tray)", Truth.FALSE),
+        ("inside(c, tray)", Truth.FALSE),
+        ("not inside(*, tray)", Truth.FALSE),
+    ],
+)
+def test_what_every_naming_answers_alike_is_decided(text, expected):
+    assert truth(text, twins(IN_TRAY, {"x": 0.0}, cube("c", x=0.1))) is expected
+
+
+def test_both_where_they_should_be_are_there_whatever_their_names():
+    both = twins({"x": 0.46, "z": 0.03}, {"x": 0.54, "z": 0.03})
+
+    assert truth("inside(a, tray) and inside(b, tray)", both) is Truth.TRUE
+    assert truth("at(a, (0.46, 0, 0.03), 0.02)", both) is Truth.UNKNOWN
+
+
+def test_a_thing_whose_twin_no_look_has_shown_is_not_known_by_name():
+    alone = world(tray(), cube("a", **AB[0], **IN_TRAY), never_seen=("b",))
+
+    assert truth("inside(a, tray)", alone) is Truth.UNKNOWN
+    assert truth("exists(a)", alone) is Truth.UNKNOWN
+
+
+def test_what_the_hand_holds_may_be_the_twin():
+    held = twins({"held_by": "arm"}, {"x": 0.2}, sensing="truth")
+
+    assert truth("inside(a, tray)", held) is Truth.FALSE  # neither is
+    assert truth("on(a, tray)", twins({"held_by": "arm", **IN_TRAY}, IN_TRAY | {"z": 0.02})) is not Truth.TRUE
+
+
+@pytest.mark.parametrize(("named_at_s", "moved"), [(1.0, Truth.FALSE), (8.0, Truth.UNKNOWN)])
+def test_a_naming_that_followed_the_things_since_the_beginning_tells_whether_they_moved(named_at_s, moved):
+    facts = {"named_at_s": named_at_s}
+    now = twins({"x": 0.0} | facts, {"x": 0.3} | facts)
+    initial = twins({"x": 0.0, "observed_at_s": 5.0}, {"x": 0.3, "observed_at_s": 5.0}, time_s=5.0)
+
+    assert truth("moved(a)", now, initial) is moved
+    assert truth("moved(*)", now, initial) is moved
+
+
+def test_the_halves_of_a_tray_that_looks_the_same_turned_around_are_not_told_apart():
+    halves = {
+        name: Region(name=name, pose=Pose((x, 0.0, 0.03)), half_m=(0.04, 0.05, 0.03), alternatives=(other,))
+        for name, other, x in (("left", "right", 0.45), ("right", "left", 0.55))
+    }
+    now = world(tray(), cube("a", x=0.45, z=0.03), regions=halves)
+
+    assert truth("inside(a, left)", now) is Truth.UNKNOWN
+    assert truth("inside(a, left) or inside(a, right)", now) is Truth.TRUE
+
+
+def test_names_by_agreement_are_as_believed_and_follow_the_things():
+    now = twins(IN_TRAY, {"x": 0.0})
+
+    def judge(text, initial=None, agreed=(("a", "b"),)):
+        view = View(now=now, initial=initial, target=None, interchangeable=agreed)
+        return parse_predicate(text).evaluate(view).truth
+
+    assert judge("inside(a, tray)") is Truth.TRUE
+    assert judge("inside(b, tray)") is Truth.FALSE
+    assert judge("inside(a, tray)", agreed=(("a", "c"),)) is Truth.UNKNOWN
+    lost = world(*(cube(name, observed_at_s=5.0, x=x) for name, x in (("a", 0.5), ("b", 0.0))), time_s=5.0)
+    assert judge("moved(a)", lost) is Truth.FALSE
+
+
+def test_too_many_namings_are_unknown_and_not_tried():
+    names = "abcdefgh"
+    alike = [cube(name, x=0.1 * k, alternatives=tuple(set(names) - {name})) for k, name in enumerate(names)]
+    found = value(" and ".join(f"upright({name})" for name in names), world(*alike))
+
+    assert found.truth is Truth.UNKNOWN
+    assert "40320 ways" in found.because
+    assert EXCHANGES_MAX < 40320
+    assert truth("count(upright(*)) == 8", world(*alike)) is Truth.TRUE
