@@ -38,11 +38,9 @@ demo: setup  ## tidy a table while a cube slips out of the fingers: verify, repl
 	@$(BIN)/paos run goal_graphs/tidy_table.yaml --seed $(DEMO_SEED) --faults $(DEMO_FAULTS) --workspace $(DEMO_SPACE)
 	@echo "demo: documents in $(DEMO_SPACE) (begin with TASK.md and SESSIONS.md), evidence and pictures in $(DEMO_SPACE)/evidence"
 
-test: setup  ## every test, the fast ones first
-	@echo "test: fast"
-	@$(BIN)/pytest -q $(BOTH) -m "$(FAST)"
-	@echo "test: motion and simulation"
-	@$(BIN)/pytest -q $(BOTH) -m "(sim or motion) and not journey and not alone"
+test: setup  ## every test, journeys last
+	@echo "test: fast, motion and simulation"
+	@$(BIN)/pytest -q $(BOTH) -m "not journey and not alone"
 	@echo "test: what keeps real time, alone on the machine"
 	@$(BIN)/pytest -q -m alone
 	@echo "test: journeys"

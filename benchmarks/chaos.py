@@ -272,11 +272,11 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="draws the moments; which is also in each goal's id")
     parser.add_argument("--at-once", "--jobs", type=int, default=2, help="runs side by side, each in its workspace")
     parser.add_argument("--mode", choices=[*MODES, "both"], default="both", help="how the worlds keep time")
-    parser.add_argument("--only", help="victim or attack; others are left out")
+    parser.add_argument("--only", nargs="+", help="victims or attacks; others are left out")
     parser.add_argument("--keep", type=Path, help="where workspaces of goals that were not met are copied to")
     given = parser.parse_args()
     console, clock = Console(stderr=True), SystemClock()
-    cells = [cell for cell in CELLS if given.only is None or given.only in cell]
+    cells = [cell for cell in CELLS if given.only is None or {*given.only} & {*cell}]
     moments = np.random.default_rng(given.seed).uniform(0.0, 1.0, given.runs)
     modes = MODES if given.mode == "both" else (given.mode,)
     cases = []

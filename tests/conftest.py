@@ -1,5 +1,6 @@
 """What holds for every test: those without a marker are fast."""
 
+import gc
 import importlib.util
 import json
 import os
@@ -16,6 +17,8 @@ if not os.environ.get("DISPLAY"):
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
 SLOW = {"sim", "motion", "journey"}
+
+gc.set_threshold(50_000, 20, 50)  # four thousand tests and all libraries are looked through again and again otherwise
 
 
 def pytest_addoption(parser):
@@ -34,6 +37,10 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.fast)
         if "extras" in names and config.option.peers_python is None:
             item.add_marker(pytest.mark.skip(reason="needs packages of others: `make test-extras`"))
+
+
+def pytest_collection_finish():
+    gc.freeze()  # what was collected stays until the end
 
 
 @pytest.fixture(scope="session")

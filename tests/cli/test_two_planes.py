@@ -23,10 +23,10 @@ LIMIT_S = 300
 pytestmark = pytest.mark.journey
 
 
-def start(*arguments: object) -> subprocess.Popen[str]:
+def start(*arguments: object, cwd: Path = GRAPH.parents[1]) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "phyagentos", *map(str, arguments)]
     return subprocess.Popen(
-        command, cwd=GRAPH.parents[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
 
 
@@ -35,8 +35,8 @@ def begin():
     """Starts commands, and ends at the end of the test what has not ended."""
     started: list[subprocess.Popen[str]] = []
 
-    def begin(*arguments: object) -> subprocess.Popen[str]:
-        started.append(start(*arguments))
+    def begin(*arguments: object, **options: Path) -> subprocess.Popen[str]:
+        started.append(start(*arguments, **options))
         return started[-1]
 
     yield begin
@@ -48,17 +48,17 @@ def begin():
 
 @pytest.mark.parametrize("first", ["agent", "watch"])
 def test_the_planes_meet_in_the_workspace_in_either_order(begin, tmp_path, first):
-    place = ("--workspace", tmp_path / "w")
-    commands = {"agent": ("agent", GRAPH, *place), "watch": ("watch", *place, "--no-pictures", "--once-idle")}
+    place, here = ("--workspace", tmp_path / "w"), COUNT.parents[1]
+    commands = {"agent": ("agent", COUNT, *place), "watch": ("watch", *place, "--no-pictures", "--once-idle")}
     second = "watch" if first == "agent" else "agent"
-    processes = {first: begin(*commands[first])}
+    processes = {first: begin(*commands[first], cwd=here)}
     while not (tmp_path / "w" / "workspace.yaml").exists():
         assert processes[first].poll() is None, processes[first].communicate()
-    processes[second] = begin(*commands[second])
+    processes[second] = begin(*commands[second], cwd=here)
     ended = {name: process.communicate(timeout=LIMIT_S) for name, process in processes.items()}
     assert processes["agent"].returncode == ExitCode.GOAL_MET, ended
     assert processes["watch"].returncode == ExitCode.GOAL_MET, ended
-    assert "goal show-0: success" in ended["agent"][0]
+    assert "goal count-0: success" in ended["agent"][0]
 
 
 def wait_for(process: subprocess.Popen[str], line: str) -> None:

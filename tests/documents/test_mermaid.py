@@ -80,14 +80,14 @@ def parse(root, node):
             assert done.returncode == 0, done.stderr
             stamp.write_text(pinned)
 
-    def read(diagrams):
-        done = subprocess.run(
-            [node, "parse.mjs"], cwd=folder, input=json.dumps(diagrams), capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
+    pipe = subprocess.PIPE
+    with subprocess.Popen([node, "parse.mjs"], cwd=folder, stdin=pipe, stdout=pipe, text=True) as process:
 
-    return read
+        def read(diagrams):
+            print(json.dumps(diagrams), file=process.stdin, flush=True)
+            return json.loads(process.stdout.readline())
+
+        yield read
 
 
 def find_diagrams(text):

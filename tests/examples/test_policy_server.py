@@ -1,12 +1,17 @@
 """Example 3: a policy server that imitates a demonstration. It always says "done"; the verdict may not agree."""
 
-import json
 import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+from phyagentos.assembly.agent_plane import MemoryUse
+from phyagentos.bench.suite import open_bench
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.workspace.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "03_policy_server"
@@ -30,19 +35,29 @@ def serve(bundle):
 
 
 @pytest.fixture(scope="module")
-def demonstration(tmp_path_factory):
+def workspace(tmp_path_factory):
+    return Workspace.create(tmp_path_factory.mktemp("policy") / "w", Library.open(EXAMPLE))
+
+
+@pytest.fixture(scope="module")
+def mission(workspace):
+    with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:
+        yield agent.mission
+
+
+@pytest.fixture(scope="module")
+def demonstration(mission, workspace, tmp_path_factory):
     """Evidence folder of a red cube that was put into its tray, seed 7."""
-    folder = tmp_path_factory.mktemp("shown")
-    graph = folder / "shown.yaml"
+    graph = tmp_path_factory.mktemp("shown") / "shown.yaml"
     graph.write_text(GRAPH.read_text().replace("skill: imitate", "skill: pick_and_place").replace("imitate", "shown"))
-    done = paos("run", graph, "--seed", 7, "--workspace", folder / "w", "--no-pictures", "--json")
-    assert done.returncode == 0, done.stdout + done.stderr
-    return folder / "w/evidence/shown-7.red"
+    report = mission.run(graph, seed=7)
+    assert report.verdict == "success", report
+    return workspace.evidence_of("shown-7.red")
 
 
-def run_imitation(workspace, seed):
-    done = paos("run", GRAPH, "--seed", seed, "--workspace", workspace, "--no-pictures", "--json")
-    return done.returncode, json.loads(done.stdout)["goal"]["sessions"][0]
+def run_imitation(mission, name, seed):
+    report = mission.run(GRAPH, seed=seed, goal=name)
+    return report.exit_code, report.sessions[0]
 
 
 def test_it_lints_clean():
@@ -51,19 +66,16 @@ def test_it_lints_clean():
 
 
 @pytest.mark.journey
-def test_without_its_server_it_is_rejected_before_anything_moves(tmp_path):
-    code, session = run_imitation(tmp_path / "w", 7)
-    assert (code, session["state"]) == (3, "rejected")
+def test_without_its_server_it_is_rejected_before_anything_moves(mission):
+    code, session = run_imitation(mission, "alone", 7)
+    assert (code, session.state, session.ticks) == (3, "rejected", 0)
 
 
 @pytest.mark.journey
-def test_where_the_scene_stands_as_it_was_shown_it_meets_the_goal_and_elsewhere_it_only_says_so(
-    demonstration, tmp_path
-):
+def test_where_the_scene_stands_as_it_was_shown_it_meets_the_goal_and_elsewhere_it_only_says_so(mission, demonstration):
     with serve(demonstration):
-        code, session = run_imitation(tmp_path / "same", 7)
-        assert (code, session["verdict"]) == (0, "success")
-        code, session = run_imitation(tmp_path / "other", 11)
-        assert (code, session["verdict"]) == (1, "failure")
-    execution = json.loads(next((tmp_path / "other/evidence").glob("imitate-11.red/execution.json")).read_text())
-    assert execution["ended"] == "completed", "the policy itself reported that it was done"
+        code, session = run_imitation(mission, "same", 7)
+        assert (code, session.verdict) == (0, "success")
+        code, session = run_imitation(mission, "other", 11)
+        assert (code, session.verdict) == (1, "failure")
+    assert session.ended == "completed", "the policy itself reported that it was done"

@@ -79,6 +79,14 @@ def plane(tmp_path_factory):
     plane.stop()
 
 
+@pytest.fixture(scope="session")
+def rough_plane(tmp_path_factory):
+    """A plane without faults whose processes are killed and stopped; it is there again for the next who does so."""
+    plane = Plane(tmp_path_factory.mktemp("rough") / "w")
+    yield plane
+    plane.stop()
+
+
 @pytest.fixture
 def make_plane(tmp_path):
     """Planes of one's own, for what does harm to processes."""

@@ -16,7 +16,8 @@ from tests.following import wait_until
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
-from chaos_planes import Planes, find_processes  # noqa: E402 - lies with the benchmark
+import chaos  # noqa: E402 - lies with the benchmark
+from chaos_planes import Planes, find_processes  # noqa: E402
 
 GRAPH = Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml"
 LIMIT_S = 200.0
@@ -54,17 +55,28 @@ def count_worlds(planes) -> int:
     return sum(json.loads(line)["kind"] == "process_start" for line in lines)
 
 
-def test_every_promise_is_kept_under_six_attacks():
-    done = subprocess.run(
-        [sys.executable, str(BENCHMARKS / "chaos.py"), "--runs", "6", "--mode", "lockstep"],
-        capture_output=True, text=True, timeout=550, check=False,
-    )  # fmt: skip
+def find_broken_promises(planes) -> list[str]:
+    """What the benchmark finds in a workspace whose goal is over."""
+    goal, sessions = planes.read_goal()
+    case = chaos.Case(1, "", "", "lockstep", 0.0)
+    chaos.judge(case, goal, sessions)
+    chaos.judge_world(case, planes.root, sessions)
+    chaos.judge_log(case, planes.root)
+    assert case.commands > 100
+    return case.notes
+
+
+def test_every_promise_is_kept_when_a_planner_dies_and_when_the_disk_is_full():
+    """The attacks that no other journey makes: worker and agent die in theirs, watchdog and world below."""
+    command = [sys.executable, str(BENCHMARKS / "chaos.py"), "--runs", "2", "--mode", "lockstep"]
+    command += ["--only", "planner", "everybody"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=550, check=False)
 
     assert done.returncode == 0, done.stdout + done.stderr
     outcome = json.loads(done.stdout.splitlines()[-1])
     assert outcome["holds"] is True
-    assert outcome["figures"]["goals_met"] + outcome["figures"]["failures_attributed"] == 6
-    assert outcome["figures"]["commands"] > 1000
+    assert outcome["figures"]["goals_met"] + outcome["figures"]["failures_attributed"] == 2
+    assert outcome["figures"]["commands"] > 300
 
 
 def test_a_world_outlives_its_watchdog_and_what_was_achieved_is_kept(planes):
@@ -77,6 +89,7 @@ def test_a_world_outlives_its_watchdog_and_what_was_achieved_is_kept(planes):
     assert count_worlds(planes) == 1
     assert "runner_lost" in {status.execution.ended for status in sessions}
     assert goal.replans <= 1
+    assert find_broken_promises(planes) == []
 
 
 def test_a_killed_world_is_replaced_and_its_session_attributed(planes):
@@ -87,9 +100,10 @@ def test_a_killed_world_is_replaced_and_its_session_attributed(planes):
     assert goal.verdict == "success"
     assert count_worlds(planes) == 2
     assert "target_lost" in {status.execution.ended for status in sessions}
+    assert find_broken_promises(planes) == []
 
 
-def test_a_second_watchdog_of_a_workspace_is_refused(planes):
+def test_a_second_watchdog_is_refused_and_a_world_that_nobody_supervises_is_ended_by_the_next(planes):
     tend_until(planes, planes.is_watched)
     command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(planes.root)]
     second = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
@@ -99,8 +113,6 @@ def test_a_second_watchdog_of_a_workspace_is_refused(planes):
     assert "Traceback" not in second.stderr
     assert planes.is_watched()
 
-
-def test_a_world_that_nobody_supervises_is_ended_by_the_next_watchdog(planes):
     kill(planes, "watchdog")
     orphans = [pid for pid, name in find_processes(planes.root).items() if name == "world"]
 

@@ -27,11 +27,10 @@ def kill_worker_when(plane, phase: str, leaf: str = "") -> threading.Thread:
     return thread
 
 
-def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(make_plane):
-    plane = make_plane()
-    hunter = kill_worker_when(plane, "executing")
+def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(rough_plane):
+    hunter = kill_worker_when(rough_plane, "executing")
 
-    report = plane.run("killed-1")
+    report = rough_plane.run("killed-1")
     hunter.join(1.0)
 
     assert not hunter.is_alive()
@@ -40,11 +39,10 @@ def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(make_
     assert report.verdict == "success"
 
 
-def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(make_plane):
-    plane = make_plane()
-    hunter = kill_worker_when(plane, "executing", "place/carry")
+def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(rough_plane):
+    hunter = kill_worker_when(rough_plane, "executing", "place/carry")
 
-    report = plane.run("killed-2")
+    report = rough_plane.run("killed-2")
     hunter.join(1.0)
 
     assert not hunter.is_alive()

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from functools import cache
 
 import msgspec
 import pytest
@@ -25,6 +26,7 @@ pytestmark = pytest.mark.journey
 
 ARMS = ("left_arm", "right_arm")
 LIMIT_S = 90.0
+ENDS = ("finish", "confirm_cancel", "reconcile")
 CLOCK = SystemClock()
 
 
@@ -39,12 +41,26 @@ class TwoArms:
             self.process = subprocess.Popen([*command, *options], stdout=log, stderr=log)
         self.journal = Journal(self.workspace.root, side=Side.AGENT, by="journey", clock=CLOCK)
         self.follower = Follower(self.journal.folder)
+        self.round = 0
+        self.begin_round()
+
+    def begin_round(self):
+        """Sessions from now on are of a scene of their own; what others did is forgotten."""
+        self.round += 1
         self.told: list[tuple[str, str]] = []
         self.executions: dict[str, dict] = {}
+        self.logged = {arm: len(self.read_log(arm)) for arm in ARMS}
+
+    def name(self, id):
+        return f"{id}-{self.round}" if id else ""
+
+    def read_log(self, arm):
+        log = self.workspace.logs / f"receive-{arm}.jsonl"
+        return log.read_text() if log.exists() else ""
 
     def submit(self, id, arm, skill, *resources, **parameters):
         session = Session(
-            id=SessionId(id),
+            id=SessionId(self.name(id)),
             goal=GoalId(""),
             node="",
             objective="",
@@ -52,25 +68,26 @@ class TwoArms:
             target=arm,
             parameters=parameters,
             accept=(),
-            scene=Scene(name=self.scene, seed=1, episode=arm if "/" in self.scene else "both"),
+            scene=Scene(name=self.scene, seed=1, episode=self.name(arm if "/" in self.scene else "both")),
             seed=1,
             resources=resources,
         )
         self.journal.commit([Entry(session.id, "submit", msgspec.to_builtins(session))])
 
-    def wait_for(self, id, event):
+    def wait_for(self, id, *events):
         deadline_s = CLOCK.now_s() + LIMIT_S
-        while (id, event) not in self.told:
-            assert CLOCK.now_s() < deadline_s, f"{id} never came to {event}: {self.told}"
+        while not {(id, event) for event in events} & {*self.told}:
+            assert CLOCK.now_s() < deadline_s, f"{id} never came to {events}: {self.told}"
             CLOCK.sleep(0.01)
             for record in self.follower.read_new():
-                self.told.append((record.id, record.ev))
+                told = record.id.removesuffix(f"-{self.round}")
+                self.told.append((told, record.ev))
                 if "execution" in (record.body or {}):
-                    self.executions[record.id] = record.body["execution"]
+                    self.executions[told] = record.body["execution"]
 
     def wait_until_both_move(self):
-        deadline_s, logs = CLOCK.now_s() + LIMIT_S, [self.workspace.logs / f"receive-{arm}.jsonl" for arm in ARMS]
-        while not all('"Command"' in log.read_text() for log in logs):
+        deadline_s = CLOCK.now_s() + LIMIT_S
+        while not all('"Command"' in self.read_log(arm)[self.logged[arm] :] for arm in ARMS):
             assert CLOCK.now_s() < deadline_s
             CLOCK.sleep(0.01)
 
@@ -82,7 +99,12 @@ class TwoArms:
             CLOCK.sleep(0.01)
 
     def signal(self, kind, session):
-        drop_signal(self.workspace.signals, Signal(kind=kind, session=session, by="test"), CLOCK)
+        drop_signal(self.workspace.signals, Signal(kind=kind, session=self.name(session), by="test"), CLOCK)
+
+    def end_round(self):
+        """Until both arms are free for the next one."""
+        for id in ("left", "right"):
+            self.wait_for(id, *ENDS)
 
     def find_span(self, id):
         return self.told.index((id, "start")), self.told.index((id, "finish"))
@@ -116,17 +138,34 @@ def two_arms(tmp_path):
     arms.stop()
 
 
-@pytest.fixture
-def one_table(tmp_path):
-    """Both arms at work on the shipped scene, each with its cube."""
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    """The shipped scene, watched, in either mode; each is made when it is first asked for."""
 
-    def start(mode="lockstep"):
-        project = tmp_path / "project"
-        shutil.copytree(find_shipped_root() / "examples" / "04_two_arms", project)
+    @cache
+    def make(mode, name):
+        folder = tmp_path_factory.mktemp(f"table-{len(made)}")
+        shutil.copytree(find_shipped_root() / "examples" / "04_two_arms", folder / "project")
         if mode == "realtime":
-            slow_down(project)
-        arms = TwoArms(tmp_path, project, "two_arms", "--world-mode", mode)
-        started.append(arms)
+            slow_down(folder / "project")
+        made.append(TwoArms(folder, folder / "project", "two_arms", "--world-mode", mode))
+        return made[-1]
+
+    made = []
+    yield make
+    for arms in made:
+        arms.stop()
+
+
+@pytest.fixture
+def one_table(request, tables):
+    """Both arms at work at one table, each with its cube; one that is stopped for good is nobody else's."""
+
+    def start(mode="lockstep", *, is_stopped=False):
+        arms = tables(mode, request.node.name if is_stopped else "shared")
+        if not is_stopped:
+            started.append(arms)
+        arms.begin_round()
         arms.submit("left", "left_arm", "pick_and_place", object="red_cube", destination="red_tray")
         arms.submit("right", "right_arm", "pick_and_place", object="blue_cube", destination="blue_tray")
         arms.wait_for("left", "start")
@@ -137,7 +176,7 @@ def one_table(tmp_path):
     started = []
     yield start
     for arms in started:
-        arms.stop()
+        arms.end_round()
 
 
 def slow_down(project):
@@ -194,7 +233,7 @@ def test_at_one_table_a_killed_worker_leaves_its_arm_holding_and_the_other_goes_
 
 @pytest.mark.parametrize(("how", "event"), [("cancel", "confirm_cancel"), ("estop", "finish"), ("kill", "reconcile")])
 def test_at_one_table_an_arm_that_waits_for_a_paused_one_is_stopped_all_the_same(one_table, how, event):
-    arms = one_table()
+    arms = one_table(is_stopped=how == "estop")
     arms.signal("pause", "left")
     arms.wait_until_both_stand()
     if how == "kill":
@@ -217,7 +256,7 @@ def test_at_one_table_an_arm_that_waits_for_a_paused_one_is_stopped_all_the_same
 
 @pytest.mark.parametrize("mode", ["lockstep", pytest.param("realtime", marks=pytest.mark.alone)])
 def test_at_one_table_an_emergency_stop_ends_both(one_table, mode):
-    arms = one_table(mode)
+    arms = one_table(mode, is_stopped=True)
     arms.signal("estop", "")
     arms.wait_for("left", "finish")
     arms.wait_for("right", "finish")
