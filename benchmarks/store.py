@@ -59,7 +59,7 @@ class Size:
 
 
 FULL = Size(3500, (0, 1000, 100_000), 15, 15, 100_000, 10_000, 500, 8, 12.0)
-QUICK = Size(350, (0, 100, 1000), 3, 3, 10_000, 800, 30, 2, 1.0)
+QUICK = Size(350, (0, 100, 1000), 7, 3, 10_000, 3200, 30, 2, 1.0)
 
 
 def measure(size: Size) -> tuple[dict[str, float], list[Sequence[str]]]:

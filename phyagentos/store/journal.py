@@ -141,7 +141,7 @@ class Journal:
             self._writer.refuse_if_failed()
             while True:
                 try:
-                    with self._lock.held():
+                    with self._lock.held(self._look):
                         self._catch_up()
                         at = self._clock.wall_iso()
                         self._rotate_if_due(at[:10])
@@ -171,7 +171,7 @@ class Journal:
     def knows(self, id: str) -> bool:
         """Whether a session or goal (`goal:<goal id>`) of this id was ever submitted, archived or not."""
         with self._mutex:
-            self._note(self._follower.read_new())
+            self._look()
             return self._cache.knows(id)
 
     def read_new(self, *, looks: bool = True) -> list[Record]:
@@ -190,7 +190,7 @@ class Journal:
             self._tidy_if_due()
         with self._mutex:
             if looks:
-                self._note(self._follower.read_new())
+                self._look()
             before = self._follower.seq
             records, self._follower = self._reading.take(self._follower)
             if self._follower.seq > before:
@@ -211,6 +211,10 @@ class Journal:
     def _let_go(self) -> None:
         for each in (self._writer, self._follower, self._reading, self._cache, self._lock):
             each.close()
+
+    def _look(self) -> None:
+        """Take in what is new, without the lock."""
+        self._note(self._follower.read_new())
 
     def _note(self, records: Sequence[Record]) -> None:
         if records:

@@ -7,14 +7,15 @@ here, no later one exists; with any other content, it lists the folder.
 import contextlib
 import fcntl
 import os
-import threading
-from collections.abc import Iterator
+import select
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from phyagentos.errors import ExecutionError
 
 LOCK_NAME = ".lock"
-_FIRST_WAIT_S, _WAIT_S = 0.00002, 0.0005  # pauses between tries, each twice the one before; held for some 0.1 ms
+_SHORT_S, _LONG_S, _STUCK_S = 0.00002, 0.00016, 0.0005  # pauses between tries; it is held for some 0.1 ms
+_OLD_S, _OLDEST_S = 0.001, 0.02  # how long who waits has waited
 _TRIES = 20_000  # about ten seconds
 _NAME_BYTES = 64
 
@@ -28,21 +29,26 @@ class PartitionLock:
         status = os.fstat(self._fd)
         self._inode = (status.st_dev, status.st_ino)
 
-    def acquire(self) -> None:
+    def acquire(self, meanwhile: Callable[[], object] = lambda: None) -> None:
         """Wait for the lock.
+
+        Args:
+            meanwhile: Called between two tries, in place of work that would prolong the time with the lock.
 
         Raises:
             ExecutionError: `JOURNAL_LOCKED` after about ten seconds; `JOURNAL_MOVED` when another file stands there.
         """
         if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
             self._fd, self._pid = self._open(), os.getpid()
-        wait_s = _FIRST_WAIT_S
+        waited_s = 0.0
         for _ in range(_TRIES):
             try:
                 fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                threading.Event().wait(wait_s)
-                wait_s = min(_WAIT_S, 2.0 * wait_s)
+                meanwhile()
+                pause_s = _choose_pause(waited_s)
+                select.select((), (), (), pause_s)
+                waited_s += pause_s
             else:
                 self._check_place()
                 return
@@ -63,9 +69,9 @@ class PartitionLock:
             raise describe_move(self._path)
 
     @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Hold the lock while the block runs; raises as `acquire`."""
-        self.acquire()
+    def held(self, meanwhile: Callable[[], object] = lambda: None) -> Iterator[None]:
+        """Hold the lock while the block runs; arguments and errors as `acquire`."""
+        self.acquire(meanwhile)
         try:
             yield
         finally:
@@ -87,6 +93,13 @@ class PartitionLock:
 
     def _open(self) -> int:
         return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+
+
+def _choose_pause(waited_s: float) -> float:
+    """Doubled at first [s]; short for one that newcomers would overtake for ever; long where a holder is stuck."""
+    if waited_s >= _OLDEST_S:
+        return _STUCK_S
+    return _SHORT_S if waited_s >= _OLD_S else min(max(waited_s, _SHORT_S), _LONG_S)
 
 
 @contextlib.contextmanager

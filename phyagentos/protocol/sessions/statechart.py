@@ -49,9 +49,12 @@ class Statechart:
             """The condition, then the new state: no chart here has callbacks, which are most of an event's cost."""
 
             def execute(self, event_data: EventData) -> bool:
-                if not self._eval_conditions(event_data):
-                    return False
-                event_data.machine.set_state(str(self.dest), event_data.model)
+                conditions: Any = self.conditions
+                model: Any = event_data.model
+                for condition in conditions:
+                    if not condition.func(event_data):
+                        return False
+                model.state = self.dest
                 return True
 
         class Chart(Machine):
