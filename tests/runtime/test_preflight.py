@@ -14,7 +14,8 @@ from phyagentos.protocol.settings.perception import read_perception
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.protocol.settings.sensors import read_sensors
-from phyagentos.protocol.world.environment import Entity, Environment, Pose, Region
+from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Region
+from phyagentos.runtime.preflight.arguments import iter_contradictions
 from phyagentos.runtime.preflight.compatibility import Preflight
 from phyagentos.runtime.preflight.findings import describe_problem
 from phyagentos.runtime.preflight.settings import Settings
@@ -260,3 +261,30 @@ def test_a_session_that_asks_which_of_two_alike_things_is_which_is_refused(accep
 
     assert codes(problems) == (["AMBIGUOUS"] if is_refused else [])
     assert all("nothing tells cube and other apart" in problem.found for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("accept", "apart"),
+    [
+        (("inside(cube, left) and inside(cube, tray)",), True),
+        (("inside(cube, left)", "inside(cube, tray)"), True),
+        (("inside(cube, left)", "inside(ball, tray)"), False),
+        (("inside(cube, left) or inside(cube, tray)",), False),
+        (("inside(cube, left)", "inside(cube, near_left)"), False),
+        (("inside(cube, left)", "inside(cube, nowhere)"), False),
+    ],
+)
+def test_a_thing_that_is_wanted_in_two_places_at_once_is_refused(accept, apart):
+    half, interior = (0.1, 0.1, 0.1), Interior((0.0, 0.0, 0.05), (0.1, 0.05, 0.05))
+    regions = {
+        name: Region(name=name, pose=Pose((x, 0.0, 0.0)), half_m=half)
+        for name, x in (("left", 0.0), ("near_left", 0.19))
+    }
+    tray = Entity(name="tray", kind="tray", pose=Pose((0.16, 0.0, 0.0), (0.7071, 0.0, 0.0, 0.7071)), interior=interior)
+    now = Environment(
+        time_s=0.0, scene="s", episode="e", revision=1, sensing="truth", entities={"tray": tray}, regions=regions
+    )
+    problems = list(iter_contradictions(make_session(accept=accept), now))
+
+    assert [problem.code for problem in problems] == ["CRITERIA_CONTRADICT"] * apart
+    assert all("0.010 m apart" in problem.found for problem in problems)

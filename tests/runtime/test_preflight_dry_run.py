@@ -258,6 +258,30 @@ def make_session(attempt=0, **changes):
     return replace(SESSION, scene=scene, attempt=attempt, accept=("inside(cube, tray)",), **changes)
 
 
+@pytest.mark.parametrize(
+    ("kind", "size_m", "turn", "outcome"),
+    [
+        (ShapeKind.SPHERE, (0.03,), (1.0, 0.0, 0.0, 0.0), "impossible"),
+        (ShapeKind.BOX, (0.03, 0.03, 0.03), (0.6, 0.0, 0.0, 0.8), "possible"),
+        (ShapeKind.CYLINDER, (0.03, 0.04), (1.0, 0.0, 0.0, 0.0), "possible"),
+        (ShapeKind.CYLINDER, (0.03, 0.04), (0.5**0.5, 0.5**0.5, 0.0, 0.0), "impossible"),  # it lies
+    ],
+)
+def test_nothing_stands_on_what_has_no_level_face(kind, size_m, turn, outcome):
+    world = make_world()
+    base = Entity(name="tray", kind="base", pose=Pose((0.4, 0.3, 0.03), turn), shapes=(Shape(kind, size_m),))
+    now = replace(world, entities=world.entities | {"tray": base})
+    planner = Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
+    dry_run = DryRun(
+        planner=planner, library=Library.open(), registry=REGISTRY, clock=ManualClock(), home_rad=HOME, reach=None
+    )
+    session = replace(SESSION, parameters={"object": "cube", "support": "tray"})
+    place = dry_run.run(session, "stack", now, thorough=False)[-1]
+
+    assert (place.motion, place.outcome) == ("place cube on tray", outcome)
+    assert place.code == ("NO_SPACE" if outcome == "impossible" else "")
+
+
 def test_every_attempt_passes_the_same_dry_run():
     planner = Oracle(FindGrasps=FOUND, FindPlacements=refuse("NO_FREE_SITE"))
     found = examine(make_world(), planner, make_session(), make_session(1), make_session(2))

@@ -2,15 +2,19 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from itertools import combinations
+
+import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.geometry import compute_rotation, to_parent
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_mismatch
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.exchanges import exchange, find_groups
-from phyagentos.protocol.world.predicates.predicate import Predicate, View, iter_entities, parse_predicate
-from phyagentos.protocol.world.predicates.syntax import iter_calls
+from phyagentos.protocol.world.predicates.predicate import Predicate, View, find_formula, iter_entities, parse_predicate
+from phyagentos.protocol.world.predicates.syntax import And, Call, Name, iter_calls
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.preflight.findings import make_problem, make_unknown
 
@@ -141,6 +145,40 @@ def _look_at(session: Session, now: Environment) -> View:
 def _find_calls(texts: Iterable[str]) -> list[str]:
     """Names of the predicates that some texts use; of templates too."""
     return [call.name for text in texts for call in iter_calls(parse_predicate(text, template=True).formula)]
+
+
+def iter_contradictions(session: Session, now: Environment) -> Iterator[Problem]:
+    """Things that the acceptance wants inside of two places at once that do not overlap."""
+    wanted: dict[str, list[str]] = {}
+    for text in session.accept:
+        formula = find_formula(text)
+        for part in formula.parts if isinstance(formula, And) else (formula,):
+            match part:
+                case Call("inside", (Name(thing), Name(place))):
+                    wanted.setdefault(thing, []).append(place)
+    for thing, places in wanted.items():
+        for one, other in combinations(dict.fromkeys(places), 2):
+            room, further = _compute_room(now, one), _compute_room(now, other)
+            if room is None or further is None:
+                continue
+            gap_m = float(np.maximum(room[0] - further[1], further[0] - room[1]).max())
+            if gap_m > 0.0:
+                found = f"inside({thing}, {one}) and inside({thing}, {other}), which are {gap_m:.3f} m apart"
+                fix = "Ask for one of them, or for two nodes one after the other."
+                yield make_problem("CRITERIA_CONTRADICT", "accept", found, "places that overlap", "accept", fix)
+
+
+def _compute_room(now: Environment, place: str) -> tuple[np.ndarray, np.ndarray] | None:
+    """Least and greatest coordinates (3,) of the inside of a place, in the world [m]; None where it is not known."""
+    if place in now.regions:
+        pose, middle, half = now.regions[place].pose, (0.0, 0.0, 0.0), now.regions[place].half_m
+    elif place in now.entities and (interior := now.entities[place].interior) is not None:
+        pose, middle, half = now.entities[place].pose, interior.center_m, interior.half_m
+    else:
+        return None
+    center = np.array(to_parent(pose, middle))
+    reach = np.abs(compute_rotation(pose.quaternion_wxyz)) @ np.array(half)
+    return center - reach, center + reach
 
 
 def _find_names(text: str) -> list[str]:

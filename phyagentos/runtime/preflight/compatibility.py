@@ -16,6 +16,7 @@ from phyagentos.runtime.actions.bridges.compilation import compile_chain
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, TargetToolManifest, make_tools
 from phyagentos.runtime.preflight.arguments import (
     iter_ambiguity_problems,
+    iter_contradictions,
     iter_limit_problems,
     iter_name_problems,
     iter_parameter_problems,
@@ -124,6 +125,7 @@ class Preflight:
             *iter_name_problems(session, skill, now, is_fresh=is_fresh),
             *iter_precondition_problems(session, now),
             *iter_ambiguity_problems(session, skill, now),
+            *iter_contradictions(session, now),
             *iter_start_problems(self.settings.limits, self.profile, now),
             *iter_tool_problems(self.profile, live, now),
         ]

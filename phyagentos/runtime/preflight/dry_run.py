@@ -12,14 +12,14 @@ import numpy as np
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, to_parent
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import STILL, Role
 from phyagentos.protocol.world.environment import Entity, Environment
-from phyagentos.protocol.world.predicates.geometry import compute_extent
+from phyagentos.protocol.world.predicates.geometry import compute_extent, find_tops_below
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
@@ -224,6 +224,9 @@ class DryRun:
         place = now.entities.get(motion.destination) or now.regions.get(motion.destination)
         if place is None:
             return Trial(motion=name, outcome="undecided", message="the destination is not in the world")
+        if motion.relation == "on" and isinstance(place, Entity) and not _has_face(place):
+            message = f"{motion.destination} has no level face on which anything could stand"
+            return Trial(motion=name, outcome="impossible", code="NO_SPACE", message=message)
         request = FindPlacements(
             world=world,
             payload=payload,
@@ -257,6 +260,12 @@ class DryRun:
         norm = np.linalg.norm  # of balls about the entity's origin that hold its shapes
         own_m = max((float(norm(each.pose.position_m) + norm(each.size_m)) for each in entity.shapes), default=0.0)
         return self.reach.compute_excess(entity.pose.position_m) - own_m - HAND_M
+
+
+def _has_face(entity: Entity) -> bool:
+    """Whether `on` can ever be true of it: a solid has a level top; of what has no known solid that is not known."""
+    middles = (to_parent(entity.pose, shape.pose.position_m) for shape in entity.shapes)
+    return not entity.shapes or any(find_tops_below(entity, x_m, y_m, 0.0) for x_m, y_m, _ in middles)
 
 
 def find_motions(
