@@ -4,12 +4,21 @@ from typing import Any, ClassVar, Generic, TypeVar, cast, final
 
 from msgspec import to_builtins
 
-from phyagentos.geometry import to_child
-from phyagentos.protocol.world.environment import Entity, Pose
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, to_child
+from phyagentos.protocol.world.environment import Entity, Pose, TargetState
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, Status
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
-from phyagentos.runtime.motion.requests import Approaches, FindLine, Motion, MotionAnswer, MotionRequest, NoPlan, World
-from phyagentos.runtime.perception.world_model import BELIEF
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    FindLine,
+    Motion,
+    MotionAnswer,
+    MotionRequest,
+    NoPlan,
+    Payload,
+    World,
+)
+from phyagentos.runtime.perception.world_model import BELIEF, HAND
 from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
@@ -79,6 +88,13 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
             entities=tuple(entity for entity in entities if not any(_is_in(entity, vessel) for vessel in vessels)),
             regions=tuple(environment.regions.values()),
         )
+
+    def find_held(self) -> Payload | None:
+        """What the fingers hold as believed, so that a motion that was not composed for it carries it along."""
+        holding = self.context.world.observe(HAND).targets[self.context.session.target].holding
+        entities = self.context.world.observe(BELIEF).entities
+        held = next((entities[name] for name in holding if name in entities), None)
+        return None if held is None else measure_payload(held, self.context.step.target)
 
     @final
     def ask(self) -> Status:
@@ -233,6 +249,12 @@ class MovingLeaf(PlanningLeaf[Motion]):
             "duration_s": round(motion.trajectory.duration_s, 6),
             "worst_tracking_error_rad": self.context.lag.worst_error_rad,
         }
+
+
+def measure_payload(entity: Entity, state: TargetState) -> Payload:
+    """A held entity as it sits in the hand."""
+    tcp_T_entity = compute_pose(compute_inverse(compute_matrix(state.tcp)) @ compute_matrix(entity.pose))
+    return Payload(entity=entity.name, tcp_T_entity=tcp_T_entity, width_m=state.gripper_width_m)
 
 
 def _is_in(entity: Entity, vessel: Entity) -> bool:

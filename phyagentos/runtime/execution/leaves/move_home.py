@@ -28,7 +28,7 @@ class MoveHome(MovingLeaf):
             q_rad=self.context.commands.q_rad,
             goals_rad=home[None, :],
             seed=self.context.draw_seed(self.path),
-            payload=payload,
+            payload=payload or self.find_held(),
             speed=self.scale_speed(self.read("speed")),
             width_m=self.context.step.target.gripper_width_m,
         )
