@@ -135,4 +135,45 @@ SABOTAGES = (
             "tests/runtime/actions/test_collision.py::test_fingers_that_are_closed_pass_where_open_ones_would_touch",
         ),
     ),
+    Sabotage(
+        name="closing_fingers_meet_no_wall",
+        lie="A grasp is free when the open fingers are: what they sweep while they close is not looked at.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.motion.approaches",
+                "for pair in scene.sweep(q_rad, *self.openings_m)",
+                "for pair in scene.sweep(q_rad, self.openings_m[1], self.openings_m[1])",
+            ),
+        ),
+        tests=("tests/runtime/motion/test_grasps.py::test_a_thing_whose_walls_open_fingers_would_straddle_is_refused",),
+    ),
+    Sabotage(
+        name="falls_without_walls",
+        lie="A thing is let go above a container of which one side is open.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.motion.sites",
+                "lowest = min(lowest, max((b.top_m - float(space.center_m[2]) for b in walls), default=0.0))",
+                "lowest = min(lowest, max(b.top_m - float(space.center_m[2]) for b in compute_shape_boxes(entity)))",
+            ),
+        ),
+        tests=(
+            "tests/runtime/motion/test_placements.py::test_nothing_falls_where_it_must_not_or_where_no_wall_keeps_it",
+        ),
+    ),
+    Sabotage(
+        name="standing_force_excuses_any",
+        lie="An arm that began a session in contact may press as hard as it likes.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.drivers.mujoco.joint_controller",
+                "self._standing_n = min(self._standing_n, self._force_n)",
+                "self._standing_n = max(self._standing_n, self._force_n)",
+            ),
+        ),
+        tests=(
+            "tests/runtime/targets/test_hostile.py::"
+            "test_an_arm_that_rests_in_contact_may_leave_it_and_may_not_press_harder",
+        ),
+    ),
 )

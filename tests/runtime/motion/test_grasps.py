@@ -22,14 +22,27 @@ def list_contacts(planner, world, q_rad, widths_m):
     return {pair for width in widths_m for pair in scene.sweep(q_rad, width, width)}
 
 
+def pen_in(build, table, gap_m, high_m=0.02):
+    """A cube of 30 mm with walls around it, `gap_m` away."""
+    away_m = 0.0175 + gap_m
+    walls = [build.box((0, side * away_m, high_m), (away_m, 0.0025, high_m)) for side in (-1, 1)]
+    walls += [build.box((side * away_m, 0, high_m), (0.0025, away_m, high_m)) for side in (-1, 1)]
+    return World((table, build.fixed("pen", (0.5, 0.0, 0.0), *walls), build.cube("cube0", 0.5, 0.0, half=0.015)))
+
+
+def test_a_thing_whose_walls_open_fingers_would_straddle_is_refused(planner, build, table, home):
+    """The guard stopped it as soon as the fingers closed: COLLISION, left_finger|brown_tray."""
+    answer = planner.answer(FindGrasps(world=pen_in(build, table, 0.012, 0.01), object="cube0", q_rad=home, seed=1))
+    assert getattr(answer, "code", "") == "NO_IK", answer
+    assert "left_finger|pen" in answer.rejected
+
+
 @pytest.mark.parametrize("gap_m", [0.036, 0.045])
 def test_fingers_go_between_a_thing_and_the_wall_beside_it_and_sweep_no_wall_when_they_close(
     planner, build, table, home, gap_m
 ):
     """Wide open, they would stand beyond the walls, and closing would take the walls along."""
-    walls = [build.box((0, side * (0.015 + gap_m + 0.0025), 0.02), (0.06, 0.0025, 0.02)) for side in (-1, 1)]
-    walls += [build.box((side * (0.015 + gap_m + 0.0025), 0, 0.02), (0.0025, 0.06, 0.02)) for side in (-1, 1)]
-    world = World((table, build.fixed("pen", (0.5, 0.0, 0.0), *walls), build.cube("cube0", 0.5, 0.0, half=0.015)))
+    world = pen_in(build, table, gap_m)
     answer = planner.answer(FindGrasps(world=world, object="cube0", q_rad=home, seed=1))
     assert isinstance(answer, Approaches), answer
     _ANSWERS.encode(answer)
