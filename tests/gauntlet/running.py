@@ -133,7 +133,10 @@ def _run_pytest(arguments: Sequence[str], environment: dict[str, str], printed: 
         raise RuntimeError(f"imported before the lie: {own}")
     runpy.run_path(str(BEND / "sitecustomize.py"))
     import pytest
+    from hypothesis import Phase, settings
 
+    settings.register_profile("unshrunk", phases=(Phase.explicit, Phase.generate))  # red needs no smallest example
+    settings.load_profile("unshrunk")
     sys.exit(pytest.main([*arguments]))
 
 
