@@ -13,6 +13,9 @@ class PlanPush(PlanningLeaf[Approaches]):
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to push."),
         "to": PortInformation(data_type=tuple, description="Where its centre shall be, world frame [m]."),
+        "approaches": PortInformation(
+            data_type=Approaches, required=False, description="Not used; trees of recorded workspaces give it."
+        ),
     }
     OUTPUT_PORTS = {"ways": PortInformation(data_type=Approaches, description="Ways, one to be reached and followed.")}
 
