@@ -12,12 +12,13 @@ The judge (`unseen_parts/judge.py`) reads `scene.mjb` and `terminal.npz` with nu
 `unseen_parts/feasible.py` decides by reach, opening, free volume and friction what can be met. Both import nothing of
 the package. Where two honest judges may differ (1 mm, 1 degree, half the weight borne) a session is open: it counts
 neither for nor against a verdict. An infeasible goal is refused before motion when no session of a node that cannot be
-met moved the arm.
+met moved the arm. Half of the goals with equal things say that these are interchangeable: the judge then accepts every
+naming. The others cannot be decided by looks: their nodes are listed, and count for false successes alone.
 
 What scene, goal and fault files cannot say yet is missing here: meshes and curved hollow walls (bowls and mugs are
 rings of flat walls), friction by pairs of materials (a thing's own surface decides against all), rolling friction,
 bodies outside of the inventory (flat coloured prints are seen and not told), glassy or black surfaces without depth,
-things that begin tilted (some come to lean on a slab), twins that a goal names as interchangeable, drawers, lids and
+things that begin tilted (some come to lean on a slab), drawers, lids and
 doors of random make, volumes hidden under covers, and predicates on metrics.
 
 Each goal is one line of the results file, written when it ended: a run resumes where it stopped and counts no seed

@@ -35,6 +35,7 @@ class Case:
         faults: As in a fault file, without the pattern of the session.
         constraints: Sampled all through.
         accept: The goal's own acceptance.
+        interchangeable: Groups of equal things that may stand for each other.
     """
 
     seed: int
@@ -44,6 +45,7 @@ class Case:
     faults: tuple[dict[str, object], ...] = ()
     constraints: tuple[str, ...] = ()
     accept: tuple[str, ...] = ()
+    interchangeable: tuple[tuple[str, ...], ...] = ()
 
     @property
     def name(self) -> str:

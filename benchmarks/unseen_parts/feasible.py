@@ -45,10 +45,12 @@ def find_contradiction(case: Case) -> str:
 def find_ambiguity(case: Case, node: Node) -> str:
     """A thing that nobody could tell from one that the node names: equal in form and colour; empty where there is none.
 
-    Whether such a node can be met is not decided here: no look tells which of the two the name means.
+    Whether such a node can be met is not decided here: no look tells which of the two the name means, unless the goal
+    lets them stand for each other.
     """
+    agreed = {name for names in case.interchangeable for name in names}
     named = set(re.findall(r"\w+", " ".join((*node.accept, *map(str, node.arguments.values())))))
-    for name in sorted(named & set(case.room.things)):
+    for name in sorted((named & set(case.room.things)) - agreed):
         if (twin := find_twin(case.room, case.room.things[name])) is not None:
             return f"{name} looks as {twin.name} does"
     return ""

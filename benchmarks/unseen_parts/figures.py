@@ -50,10 +50,18 @@ class Tally:
     def met(self) -> list[SessionRecord]:
         """Sessions that clearly met their objective in truth, but for those that only asked to look again.
 
-        Where every camera lies or is dark, nothing can be known: those goals count for false successes alone.
+        Where every camera lies or is dark, or a node names one of two equal things, nothing can be known: those count
+        for false successes alone.
         """
         seeing = [goal for goal in self.goals if not any(fault.endswith("*") for fault in goal.faults)]
-        return [s for goal in seeing for s in goal.sessions if s.is_judged and s.is_met]
+        doubtful = {(goal.seed, node.name) for goal in seeing for node in goal.nodes if node.is_ambiguous}
+        judged = ((goal.seed, s) for goal in seeing for s in goal.sessions if s.is_judged and s.is_met)
+        return [s for seed, s in judged if (seed, s.node) not in doubtful]
+
+    @property
+    def ambiguous(self) -> list[tuple[GoalRecord, NodeRecord]]:
+        """Nodes that name one of two things that nobody could tell apart: neither met nor missed."""
+        return [(goal, node) for goal in self.goals for node in goal.nodes if node.is_ambiguous]
 
     @property
     def false_successes(self) -> int:
@@ -105,6 +113,10 @@ class Tally:
         for goal in self.goals:
             for finding in iter_findings(goal):
                 console.print(finding, highlight=False, markup=False)
+        for goal, node in self.ambiguous:
+            told = next((s for s in reversed(goal.sessions) if s.node == node.name), None)
+            end = f"{told.verdict or 'refused'} {told.cause}: {told.reason[:120]}" if told else "not begun"
+            console.print(f"twins: seed {goal.seed}, {node.name}: {node.why}; {end}", highlight=False, markup=False)
         self._show_reasons(console)
 
     def _show_reasons(self, console: Console) -> None:

@@ -112,6 +112,8 @@ def render_goal(case: Case) -> dict[str, object]:
     }
     if case.constraints:
         data["constraints"] = list(case.constraints)
+    if case.interchangeable:
+        data["interchangeable"] = [list(names) for names in case.interchangeable]
     data["sessions"] = {
         node.name: {"skill": node.skill, "target": "arm", "with": dict(node.arguments), "accept": list(node.accept)}
         | ({"after": list(node.after)} if node.after else {})

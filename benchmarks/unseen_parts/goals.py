@@ -14,8 +14,9 @@ from benchmarks.unseen_parts.cases import Case, Draft, Node
 from benchmarks.unseen_parts.faults import draw_faults
 from benchmarks.unseen_parts.forms import Rng
 from benchmarks.unseen_parts.impossible import draw_impossible
-from benchmarks.unseen_parts.rooms import Room, Thing, add_leaning, draw_room
+from benchmarks.unseen_parts.rooms import Room, Thing, add_leaning, draw_room, list_twins
 
+AGREED_SHARE = 0.5  # of goals in whose room equal things may stand for each other
 FAULT_SHARE, IMPOSSIBLE_SHARE, LEANING_SHARE = 0.26, 0.16, 0.3
 NODES_MAX = 4
 
@@ -37,7 +38,9 @@ def draw_case(seed: int, *, friction: tuple[float, float] = (0.2, 0.6)) -> Case:
     leaning = np.random.default_rng([20_261_015, seed, 1])
     if leaning.random() < LEANING_SHARE:
         _claim_leaning(draft, leaning, friction)
-    case = Case(seed, draft.room, tuple(_untangle(draft.nodes)), detail)
+    agrees = np.random.default_rng([20_261_015, seed, 3]).random() < AGREED_SHARE
+    twins = list_twins(draft.room) if agrees else ()
+    case = Case(seed, draft.room, tuple(_untangle(draft.nodes)), detail, interchangeable=twins)
     moved = [str(node.arguments["object"]) for node in case.nodes if not node.is_claim]
     if IMPOSSIBLE_SHARE <= mood < IMPOSSIBLE_SHARE + FAULT_SHARE and moved:
         case = replace(case, faults=tuple(draw_faults(rng, moved)))

@@ -1,8 +1,10 @@
 """One goal as it ended, judged: a line of the results file, from which every figure can be computed again."""
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,10 @@ from benchmarks.unseen_parts.cases import Case, Node
 from benchmarks.unseen_parts.feasible import find_ambiguity, find_contradiction, list_obstacles
 from benchmarks.unseen_parts.judge import Judge, open_judge, open_start
 
+Agreed = tuple[tuple[str, ...], ...]
+"""Groups of things that stand for each other."""
+
+TWINS = "looks as"
 LOOK_AGAIN = "EVIDENCE_MISSING"
 CLEAR = 2.5  # tolerances of the judge: 2.5 mm, 2.5 degrees
 STILL_RAD = 0.02  # joints that turn less have not been commanded anywhere
@@ -80,6 +86,11 @@ class NodeRecord:
     feasible: str
     why: str
     first: bool
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether it names one of two things that nobody could tell apart."""
+        return TWINS in self.why
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,7 +179,8 @@ class Recorder:
         if ended:
             last = max(ended, key=self._find_time)
             first = self.folder / ended[0]
-            truth, against = decide(open_judge(self.case.room, self.folder / last, first, self._broken), self._asked)
+            judge = open_judge(self.case.room, self.folder / last, first, self._broken)
+            truth, against = decide(judge, self._asked, self.case.interchangeable)
         return begin_record(
             self.case,
             self.table,
@@ -218,8 +230,12 @@ class Recorder:
         if self._has_end(told["id"]):
             judge = open_judge(self.case.room, bundle, broken=self._broken)
             asked = list_asked(bundle, told)
-            truth, against = decide(judge, asked)
-            is_clear = min((judge.judge(text) for text in asked), default=0.0) >= CLEAR
+            truth, against = decide(judge, asked, self.case.interchangeable)
+            best = max(
+                (min(values.values()) for values in iter_named(judge, asked, self.case.interchangeable) if values),
+                default=0.0,
+            )
+            is_clear = best >= CLEAR
         return SessionRecord(
             id=told["id"],
             node=told["node"],
@@ -241,7 +257,8 @@ class Recorder:
         if not why and (why := find_ambiguity(self.case, node)):
             feasible = "open"
         if node.is_claim and begun:
-            truth, against = decide(open_start(self.case.room, self.folder / begun[0]), node.accept)
+            judge = open_start(self.case.room, self.folder / begun[0])
+            truth, against = decide(judge, node.accept, self.case.interchangeable)
             feasible, why = (feasible, why) if truth == "met" else ("open", "; ".join(against))
         first = next((s for s in sessions if s.node == node.name and s.attempt == 0), None)
         met = first is not None and first.verdict == "success" and first.truth != "unmet"
@@ -285,14 +302,25 @@ def is_lasting(fault: dict[str, object]) -> bool:
     return fault["kind"] == "remove" or fault.get("camera") == "*"
 
 
-def decide(judge: Judge, accept: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """`met`, `unmet` or `open`, with what decided against it; no truth where nothing is asked."""
+def decide(judge: Judge, accept: Sequence[str], agreed: Agreed = ()) -> tuple[str, tuple[str, ...]]:
+    """`met`, `unmet` or `open`, with what decided against it; no truth where nothing is asked.
+
+    Things that the goal lets stand for each other are named as is best for what is asked, all of it at once.
+    """
     if not accept:
         return "", ()
-    values = {text: judge.judge(text) for text in accept}
+    values = max(iter_named(judge, accept, agreed), key=lambda values: min(values.values()))
     least = min(values.values())
     truth = "met" if least >= 1 else "unmet" if least <= -1 else "open"
     return truth, tuple(f"{text}: {value:.2f}" for text, value in values.items() if value < 1)
+
+
+def iter_named(judge: Judge, accept: Sequence[str], agreed: Agreed) -> Iterator[dict[str, float]]:
+    """The value of each predicate, under every naming of the things that stand for each other."""
+    ways = ([dict(zip(names, each, strict=True)) for each in permutations(names)] for names in agreed)
+    for chosen in product(*ways):
+        bodies = {name: body for way in chosen for name, body in way.items()}
+        yield {text: judge.judge(re.sub(r"\w+", lambda word: bodies.get(word[0], word[0]), text)) for text in accept}
 
 
 def has_moved(bundle: Path) -> bool:

@@ -166,6 +166,15 @@ def find_twin(room: Room, thing: Thing) -> Thing | None:
     return None if thing.fixed else next(alike, None)
 
 
+def list_twins(room: Room) -> tuple[tuple[str, ...], ...]:
+    """Groups of movable things that nobody could tell from each other."""
+    groups: list[list[Thing]] = []
+    for thing in room.movable:
+        own = next((group for group in groups if (group[0].form, group[0].rgb) == (thing.form, thing.rgb)), None)
+        groups.append([thing]) if own is None else own.append(thing)
+    return tuple(tuple(thing.name for thing in group) for group in groups if len(group) > 1)
+
+
 def _distinguish(room: Room, rng: Rng) -> Room:
     """The same room, in which the second of two equal things has a colour of its own."""
     things = dict[str, Thing]()

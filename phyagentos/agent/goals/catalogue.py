@@ -10,7 +10,8 @@ from phyagentos.protocol.capabilities.registries import read_skill_registry, rea
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.scenes import find_alike, read_scene
+from phyagentos.protocol.world.alike import find_alike
+from phyagentos.protocol.world.scenes import read_scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

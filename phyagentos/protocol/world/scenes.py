@@ -16,7 +16,6 @@ Number3 = tuple[float, float, float]
 Span = tuple[float, float]
 Color = tuple[float, float, float, float]
 
-ALIKE_M, ALIKE_RAD, ALIKE_RGB = 0.002, 0.02, 0.02  # of solids and colours that no picture tells apart
 _SIZES = {ShapeKind.BOX: 3, ShapeKind.CYLINDER: 2, ShapeKind.CAPSULE: 2, ShapeKind.SPHERE: 1}
 
 
@@ -210,31 +209,6 @@ def read_scene(path: Path) -> SceneSpec:
     if problems:
         raise DefinitionError(problems)
     return spec
-
-
-def find_alike(spec: SceneSpec, name: str) -> frozenset[str]:
-    """Other movable bodies that no picture tells from this one: of the same solids, in the same colours."""
-    own = spec.bodies[name]
-    others = {other: body for other, body in spec.bodies.items() if other != name and not own.fixed and not body.fixed}
-    return frozenset(other for other, body in others.items() if _has_equal_looks(spec, own, body))
-
-
-def _has_equal_looks(spec: SceneSpec, one: Body, other: Body) -> bool:
-    if len(one.shapes) != len(other.shapes):
-        return False
-    for a, b in zip(one.shapes, other.shapes, strict=True):
-        looks = [
-            spec.materials.get(s.material or body.material or "", Material()) for s, body in ((a, one), (b, other))
-        ]
-        if a.kind is not b.kind or any(each.texture != looks[0].texture for each in looks):
-            return False
-        lengths = zip((*a.size_m, *a.position_m), (*b.size_m, *b.position_m), strict=True)
-        shades = zip(looks[0].rgba[:3], looks[1].rgba[:3], strict=True)
-        if any(abs(x - y) > ALIKE_M for x, y in lengths) or any(abs(x - y) > ALIKE_RGB for x, y in shades):
-            return False
-        if any(abs(x - y) > ALIKE_RAD for x, y in zip(a.euler_rad, b.euler_rad, strict=True)):
-            return False
-    return True
 
 
 def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:

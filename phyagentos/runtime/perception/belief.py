@@ -129,7 +129,8 @@ def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[s
         if body is not None:
             rotation = compute_rotation(body.pose.quaternion_wxyz)
             pose = as_pose(rotation, rotation @ np.array(prior.center_m) + np.array(body.pose.position_m))
-        regions[prior.name] = Region(name=prior.name, pose=pose, half_m=prior.half_m)
+        alternatives = (prior.turned,) if prior.turned else ()
+        regions[prior.name] = Region(name=prior.name, pose=pose, half_m=prior.half_m, alternatives=alternatives)
     return regions
 
 

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix, convert_euler
+from phyagentos.protocol.world.alike import find_alike, find_turned
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
-from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid, find_alike
+from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
 from phyagentos.runtime.perception.drawers import Drawer, find_drawer
 from phyagentos.runtime.perception.solids import Array, Solids
 
@@ -92,12 +93,16 @@ class ObjectModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RegionPrior:
-    """A named region in the frame of a body, or in the world where `body` is None."""
+    """A named region in the frame of a body, or in the world where `body` is None.
+
+    Where no picture tells how its body is turned, `turned` is the region that it may be instead.
+    """
 
     name: str
     center_m: tuple[float, float, float]
     half_m: tuple[float, float, float]
     body: str | None
+    turned: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +179,13 @@ def build_inventory(spec: SceneSpec) -> Inventory:
         palette=palette,
         is_of_thing=np.isin(np.arange(256), [color for thing in things.values() for color in thing.colors]),
         regions=tuple(
-            RegionPrior(name=name, center_m=region.center_m, half_m=region.half_m, body=region.body)
+            RegionPrior(
+                name=name,
+                center_m=region.center_m,
+                half_m=region.half_m,
+                body=region.body,
+                turned=find_turned(spec, name),
+            )
             for name, region in spec.regions.items()
         ),
     )

@@ -1,0 +1,77 @@
+"""What of a scene no picture tells apart: things of equal form and colour, the ends of a thing that has a half turn.
+
+Both planes ask: authors are warned, perception says which names it cannot decide.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from phyagentos.protocol.world.environment import ShapeKind
+from phyagentos.protocol.world.scenes import Body, Material, SceneSpec
+
+ALIKE_M, ALIKE_RAD, ALIKE_RGB = 0.002, 0.02, 0.02  # of solids and colours that no picture tells apart
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """One solid of a body as it is seen; a turn of a round one about its axis is not."""
+
+    kind: ShapeKind
+    lengths_m: tuple[float, ...]
+    euler_rad: tuple[float, float, float]
+    material: Material
+
+    def is_like(self, other: "_Look") -> bool:
+        if self.kind is not other.kind or self.material.texture != other.material.texture:
+            return False
+        shades = zip(self.material.rgba[:3], other.material.rgba[:3], strict=True)
+        lengths = zip(self.lengths_m, other.lengths_m, strict=True)
+        turns = zip(self.euler_rad, other.euler_rad, strict=True)
+        return (
+            all(abs(a - b) <= ALIKE_RGB for a, b in shades)
+            and all(abs(a - b) <= ALIKE_M for a, b in lengths)
+            and all(abs(math.remainder(a - b, math.pi)) <= ALIKE_RAD for a, b in turns)
+        )
+
+
+def find_alike(spec: SceneSpec, name: str) -> frozenset[str]:
+    """Other movable bodies of the same solids in the same colours."""
+    own = spec.bodies[name]
+    others = {other: body for other, body in spec.bodies.items() if other != name and not own.fixed and not body.fixed}
+    looks = _list_looks(spec, own)
+    return frozenset(other for other, body in others.items() if _are_like(looks, _list_looks(spec, body)))
+
+
+def find_turned(spec: SceneSpec, name: str) -> str:
+    """The region in the place of this one when its body is turned half around and looks the same.
+
+    Empty where the scene tells how the body stands, where the turn shows, or where it changes nothing; the name of no
+    region where that place has none.
+    """
+    region = spec.regions[name]
+    body = spec.bodies.get(region.body or "")
+    if body is None or (body.fixed and body.place.yaw_rad[1] - body.place.yaw_rad[0] < math.pi):
+        return ""
+    x, y, z = region.center_m
+    if math.hypot(x, y) <= ALIKE_M or not _are_like(_list_looks(spec, body), _list_looks(spec, body, turned=True)):
+        return ""
+    for other, each in spec.regions.items():
+        if each.body == region.body and math.dist(each.center_m, (-x, -y, z)) <= ALIKE_M:
+            return other
+    return f"{name} turned around"
+
+
+def _are_like(one: Sequence[_Look], other: Sequence[_Look]) -> bool:
+    """Whether each solid of one is there in the other, and no more."""
+    return len(one) == len(other) and all(any(each.is_like(found) for found in other) for each in one)
+
+
+def _list_looks(spec: SceneSpec, body: Body, *, turned: bool = False) -> list[_Look]:
+    looks = []
+    for solid in body.shapes:
+        x, y, z = solid.position_m
+        where = (-x, -y, z) if turned else (x, y, z)
+        material = spec.materials.get(solid.material or body.material or "", Material())
+        looks.append(_Look(solid.kind, (*solid.size_m, *where), solid.euler_rad, material))
+    return looks
