@@ -320,7 +320,11 @@ def iter_named(judge: Judge, accept: Sequence[str], agreed: Agreed) -> Iterator[
     ways = ([dict(zip(names, each, strict=True)) for each in permutations(names)] for names in agreed)
     for chosen in product(*ways):
         bodies = {name: body for way in chosen for name, body in way.items()}
-        yield {text: judge.judge(re.sub(r"\w+", lambda word: bodies.get(word[0], word[0]), text)) for text in accept}
+        yield {text: judge.judge(_rename(text, bodies)) for text in accept}
+
+
+def _rename(text: str, bodies: dict[str, str]) -> str:
+    return re.sub(r"\w+", lambda word: bodies.get(word[0], word[0]), text)
 
 
 def has_moved(bundle: Path) -> bool:

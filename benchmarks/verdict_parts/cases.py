@@ -60,7 +60,7 @@ def put_right(world: World, rng: Rng) -> None:
             _nudge_all(world, rng, 0.006)
         case "pick":
             world.settle(float(rng.uniform(0.0, 0.4)))
-        case "pick_and_place" | "place":
+        case "pick_and_place" | "place" | "twins":
             _open(world)
             half = _find_interior(world)[1]
             side = float(world.find_half_height(world.object))
@@ -267,6 +267,7 @@ FAILURES: Mapping[str, tuple[Kind, ...]] = {
     "pick_and_place": (
         _AIR, _SLIP, _WRONG, _SWAPPED, _RIM, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _ELSE, _SILENT, _SLIDING,
     ),
+    "twins": (Kind("twin taken", take_wrong), Kind("twins exchanged", exchange)),
     "place": (_SLIP, _WRONG, _SWAPPED, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _SILENT, _SLIDING),
     "push": (
         _AIR, Kind("pushed short", leave_short), _SWAPPED, _BACK, _HIDDEN, _STALE, _FROZEN, _SILENT, _SLIDING,

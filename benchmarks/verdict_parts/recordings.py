@@ -37,6 +37,7 @@ from phyagentos.runtime.worker.runner import SessionRunner
 CUBES = "tabletop/cubes_and_trays"
 BLOCKS = "tabletop/stacking"
 CUP = "tabletop/cup_transport"
+TWINS = "twins"
 DRAWER = "tabletop/drawer"
 COASTERS = "coasters"
 PUSHES_M = ((-0.06, -0.05), (-0.07, 0.02), (0.06, -0.04), (0.03, 0.07), (-0.02, -0.08), (0.08, 0.02))
@@ -101,6 +102,12 @@ def list_jobs(number: int) -> tuple[Job, ...]:
             skill="pick_and_place",
             given={"object": cube, "destination": tray},
             accept=(f"not moved({other}_cube)",),
+        ),
+        Job(
+            name="twins",
+            scene=TWINS,
+            skill="pick_and_place",
+            given={"object": ("one_cube", "other_cube")[number % 2], "destination": "tray"},
         ),
         Job(
             name="place",
