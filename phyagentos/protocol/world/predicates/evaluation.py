@@ -103,7 +103,7 @@ def evaluate(formula: Formula, view: View) -> Evaluation:
     except ValueError as error:
         return _unknown(str(error))
     agreed = " and ".join(find_agreed(formula, view))
-    return replace(believed, because=f"{believed.because}; {agreed} are named by agreement") if agreed else believed
+    return replace(believed, because=f"{believed.because}; named by agreement: {agreed}") if agreed else believed
 
 
 def _evaluate_each(formula: Formula, view: View) -> Evaluation:
