@@ -30,7 +30,7 @@ TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
 FEW, FEW_COST = 60, 0.003  # a handful of points fits anything
 COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
-OWN_MIN = 0.25  # of a cluster's pixels; with less of its own colour it is another thing
+OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another thing
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
 ROOM = 1.6  # a cluster may be this much larger than a thing that it is
 STRAY_PERCENT = 3  # at either end: pixels of a near camera's wavering edges lie anywhere along their rays
@@ -202,8 +202,8 @@ def _assign(
 
 
 def _is_spill(cloud: Cloud, piece: Piece, other: Piece, thing: ObjectModel) -> bool:
-    """Whether a cluster is small beside another one of the thing's colour, which no thing explains."""
-    return len(other) > SPILL * len(piece) and len(piece) < FEW and _measure_share(cloud, other, thing) > 0.5
+    """Whether a cluster is small beside another one with pixels of the thing's colour, which no thing explains."""
+    return len(other) > SPILL * len(piece) and len(piece) < FEW and _measure_share(cloud, other, thing) > OWN_MIN
 
 
 def _measure_share(cloud: Cloud, piece: Piece, thing: ObjectModel) -> float:
