@@ -58,6 +58,10 @@ def put_right(world: World, rng: Rng) -> None:
     match world.recorded.job.name:
         case "home" | "inspect" | "survey":
             _nudge_all(world, rng, 0.006)
+        case "stand":
+            spot = np.array([*world.find_spot(rng), world.find_half_height("blue_block") + ON_TOP_M])
+            world.put("blue_block", spot, float(rng.uniform(-np.pi, np.pi)))
+            world.settle()
         case "pick":
             world.settle(float(rng.uniform(0.0, 0.4)))
         case "pick_and_place" | "place" | "twins":
@@ -238,6 +242,16 @@ def hide_in_tray(world: World, rng: Rng) -> None:
     world.settle()
 
 
+def lean_on_edge(world: World, rng: Rng) -> None:
+    """It leans on the edge of a thin plate, by ten degrees."""
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    plate, high = np.array([*world.find_spot(rng), 0.004]), world.find_half_height("blue_block")
+    past = 0.03 + float(rng.uniform(0.002, 0.012))
+    world.put("plate", plate, yaw)
+    world.put("blue_block", plate + np.array([past * np.cos(yaw), past * np.sin(yaw), 0.006 + high]), yaw)
+    world.settle(1.0)
+
+
 _PLACING = ("pick_and_place", "place")
 _MOVING = (*_PLACING, "stack")
 _AIR = Kind("closed on air", close_on_air)
@@ -263,6 +277,7 @@ FAILURES: Mapping[str, tuple[Kind, ...]] = {
         Kind("sensor stale", slip_late, Lie.STALE),
         Kind("picture frozen", slip_late, Lie.FROZEN),
     ),
+    "stand": (Kind("leaning a little", lean_on_edge),),
     "survey": (Kind("under a cover", hide_in_tray, Lie.COVERED), Kind("in the tray", hide_in_tray)),
     "pick_and_place": (
         _AIR, _SLIP, _WRONG, _SWAPPED, _RIM, _TOP, _BACK, _HIDDEN, _STALE, _FROZEN, _ELSE, _SILENT, _SLIDING,

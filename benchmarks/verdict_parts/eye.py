@@ -73,6 +73,9 @@ class Eye:
         counted = re.fullmatch(r"count\(inside\(\*, (\w+)\)\) >= (\d+)", text)
         if counted:
             return self._count_in_vessel(counted[1], int(counted[2]))
+        tilted = re.fullmatch(r"tilt\((\w+)\) <= ([\d.]+)", text)
+        if tilted:
+            return self._is_within_tilt(tilted[1], float(tilted[2]))
         call = re.fullmatch(r"(\w+)\((.*)\)", text)
         if call is None:
             raise ValueError(f"the eye cannot read {text!r}")
@@ -117,8 +120,11 @@ class Eye:
         return _all([Answer(slack >= 0, abs(slack) / UNIT_M), self._rests(thing)])
 
     def _is_upright(self, thing: str) -> Answer:
+        return self._is_within_tilt(thing, UPRIGHT_RAD)
+
+    def _is_within_tilt(self, thing: str, limit_rad: float) -> Answer:
         tilt = float(np.arccos(np.clip(self._frame(thing)[0][2, 2], -1, 1)))
-        return Answer(tilt <= UPRIGHT_RAD, abs(tilt - UPRIGHT_RAD) / UNIT_RAD)
+        return Answer(tilt <= limit_rad, abs(tilt - limit_rad) / UNIT_RAD)
 
     def _is_moved(self, thing: str) -> Answer:
         if thing != "*":

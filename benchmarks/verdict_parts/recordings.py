@@ -94,6 +94,7 @@ def list_jobs(number: int) -> tuple[Job, ...]:
     return (
         Job(name="home", scene=CUBES, skill="home", given={}, accept=still),
         Job(name="survey", scene=CUBES, skill="home", given={}, accept=(f"not inside(*, {other}_tray)",)),
+        Job(name="stand", scene=COASTERS, skill="home", given={}, accept=("tilt(blue_block) <= 0.1",)),
         Job(name="inspect", scene=CUBES, skill="inspect", given={"object": cube}, accept=still),
         Job(name="pick", scene=CUBES, skill="pick", given={"object": cube}),
         Job(
