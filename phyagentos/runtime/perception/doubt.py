@@ -14,7 +14,7 @@ from phyagentos.runtime.perception.solids import Array
 
 CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them count as one
 RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as this
-BIAS_M, BIAS_SHARE = 0.0004, 0.30  # of a position in every look: its least, and its share of the residuals
+BIAS_M, BIAS_PER_M = 0.0003, 180.0  # of a position in every look: its least, and what it grows by with the variance
 BIAS_TURN = 0.7  # of the same shift between two ends of a thing
 OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow
 OUTLINE_M, OUTLINE_TURN = 0.004, 2.0  # where a face in sight ends fixes its thing this well, and a turn by its width
@@ -86,7 +86,7 @@ def compute_doubt(
     covariance = motions @ np.linalg.inv(matrix) @ motions.T
     parts = covariance[:3, :3], covariance[3:, 3:]
     left = np.array([max(np.linalg.eigvalsh(part)[-1], 0.0) for part in parts])  # (2,) variances that the points leave
-    bias_m = BIAS_M + BIAS_SHARE * float(np.sqrt(variance))
+    bias_m = BIAS_M + BIAS_PER_M * variance
     bias_rad = BIAS_TURN * bias_m / max(width_m, 1e-3)
     common = np.array([bias_m, bias_rad if axes.shape[1] and np.any(free[3:]) else 0.0])
     return Doubt(np.sqrt(left + common**2), common)

@@ -241,7 +241,7 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
     if body.fixed:
         nominal_m, reach = _find_span(body.place, spec)
         template = msgspec.structs.replace(template, pose=Pose(nominal_m, template.pose.quaternion_wxyz))
-    samples, normals = _sample(solids)
+    samples, normals = sample_surface(solids)
     symmetries = _find_symmetries(template, form)
     return ObjectModel(
         template=template,
@@ -285,7 +285,7 @@ def _find_form(entity: Entity) -> Form:
         return Form.BOX
     if len(entity.shapes) == 1 and entity.shapes[0].kind is ShapeKind.SPHERE:
         return Form.BALL
-    samples, _ = _sample(Solids.of(entity.shapes))
+    samples, _ = sample_surface(Solids.of(entity.shapes))
     radius = np.hypot(samples[:, 0], samples[:, 1])
     angle = np.arctan2(samples[:, 1], samples[:, 0])
     outer = [radius[np.abs(angle - a) < 0.3].max(initial=0.0) for a in np.arange(-2.8, 3.0, 0.56)]
@@ -344,7 +344,7 @@ def _find_turns(samples: Array, normals: Array, form: Form) -> Array:
     return found
 
 
-def _sample(solids: Solids) -> tuple[Array, Array]:
+def sample_surface(solids: Solids) -> tuple[Array, Array]:
     """Points of the surface of the union with their normals, a few dozen per solid."""
     points, normals = [], []
     for index, kind in enumerate(solids.kinds):

@@ -19,6 +19,7 @@ from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.segmentation import Palette, Segmenter
 from phyagentos.runtime.perception.sensor_health import assess
+from phyagentos.runtime.perception.strangers import find_strangers, is_stranger
 from phyagentos.runtime.perception.views import CameraView, look
 from phyagentos.runtime.targets.wire import Frames
 
@@ -87,6 +88,9 @@ class Pipeline:
             after = update_belief(
                 self.inventory, entities, views, cloud, state, hand=self._hand, time_s=newest_s, focus=focus
             )
+            if not focus:
+                named = {name: entity for name, entity in after.items() if not is_stranger(name)}
+                after = named | find_strangers(believed, views, robots, self.inventory.map, after)
         else:
             felt = follow_hand(self.inventory, entities, state, self._hand, time_s)
             after = self.inventory.known | lose_sight(felt, focus)

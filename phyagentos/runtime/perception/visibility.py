@@ -38,12 +38,19 @@ class Sight:
 
 def compute_sight(thing: ObjectModel, rotation: Array, position_m: Array, views: tuple[CameraView, ...]) -> Sight:
     """Visibility of a thing in a pose."""
+    return measure_sight(thing.samples_m, thing.normals, rotation, position_m, views)
+
+
+def measure_sight(
+    samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: tuple[CameraView, ...]
+) -> Sight:
+    """Visibility of a posed surface, of which points (n, 3) and normals are in its own frame."""
     pose = np.ascontiguousarray(rotation), position_m
     confirmed = hidden = contradicted = 0
     for view in views:
         v, u, depth, _ = project(
-            thing.samples_m,
-            thing.normals,
+            samples_m,
+            normals,
             pose,
             (view.rotation, view.position_m),
             view.focal,

@@ -319,6 +319,21 @@ SABOTAGES = (
         tests=(MUG_TEST,),
     ),
     Sabotage(
+        name="strangers_are_air",
+        lie="Where no thing of the inventory was found there is nothing.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.strangers",
+                "_fit_box(points[cluster], map_solids, named) if len(cluster) >= POINTS_MIN else None",
+                "None",
+            ),
+        ),
+        tests=(
+            "tests/runtime/perception/test_strangers.py::"
+            "test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone[red]",
+        ),
+    ),
+    Sabotage(
         name="low_forecast_starts",
         lie="A session that its look-ahead expects to fail is let through.",
         edits=(Edit("phyagentos.runtime.lookahead.gate", "if not result.is_low:", "if result:"),),

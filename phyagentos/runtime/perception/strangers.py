@@ -1,0 +1,152 @@
+"""Finds what no model explains: clusters of measured points that are neither the map, the robot, nor a known thing.
+
+Each becomes an entity without a name of its own, as a box that stands on whatever is below it: an obstacle for
+planning, and one of the things that `*` stands for. Nothing is known of its form but what was seen.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import count
+
+import cv2
+import msgspec
+import numpy as np
+
+from phyagentos.geometry import as_pose, compute_rotation, turn
+from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind, Status
+from phyagentos.runtime.perception.clusters import find_clusters
+from phyagentos.runtime.perception.inventory import sample_surface
+from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.views import CameraView
+from phyagentos.runtime.perception.visibility import measure_sight
+from phyagentos.runtime.targets.wire import Frame
+
+PREFIX, KIND, SOURCE = "unknown_", "unknown", "rgbd unexplained"
+MAP_M, THING_M, ROBOT_M = 0.014, 0.02, 0.03  # this near to what is known, a point may belong to it
+NOISE, NOISE_MAX_M = 9.0, 0.03  # median distances of the points on the map, of which those are, are noise
+EVERY = 2  # of so many columns one is read
+LINK_M = 0.02
+POINTS_MIN, SIDE_MIN_M, SIDE_MAX_M = 12, 0.012, 0.5  # fewer points are noise, larger clusters the room
+SAME_M, STILL_M = 0.05, 0.015  # between the middles of one stranger in two looks, and of one that stays
+STANDS_M, STEP_M = 0.05, 0.002  # so far below its lowest seen point it is looked for what it stands on
+STD_M, STD_RAD = 0.005, 0.2
+CONFIDENCE = 0.5
+GONE_FRACTION = 0.6  # of its surface seen through
+
+
+def find_strangers(
+    frames: Sequence[Frame],
+    views: tuple[CameraView, ...],
+    robots: Sequence[Solids],
+    map_solids: Solids,
+    entities: Mapping[str, Entity],
+) -> dict[str, Entity]:
+    """The unnamed entities after a look at everything; `entities` are the belief, with the strangers before it.
+
+    `robots` are its solids in the world at the time of each frame.
+    """
+    named = [entity for name, entity in entities.items() if not is_stranger(name)]
+    before = {name: entity for name, entity in entities.items() if is_stranger(name)}
+    parts = [_find_unexplained(*each, map_solids, named) for each in zip(frames, views, robots, strict=True)]
+    points = np.concatenate(parts) if parts else np.zeros((0, 3))
+    time_s = max((frame.time_s for frame in frames), default=0.0)
+    found: dict[str, Entity] = {}
+    for cluster in find_clusters(points, LINK_M):
+        box = _fit_box(points[cluster], map_solids, named) if len(cluster) >= POINTS_MIN else None
+        if box is None:
+            continue
+        shape, rotation, position = box
+        nearest = min(before, key=lambda name: _measure_apart(before[name], position), default="")
+        if not nearest or _measure_apart(before[nearest], position) > SAME_M:
+            nearest = next(name for name in map(f"{PREFIX}{{}}".format, count(1)) if name not in {*entities, *found})
+        was = before.pop(nearest, None)
+        is_still = was is not None and _measure_apart(was, position) < STILL_M
+        found[nearest] = Entity(
+            name=nearest,
+            kind=KIND,
+            pose=as_pose(rotation, position),
+            shapes=(shape,),
+            observed_at_s=time_s,
+            still_since_s=was.still_since_s if was is not None and is_still else time_s,
+            confidence=CONFIDENCE,
+            source=SOURCE,
+            looks=1 if was is None else was.looks + 1,
+            position_std_m=STD_M,
+            turn_std_rad=STD_RAD,
+            tilt_std_rad=STD_RAD,
+        )
+    return found | {name: _hide(entity) for name, entity in before.items() if not _is_gone(entity, views)}
+
+
+def is_stranger(name: str) -> bool:
+    """Whether this is the name of an entity outside the inventory."""
+    return name.startswith(PREFIX)
+
+
+def _find_unexplained(
+    frame: Frame, view: CameraView, robot: Solids, map_solids: Solids, named: Sequence[Entity]
+) -> Array:
+    """(n, 3) measured points in the world that belong to nothing known."""
+    rows, columns = np.nonzero(np.isfinite(frame.depth_m[:, ::EVERY]))
+    columns *= EVERY
+    depth = frame.depth_m[rows, columns].astype(np.float64)
+    fx, fy, cx, cy = view.focal
+    rays = np.column_stack(((columns + 0.5 - cx) / fx * depth, (rows + 0.5 - cy) / fy * depth, depth))
+    points: Array = rays @ view.rotation.T + view.position_m
+    away = map_solids.measure(points)
+    of_map = np.abs(away[np.abs(away) < NOISE_MAX_M])
+    noise_m = NOISE * float(np.median(of_map)) if len(of_map) else NOISE_MAX_M
+    points = points[away > max(MAP_M, noise_m)]
+    for entity in named:
+        if entity.shapes and entity.status is not Status.GONE and len(points):
+            rotation, origin = compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
+            points = _leave_out(points, Solids.of(entity.shapes).at(rotation, origin), max(THING_M, noise_m))
+    return _leave_out(points, robot, ROBOT_M)
+
+
+def _leave_out(points: Array, solids: Solids, margin_m: float) -> Array:
+    """The points (n, 3) that are farther than this from the solids."""
+    near = np.flatnonzero(np.linalg.norm(points - solids.center_m, axis=1) < solids.radius_m + margin_m)
+    keep = np.ones(len(points), np.bool_)
+    if len(near):
+        keep[near] = solids.measure(points[near]) > margin_m
+    return points[keep]
+
+
+def _fit_box(points: Array, map_solids: Solids, named: Sequence[Entity]) -> tuple[Shape, Array, Array] | None:
+    """An upright box around points (n, 3), with its pose; None where they are noise or the room."""
+    _, _, degrees = cv2.minAreaRect(points[:, :2].astype(np.float32))
+    rotation = turn(np.array([0.0, 0.0, float(np.radians(degrees))]))
+    low, high = np.percentile(points @ rotation, (2, 98), axis=0)
+    foot = rotation @ np.array([*(low + high)[:2] / 2, low[2]])
+    low[2] -= _measure_gap(foot, map_solids, named)
+    size = high - low
+    if np.median(size) < SIDE_MIN_M or size.max() > SIDE_MAX_M:
+        return None
+    half = np.maximum(size / 2, SIDE_MIN_M / 2)
+    x, y, z = half.tolist()
+    return Shape(ShapeKind.BOX, (x, y, z)), rotation, rotation @ ((low + high) / 2)
+
+
+def _measure_gap(foot: Array, map_solids: Solids, named: Sequence[Entity]) -> float:
+    """Height of a point (3,) above what is known below it [m]; 0 where that is farther than it could stand."""
+    down = foot - np.arange(0.0, STANDS_M, STEP_M)[:, None] * np.array([0.0, 0.0, 1.0])
+    shapes = [(Solids.of(each.shapes), each.pose) for each in named if each.shapes and each.status is not Status.GONE]
+    known = [map_solids, *(s.at(compute_rotation(p.quaternion_wxyz), np.array(p.position_m)) for s, p in shapes)]
+    reached = np.min([solids.measure(down) for solids in known if solids.kinds], axis=0) < STEP_M
+    return float(STEP_M * reached.argmax()) if reached.any() else 0.0
+
+
+def _measure_apart(entity: Entity, position: Array) -> float:
+    return float(np.linalg.norm(position - np.array(entity.pose.position_m)))
+
+
+def _hide(entity: Entity) -> Entity:
+    return msgspec.structs.replace(entity, status=Status.HIDDEN)
+
+
+def _is_gone(entity: Entity, views: tuple[CameraView, ...]) -> bool:
+    """Whether cameras see through its place."""
+    samples, normals = sample_surface(Solids.of(entity.shapes))
+    rotation = compute_rotation(entity.pose.quaternion_wxyz)
+    sight = measure_sight(samples, normals, rotation, np.array(entity.pose.position_m), views)
+    return sight.contradicted_fraction > GONE_FRACTION

@@ -1,0 +1,68 @@
+"""Things outside the inventory: seen without a name, as boxes that are obstacles."""
+
+import math
+
+import pytest
+
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.environment import Status
+from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.truth import Truth
+from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.pipeline import Pipeline
+from tests.runtime.perception.conftest import SCENE, Stage
+
+pytestmark = pytest.mark.sim
+HALF_M = (0.031, 0.02, 0.0155)
+STRANGER = f"""  stranger:
+    kind: box
+    material: {{material}}
+    place: {{{{position_m: [0.5, -0.3, 0.0155], yaw_rad: [0.4, 0.4]}}}}
+    shapes: [{{{{kind: box, size_m: {list(HALF_M)}}}}}]
+"""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    root = tmp_path_factory.mktemp("strangers")
+    (root / "scenes" / "test").mkdir(parents=True)
+    for material in ("red", "wood"):
+        text = SCENE.replace("test/twins", f"test/{material}").replace(
+            "cameras:", f"{STRANGER.format(material=material)}cameras:"
+        )
+        (root / "scenes" / "test" / f"{material}.yaml").write_text(text)
+    return Library.open(root)
+
+
+def open_stage(library, name):
+    """A stage of which one body is not in the inventory."""
+    stage = Stage(library, f"test/{name}")
+    spec = read_scene(library.get_scene(f"test/{name}"))
+    known = {each: body for each, body in spec.bodies.items() if each != "stranger"}
+    inventory = build_inventory(spec.model_copy(update={"bodies": known}))
+    stage.pipeline = Pipeline(inventory, stage.pipeline._robot, "panda")
+    return stage
+
+
+@pytest.mark.parametrize("material", ["red", "wood"])
+def test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone(library, material):
+    stage = open_stage(library, material)
+    for _ in range(2):
+        belief = stage.look()
+        assert [name for name in belief.entities if name.startswith("unknown")] == ["unknown_1"]
+        entity = belief.entities["unknown_1"]
+        assert math.dist(entity.pose.position_m, stage.find("stranger")) < 2 * entity.position_std_m
+        assert entity.shapes[0].size_m[2] == pytest.approx(HALF_M[2], abs=0.005)
+        assert sorted(entity.shapes[0].size_m[:2]) == pytest.approx(sorted(HALF_M[:2]), abs=0.008)
+    assert (entity.looks, entity.status, entity.movable) == (2, Status.SEEN, True)
+    assert "unknown_1" in belief.list_movable()
+    claim = parse_predicate("near(unknown_1, (0.5, -0.3, 0.0155), 0.03)")
+    assert claim.evaluate(View(now=belief, initial=None, target="panda")).truth is Truth.TRUE
+    stage.put("stranger", 0.5, 2.0)
+    assert "unknown_1" not in stage.look().entities
+
+
+def test_a_world_of_the_inventory_alone_has_no_strangers(twins):
+    for _ in range(3):
+        assert not [name for name in twins.look().entities if name.startswith("unknown")]
