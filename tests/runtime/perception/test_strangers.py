@@ -27,7 +27,7 @@ STRANGER = f"""  stranger:
 def library(tmp_path_factory):
     root = tmp_path_factory.mktemp("strangers")
     (root / "scenes" / "test").mkdir(parents=True)
-    for material in ("red", "wood"):
+    for material in ("floor", "wood"):
         text = SCENE.replace("test/twins", f"test/{material}").replace(
             "cameras:", f"{STRANGER.format(material=material)}cameras:"
         )
@@ -45,7 +45,7 @@ def open_stage(library, name):
     return stage
 
 
-@pytest.mark.parametrize("material", ["red", "wood"])
+@pytest.mark.parametrize("material", ["floor", "wood"])
 def test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone(library, material):
     stage = open_stage(library, material)
     for _ in range(2):
