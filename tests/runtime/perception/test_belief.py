@@ -161,7 +161,7 @@ def test_what_a_lost_worker_gripped_unseen_counts_as_lifted_once_a_look_finds_it
     x_m, y_m, z_m = twins.look().entities["can"].pose.position_m
     down, at = (0.0, 1.0, 0.0, 0.0), (0.45, 0.1, z_m + risen_m)  # far from where it was believed
     twins.put("can", *at)
-    grip = msgspec.structs.replace(twins.state, tcp=Pose(at, down), gripper_width_m=0.06, fingers_touching=2)
+    grip = msgspec.structs.replace(twins.state, tcp=Pose(at, down), gripper_width_m=0.06, grip_force_n=30.0)
 
     can = twins.look(state=grip).entities["can"]
 
