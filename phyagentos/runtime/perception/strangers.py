@@ -74,7 +74,8 @@ def find_strangers(
             turn_std_rad=STD_RAD,
             tilt_std_rad=STD_RAD,
         )
-    return found | {name: _hide(entity) for name, entity in before.items() if not _is_gone(entity, views)}
+    left = (entity for entity in before.values() if not _is_named(entity, named) and not _is_gone(entity, views))
+    return found | {entity.name: msgspec.structs.replace(entity, status=Status.HIDDEN) for entity in left}
 
 
 def is_stranger(name: str) -> bool:
@@ -98,8 +99,7 @@ def _find_unexplained(
     points = points[away > max(MAP_M, noise_m)]
     for entity in named:
         if entity.shapes and entity.status is not Status.GONE and len(points):
-            rotation, origin = compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
-            points = _leave_out(points, Solids.of(entity.shapes).at(rotation, origin), max(THING_M, noise_m))
+            points = _leave_out(points, _pose(entity), max(THING_M, noise_m))
     return _leave_out(points, robot, ROBOT_M)
 
 
@@ -130,8 +130,7 @@ def _fit_box(points: Array, map_solids: Solids, named: Sequence[Entity]) -> tupl
 def _measure_gap(foot: Array, map_solids: Solids, named: Sequence[Entity]) -> float:
     """Height of a point (3,) above what is known below it [m]; 0 where that is farther than it could stand."""
     down = foot - np.arange(0.0, STANDS_M, STEP_M)[:, None] * np.array([0.0, 0.0, 1.0])
-    shapes = [(Solids.of(each.shapes), each.pose) for each in named if each.shapes and each.status is not Status.GONE]
-    known = [map_solids, *(s.at(compute_rotation(p.quaternion_wxyz), np.array(p.position_m)) for s, p in shapes)]
+    known = [map_solids, *(_pose(each) for each in named if each.shapes and each.status is not Status.GONE)]
     reached = np.min([solids.measure(down) for solids in known if solids.kinds], axis=0) < STEP_M
     return float(STEP_M * reached.argmax()) if reached.any() else 0.0
 
@@ -140,8 +139,17 @@ def _measure_apart(entity: Entity, position: Array) -> float:
     return float(np.linalg.norm(position - np.array(entity.pose.position_m)))
 
 
-def _hide(entity: Entity) -> Entity:
-    return msgspec.structs.replace(entity, status=Status.HIDDEN)
+def _is_named(stranger: Entity, named: Sequence[Entity]) -> bool:
+    """Whether a known thing stands where the stranger was: it has a name now."""
+    middle = np.array([stranger.pose.position_m])
+    known = (each for each in named if each.movable and each.shapes and each.status in (Status.SEEN, Status.HELD))
+    return any(len(_leave_out(middle, _pose(each), THING_M)) == 0 for each in known)
+
+
+def _pose(entity: Entity) -> Solids:
+    """Its solids in the world."""
+    rotation = compute_rotation(entity.pose.quaternion_wxyz)
+    return Solids.of(entity.shapes).at(rotation, np.array(entity.pose.position_m))
 
 
 def _is_gone(entity: Entity, views: tuple[CameraView, ...]) -> bool:

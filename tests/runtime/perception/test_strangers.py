@@ -63,6 +63,21 @@ def test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is
     assert "unknown_1" not in stage.look().entities
 
 
+def test_a_stranger_that_gets_a_name_is_no_stranger_any_more(library):
+    stage = open_stage(library, "wood")
+    named = stage.pipeline
+    spec = read_scene(library.get_scene("test/wood"))
+    fewer = {name: body for name, body in spec.bodies.items() if name not in {"stranger", "can"}}
+    inventory = build_inventory(spec.model_copy(update={"bodies": fewer}))
+    stage.pipeline = Pipeline(inventory, named._robot, "panda")
+    assert {"unknown_1", "unknown_2"} <= set(stage.look().entities)
+    stage.pipeline = named
+    assert [name for name in stage.look().entities if name.startswith("unknown") or name == "can"] in (
+        ["can", "unknown_1"],
+        ["can", "unknown_2"],
+    )
+
+
 def test_a_world_of_the_inventory_alone_has_no_strangers(twins):
     for _ in range(3):
         assert not [name for name in twins.look().entities if name.startswith("unknown")]
