@@ -121,7 +121,7 @@ SABOTAGES = (
     ),
     Sabotage(
         name="fingers_are_always_open",
-        lie="A place is planned as if the fingers around the thing stood wide open.",
+        lie="The guard judges fingers as if they stood wide open.",
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
@@ -130,8 +130,6 @@ SABOTAGES = (
             ),
         ),
         tests=(
-            "tests/runtime/motion/test_planner.py::"
-            "test_fingers_around_a_small_thing_and_on_their_way_open_touch_no_wall_of_a_tray",
             "tests/runtime/actions/test_collision.py::test_fingers_that_are_closed_pass_where_open_ones_would_touch",
         ),
     ),

@@ -23,6 +23,7 @@ LOOKS_SLOW, LOOKS_FAST = (1.0,), (1.0, 0.5, 0.0)  # shares of the braking way at
 CHANGE_TOLERANCE = 0.15  # of two velocity rows against the acceleration limit; a little more than the guard's
 BEND_TOLERANCE = 0.30  # of second differences of position rows
 ROUNDING = 1e-6
+TOLD_STDS = 6.0  # of the encoders' noise: what a sender is told of a resting arm, and what the arm holds
 
 
 BROKEN = (  # what is measured of every row, in this order
@@ -65,6 +66,7 @@ class LocalLimits:
         self._shape = (n_steps, len(arm.joints))
         self._dt = dt
         self._velocity = np.array(arm.velocity_rad_s)
+        self._told_rad = TOLD_STDS * arm.position_noise_rad
         self._brake = np.array(arm.acceleration_rad_s2)
         self._lead_s = physics.lead_s
         self.low, self.high = physics.q_range[0] + END_MARGIN_RAD, physics.q_range[1] - END_MARGIN_RAD
@@ -89,6 +91,8 @@ class LocalLimits:
         if any(array.dtype != np.float64 for array in (q, qd, width)):
             return Refused("MALFORMED", "set-points are float64")
         broken = self._find_broken(q, qd, held)
+        if broken and self._departs_nearby(q[0], qd[0], held):
+            broken = self._find_broken(q, qd, SetPoint.at_rest(q[0] - 0.5 * self._dt * qd[0]))
         is_width_allowed = all(-ROUNDING <= each <= self._width_max_m + ROUNDING for each in width.tolist())
         if (broken or not is_width_allowed) and not all(np.isfinite(array).all() for array in (q, qd, width)):
             return Refused("MALFORMED", "a set-point is not finite")
@@ -97,6 +101,13 @@ class LocalLimits:
         if not is_width_allowed:
             return Refused("TARGET_LIMIT", f"opening outside 0..{self._width_max_m} m")
         return self._check_place(q[-1], qd[-1])
+
+    def _departs_nearby(self, q: Array, qd: Array, held: SetPoint) -> bool:
+        """Whether a first row departs from rest where the encoders may have told its sender that the arm stands."""
+        if not self._told_rad or held.qd_rad_s.any():
+            return False
+        with np.errstate(invalid="ignore", over="ignore"):
+            return bool(np.abs(q - 0.5 * self._dt * qd - held.q_rad).max() <= self._told_rad)
 
     def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
         """The broken bound, empty for none: one comparison for all bounds, sudden changes of one joint included."""
