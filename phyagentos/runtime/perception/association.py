@@ -34,6 +34,7 @@ OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is a
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
 ROOM = 1.6  # a cluster may be this much larger than a thing that it is
 STRAY_PERCENT = 3  # at either end: pixels of a near camera's wavering edges lie anywhere along their rays
+STRAY_M, STRAY_SHARE = 0.025, 0.15  # from the surface of the thing whose edges they are, and of its pixels
 BLOCKED_M = 0.008  # so deep in a solid of the map a line of sight ends: calibration and depth err by less
 SIGHT_STEP_M = 0.01  # between the points of a line of sight that are looked up
 SIGHT_REACH_M = 0.5  # so much of it, before the thing
@@ -171,6 +172,10 @@ def _assign(
 ) -> dict[str, Match]:
     """The matches of least cost by form, colour and history; without those that may as well be elsewhere."""
     shown, travelled, fits = _weigh_pairs(group, believed, cloud, pieces, views)
+    best = [(int(row), column) for column, row in enumerate(shown.argmin(axis=0))]
+    own = [(group[row], fits[row, column], pieces[column]) for row, column in best if (row, column) in fits]
+    stray = [index for index, piece in enumerate(pieces) if _is_stray(cloud, piece, own)]
+    shown[:, stray] = HUGE
     unseen = np.where(np.eye(len(group), dtype=np.bool_), UNSEEN_COST, HUGE)
     looks, costs = np.hstack((shown, unseen)), np.hstack((shown + travelled, unseen))
     chosen = assign(costs)
@@ -186,7 +191,7 @@ def _assign(
         thing = group[row]
         if (row, column) not in fits or frozenset({row}) in undecided:
             continue
-        unclaimed = [piece for index, piece in enumerate(pieces) if index not in chosen]
+        unclaimed = [piece for index, piece in enumerate(pieces) if index not in {*chosen.tolist(), *stray}]
         if any(_is_spill(cloud, pieces[column], piece, thing) for piece in unclaimed):
             continue
         doubts = {group[other].name for rows in undecided if row in rows for other in rows - {row}}
@@ -199,6 +204,15 @@ def _assign(
             is_renamed=bool(doubts),
         )
     return matches
+
+
+def _is_stray(cloud: Cloud, piece: Piece, own: Sequence[tuple[ObjectModel, Fit, Piece]]) -> bool:
+    """Whether a cluster is pixels of the edges of a thing that is seen by many more: then it is no place of another."""
+    for thing, found, seen in own:
+        local = (cloud.points_m[piece] - found.position_m) @ found.rotation
+        if len(piece) < STRAY_SHARE * len(seen) and float(np.median(np.abs(thing.solids.measure(local)))) < STRAY_M:
+            return True
+    return False
 
 
 def _is_spill(cloud: Cloud, piece: Piece, other: Piece, thing: ObjectModel) -> bool:
