@@ -100,12 +100,17 @@ class Run:
 
 
 def run_tests(nodes: Iterable[str], sabotage: Sabotage | None = None) -> Run:
-    """Run tests in a process of their own.
+    """Run tests in a process of their own; once more where that left no report, having hung or died in its beginning.
 
     Args:
         nodes: Ids of the tests.
         sabotage: Planted in that process and in every one that it starts.
     """
+    run = _run_once(wanted := [*nodes], sabotage)
+    return run if run.outcomes else _run_once(wanted, sabotage)
+
+
+def _run_once(nodes: Iterable[str], sabotage: Sabotage | None) -> Run:
     with tempfile.TemporaryDirectory(prefix="gauntlet-") as folder:
         report = Path(folder, "report.xml")
         environment = plant(sabotage, Path(folder))
@@ -118,7 +123,8 @@ def run_tests(nodes: Iterable[str], sabotage: Sabotage | None = None) -> Run:
         if process.is_alive():
             process.kill()
         outcomes = tuple(_read_report(report)) if report.exists() else ()
-        return Run(outcomes, seconds, printed.read_text(encoding="utf-8", errors="replace"))
+        said = printed.read_text(encoding="utf-8", errors="replace") if printed.exists() else ""
+        return Run(outcomes, seconds, f"{said}(exit code {process.exitcode} after {seconds:.0f} s)")
 
 
 def _run_pytest(arguments: Sequence[str], environment: dict[str, str], printed: Path) -> None:
