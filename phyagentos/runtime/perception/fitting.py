@@ -27,6 +27,7 @@ POINTS_MAX = 220  # more do not make a fit better than the calibration is
 COARSE_POINTS = 80  # enough to choose among starts
 TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
 DOWN_M = 0.0012  # of a thing upside down, where that looks the same
+TURNED_M = 0.0004  # by which a turned pose must fit better before a tracked thing is believed to have turned so
 ALIKE_M = 0.0001  # two poses whose costs differ by less fit equally well
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
@@ -186,8 +187,8 @@ def _compare_lookalikes(
         rotation = found.rotation @ turned
         position = found.position_m + rotation @ (turned.T @ shift)
         other = _finish(thing, patch, views, rotation, position, obstacle)
-        is_better = other.cost_m < best.cost_m - ALIKE_M
-        if is_better or abs(other.cost_m - best.cost_m) < ALIKE_M:
+        is_better = other.cost_m < best.cost_m - (TURNED_M if keep and best is found else ALIKE_M)
+        if is_better or other.cost_m < best.cost_m + ALIKE_M:
             tilts = [_tilt(thing, other.rotation)] if is_better else [*tilts, _tilt(thing, other.rotation)]
             if is_better or (not keep and _tilt(thing, other.rotation) < _tilt(thing, best.rotation)):
                 best = other

@@ -50,7 +50,10 @@ SABOTAGES = (
     Sabotage(
         name="stray_pixels_are_a_thing",
         lie="A thing out of view is where another one shows stray pixels of its colour.",
-        edits=(Edit("phyagentos.runtime.perception.pieces", "PURE = 0.6", "PURE = 0.0"),),
+        edits=(
+            Edit("phyagentos.runtime.perception.pieces", "PURE = 0.6", "PURE = 0.0"),
+            Edit("phyagentos.runtime.perception.association", "STRAY_SHARE = 0.025, 0.15", "STRAY_SHARE = 0.025, 0.0"),
+        ),
         tests=(f"{NAMING_TESTS}::test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels",),
     ),
     Sabotage(

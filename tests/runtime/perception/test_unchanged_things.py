@@ -23,6 +23,7 @@ scene: test/leaning
 materials:
   wood: {{rgba: [0.86, 0.68, 0.48, 1]}}
   red: {{rgba: [0.82, 0.16, 0.14, 1]}}
+  green: {{rgba: [0.15, 0.6, 0.27, 1]}}
   blue: {{rgba: [0.12, 0.33, 0.78, 1]}}
 bodies:
   table:
@@ -36,6 +37,11 @@ bodies:
     material: red
     place: {{position_m: [0.48, -0.1, 0.02]}}
     shapes: [{{kind: box, size_m: [0.012, 0.012, 0.012]}}]
+  bar:
+    kind: bar
+    material: green
+    place: {{position_m: [0.62, -0.05, 0.0103]}}
+    shapes: [{{kind: box, size_m: [0.0487, 0.0127, 0.0103]}}]
   mug:
     kind: mug
     material: blue
@@ -87,3 +93,12 @@ def test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_
         assert abs(entity.pose.position_m[2] - stage.find("mug")[2]) < 2 * entity.position_std_m
         assert math.dist(entity.pose.position_m, stage.find("mug")) < 3 * entity.position_std_m
         assert abs(yaw_off_rad) < 3 * entity.turn_std_rad
+
+
+@pytest.mark.parametrize("yaw_rad", [0.3, 1.2])
+def test_a_bar_of_nearly_square_section_does_not_roll_between_two_looks(library, yaw_rad):
+    stage, moved = Stage(library, "test/leaning"), parse_predicate("moved(bar)")
+    stage.put("bar", 0.41, -0.21, 0.0103, yaw_rad=yaw_rad)
+    first = stage.look()
+    claims = [moved.evaluate(View(now=stage.look(), initial=first, target="panda")).truth for _ in range(LOOKS)]
+    assert Truth.TRUE not in claims
