@@ -159,7 +159,7 @@ def fit(
         candidate = _finish(thing, patch, views, turned, moved, obstacle)
         if best is None or candidate.cost_m < best.cost_m:
             best = candidate
-    return None if best is None else _compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
+    return None if best is None else compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
 
 
 def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior: tuple[Array, Array]) -> Fit | None:
@@ -169,10 +169,10 @@ def track(thing: ObjectModel, seen: Cloud, views: tuple[CameraView, ...], prior:
         return None
     found = _finish(thing, patch, views, *prior)
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
-    return _compare_lookalikes(thing, patch, views, found, None, keep=True) if is_good else None
+    return compare_lookalikes(thing, patch, views, found, None, keep=True) if is_good else None
 
 
-def _compare_lookalikes(
+def compare_lookalikes(
     thing: ObjectModel,
     patch: Patch,
     views: tuple[CameraView, ...],
