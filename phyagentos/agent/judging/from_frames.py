@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, Bundle
 from phyagentos.protocol.sessions.looks import LookEntry, LookRole
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 Seen = Sequence[tuple[LookEntry, Environment]]
@@ -84,15 +84,7 @@ def _replace_snapshots(bundle: Bundle, seen: Seen) -> tuple[Bundle, list[str]]:
     for entry, world in seen:
         if not entry.text:
             continue
-        session = bundle.session
-        view = View(
-            now=world,
-            initial=before,
-            target=session.target,
-            metrics=entry.metrics,
-            interchangeable=session.interchangeable,
-        )
-        found = parse_predicate(entry.text).evaluate(view)
+        found = parse_predicate(entry.text).evaluate(bundle.session.make_view(world, before, entry.metrics))
         if entry.role is LookRole.WORST and entry.text in holds:
             holds[entry.text] = msgspec.structs.replace(
                 holds[entry.text], truth=found.truth, measured=found.measured, because=found.because
@@ -107,15 +99,7 @@ def _judge_requires(bundle: Bundle) -> list[Criterion]:
     session, before = bundle.session, bundle.before
     if before is None:
         return []
-    return [
-        evaluate_on(
-            text,
-            "requires",
-            View(now=before, initial=before, target=session.target, interchangeable=session.interchangeable),
-            BEFORE,
-        )
-        for text in session.requires
-    ]
+    return [evaluate_on(text, "requires", session.make_view(before, before), BEFORE) for text in session.requires]
 
 
 def _compare_criteria(recorded: Iterable[Criterion], again: Iterable[Criterion]) -> Iterable[str]:

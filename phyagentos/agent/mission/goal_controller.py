@@ -30,7 +30,6 @@ from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.library import View
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
@@ -186,11 +185,8 @@ class GoalController:
         """
         if now is None:
             return ()
-        agreed = session.interchangeable
         return tuple(
-            evaluate_on(
-                text, "constraint", View(now=now, initial=before, target=session.target, interchangeable=agreed), AFTER
-            )
+            evaluate_on(text, "constraint", session.make_view(now, before), AFTER)
             for text, status in self._facts.find_unseen_holds(session).items()
             if (before := self._evidence.read(status, with_course=False).before) is not None
         )

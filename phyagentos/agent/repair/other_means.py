@@ -15,7 +15,7 @@ from phyagentos.agent.repair.retrying import find_of_skill, keep_requires, revis
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import Call, Formula, Name, Number, Variable, iter_calls
 from phyagentos.protocol.world.truth import Truth
 
@@ -135,7 +135,7 @@ def _find_middle(world: Environment, place: str, tolerance_m: float) -> list[flo
 
 def find_false(skill: SkillRuntime, parameters: dict[str, Any], world: Environment, session: Session) -> str:
     """A precondition of the skill that is false now, empty when there is none."""
-    view = View(now=world, initial=world, target=session.target, interchangeable=session.interchangeable)
+    view = session.make_view(world, world)
     for text in skill.requires:
         predicate = parse_predicate(substitute(text, {**parameters, "target": session.target}))
         holds = any(call.name == "holding" for call in iter_calls(predicate.formula))

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import Predicate, View, iter_entities, parse_predicate, substitute
+from phyagentos.protocol.world.predicates.predicate import Predicate, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.world.predicates.syntax import Call
 from phyagentos.protocol.world.truth import Truth
 
@@ -35,7 +35,7 @@ def find_regressions(
         if session.target not in worlds:
             continue
         now, initial = worlds[session.target]
-        view = View(now=now, initial=initial, target=session.target, interchangeable=session.interchangeable)
+        view = session.make_view(now, initial)
         for text in session.accept:
             predicate = parse_predicate(text)
             evaluation = predicate.evaluate(view)
@@ -75,6 +75,6 @@ def _marks_action(predicate: Predicate) -> bool:
 
 def find_lost_preconditions(session: Session, now: Environment) -> tuple[Predicate, ...]:
     """Preconditions of a contract that are false in the present world."""
-    view = View(now=now, initial=now, target=session.target, interchangeable=session.interchangeable)
+    view = session.make_view(now, now)
     predicates = (parse_predicate(text) for text in session.requires)
     return tuple(predicate for predicate in predicates if predicate.evaluate(view).truth is Truth.FALSE)

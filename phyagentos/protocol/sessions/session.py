@@ -5,6 +5,7 @@ it never changes. Later records carry what happens to it (see `lifecycle`). Pape
 """
 
 import re
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated, Any, NewType
 
@@ -15,6 +16,8 @@ from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.predicates.library import View
 
 SessionId = NewType("SessionId", str)
 GoalId = NewType("GoalId", str)
@@ -171,6 +174,18 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         """Longest execution in the target's own time [s]: its own limit, or what the goal's budget left."""
         own_s = self.limits.timeout_s
         return own_s if self.goal_left_s is None else min(own_s, self.goal_left_s)
+
+    def make_view(
+        self, now: Environment, initial: Environment | None, metrics: Mapping[str, float] | None = None
+    ) -> View:
+        """What its predicates are evaluated on: the world `now` against `initial`, as its goal agreed on names."""
+        return View(
+            now=now,
+            initial=initial,
+            target=self.target,
+            metrics=metrics or {},
+            interchangeable=self.interchangeable,
+        )
 
     def explain_time(self) -> str:
         """`the contract allows 60.0 s of simulated time`: the limit that decides."""

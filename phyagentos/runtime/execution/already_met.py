@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate
+from phyagentos.protocol.world.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.truth import Truth
 
 
@@ -26,5 +26,5 @@ def weigh_before(session: Session, now: Environment) -> Truth:
 
 
 def _is_met(session: Session, now: Environment) -> bool:
-    view = View(now=now, initial=now, target=session.target, interchangeable=session.interchangeable)
+    view = session.make_view(now, now)
     return all(parse_predicate(text).evaluate(view).truth is Truth.TRUE for text in session.accept)

@@ -16,7 +16,7 @@ from py_trees.decorators import Decorator, Inverter, Retry
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, find_references
 from phyagentos.protocol.sessions.trace import Role
-from phyagentos.protocol.world.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.world.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf
@@ -70,12 +70,7 @@ class Condition(Leaf):
         """Substitute, parse, evaluate."""
         session = self.context.session
         text = substitute(self._text, self._read_keys())
-        view = View(
-            now=self.context.world.observe(BELIEF),
-            initial=self.context.initial,
-            target=session.target,
-            interchangeable=session.interchangeable,
-        )
+        view = session.make_view(self.context.world.observe(BELIEF), self.context.initial)
         evaluation = parse_predicate(text).evaluate(view)
         if evaluation.truth is Truth.TRUE:
             return self.succeed(text)

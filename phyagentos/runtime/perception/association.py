@@ -186,12 +186,12 @@ def _assign(
 
     by_looks = list(iter_exchanges(looks, chosen, is_same_place))
     undecided = list(iter_exchanges(costs, chosen, is_same_place))
+    unclaimed = [piece for index, piece in enumerate(pieces) if index not in {*chosen.tolist(), *stray}]
     matches = {}
     for row, column in enumerate(chosen.tolist()):
         thing = group[row]
         if (row, column) not in fits or frozenset({row}) in undecided:
             continue
-        unclaimed = [piece for index, piece in enumerate(pieces) if index not in {*chosen.tolist(), *stray}]
         if any(_is_spill(cloud, pieces[column], piece, thing) for piece in unclaimed):
             continue
         doubts = {group[other].name for rows in undecided if row in rows for other in rows - {row}}
@@ -208,11 +208,11 @@ def _assign(
 
 def _is_stray(cloud: Cloud, piece: Piece, own: Sequence[tuple[ObjectModel, Fit, Piece]]) -> bool:
     """Whether a cluster is pixels of the edges of a thing that is seen by many more: then it is no place of another."""
-    for thing, found, seen in own:
-        local = (cloud.points_m[piece] - found.position_m) @ found.rotation
-        if len(piece) < STRAY_SHARE * len(seen) and float(np.median(np.abs(thing.solids.measure(local)))) < STRAY_M:
-            return True
-    return False
+    return any(
+        len(piece) < STRAY_SHARE * len(seen)
+        and float(np.median(np.abs(thing.solids.measure(found.to_own_frame(cloud.points_m[piece]))))) < STRAY_M
+        for thing, found, seen in own
+    )
 
 
 def _is_spill(cloud: Cloud, piece: Piece, other: Piece, thing: ObjectModel) -> bool:

@@ -65,6 +65,11 @@ class Fit:
     stretch: float = 1.0
     sunk_m: float = 0.0
 
+    def to_own_frame(self, points_m: Array) -> Array:
+        """Points (n, 3) of the world in the frame of the thing [m]."""
+        local: Array = (points_m - self.position_m) @ self.rotation
+        return local
+
 
 @dataclass(frozen=True, slots=True)
 class Patch:

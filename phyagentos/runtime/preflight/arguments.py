@@ -139,7 +139,7 @@ def _is_met_by(other: str, acted: str, predicate: Predicate, session: Session, n
 
 
 def _look_at(session: Session, now: Environment) -> View:
-    return View(now=now, initial=now, target=session.target, interchangeable=session.interchangeable)
+    return session.make_view(now, now)
 
 
 def _find_calls(texts: Iterable[str]) -> list[str]:

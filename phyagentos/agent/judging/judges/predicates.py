@@ -39,15 +39,7 @@ def evaluate_criterion(
         return make_unknown(text, kind, AFTER, "the world was not observed after the session")
     if bundle.before is not None and _is_older(bundle.after, bundle.before, bundle.execution):
         return make_unknown(text, kind, AFTER, "the snapshot after the session is older than the one before it")
-    session = bundle.session
-    view = View(
-        now=bundle.after,
-        initial=bundle.before,
-        target=session.target,
-        metrics=metrics,
-        interchangeable=session.interchangeable,
-    )
-    return evaluate_on(text, kind, view, evidence)
+    return evaluate_on(text, kind, bundle.session.make_view(bundle.after, bundle.before, metrics), evidence)
 
 
 def evaluate_on(text: str, kind: str, view: View, evidence: str) -> Criterion:

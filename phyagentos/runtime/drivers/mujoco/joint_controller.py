@@ -153,7 +153,7 @@ class JointController:
     def halt(self) -> Motion:
         """Decelerate within the joint limits, all joints in proportion, then hold."""
         physics, dt = self._physics, self._profile.physics_step_s
-        q, moving = physics.q_rad, physics.qd_rad_s
+        q, moving = physics.measure_joints()
         braking = min(int(np.ceil(self._limits.compute_braking_s(moving) / dt)), round(HALT_MAX_S / dt))
         for step in range(1, round(HALT_MAX_S / dt) + 1):
             qd = moving * max(1.0 - step / max(braking, 1), 0.0)

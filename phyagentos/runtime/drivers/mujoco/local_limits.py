@@ -174,9 +174,9 @@ class LocalLimits:
     def find_excess(self) -> str:
         """The limit that the measured state breaks; empty for none."""
         physics = self._physics
-        if np.count_nonzero(np.abs(physics.qd_rad_s) > self._velocity):
+        q, qd = physics.measure_joints()
+        if np.count_nonzero(np.abs(qd) > self._velocity):
             return "a joint is faster than its limit"
-        q = physics.q_rad
         if np.count_nonzero(q < physics.q_range[0]) or np.count_nonzero(q > physics.q_range[1]):
             return "a joint is outside its range"
         if self._box is not None:

@@ -80,14 +80,15 @@ class Physics:
     @property
     def q_rad(self) -> Array:
         """(n_joints,) joint positions, as the encoders measure them."""
-        return self._measure_joints()[0]
+        return self.measure_joints()[0]
 
     @property
     def qd_rad_s(self) -> Array:
         """(n_joints,) joint velocities, as the encoders measure them."""
-        return self._measure_joints()[1]
+        return self.measure_joints()[1]
 
-    def _measure_joints(self) -> tuple[Array, Array]:
+    def measure_joints(self) -> tuple[Array, Array]:
+        """(n_joints,) positions [rad] and velocities [rad/s], as the encoders measure them."""
         data = self.data
         return self._sensors.measure(data.qpos[self.q_address], data.qvel[self.v_address], float(data.time))
 
@@ -176,7 +177,7 @@ class Physics:
 
     def read_target(self, touching: dict[str, int]) -> TargetState:
         """The arm's own state (after `look`); the pose of the tool follows from the measured joints."""
-        q_rad, qd_rad_s = self._measure_joints()
+        q_rad, qd_rad_s = self.measure_joints()
         return TargetState(
             q_rad=tuple(q_rad.tolist()),
             qd_rad_s=tuple(qd_rad_s.tolist()),
