@@ -1,11 +1,12 @@
 """Whether the diagnosis names the cause that was injected: a confusion table over seeds, on the real path.
 
     python benchmarks/diagnosis.py --seeds 3
+    python benchmarks/diagnosis.py --unseen 66     # causes injected into rooms drawn from seeds
 
 Each case is a goal of one session into which one cause is injected: by the fault file, by the scene, by the settings,
 by a signal to a process, by a policy server that misbehaves, by acceptance that cannot be decided, or by a judge that
 cannot be relied on. The diagnosis reads evidence alone; what was injected is known here only. A case in which the
-objective was met all the same has no cause and is counted apart.
+objective was met all the same, or whose fault never struck, has no cause and is counted apart.
 """
 
 import argparse
@@ -21,12 +22,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from diagnosis_parts.cases import CASES, Case
-from diagnosis_parts.model import serve_model
-from diagnosis_parts.policies import MANNERS, serve_policies
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.diagnosis_parts.cases import CASES, Case
+from benchmarks.diagnosis_parts.drawn import DrawnCase, iter_drawn
+from benchmarks.diagnosis_parts.model import serve_model
+from benchmarks.diagnosis_parts.policies import MANNERS, serve_policies
 from phyagentos.agent.judging.causes import classify_refusal
 from phyagentos.agent.mission.mission import Mission
 from phyagentos.assembly.agent_plane import MemoryUse, open_agent
@@ -43,6 +45,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ASKED = {"right": Ask(0.85, at_least=True)}
 NOBODY = "http://127.0.0.1:9"  # the port `discard`, where nothing listens
 WIDTH = 190  # characters: a column for each class that was found
+DEVELOPMENT, HELD_OUT = 30_000, 1_600_000  # first seeds of drawn rooms
 KILL_TICK = 20  # control periods after which the worker is killed: it is under way
 
 
@@ -58,7 +61,7 @@ class Finding:
     support: int
 
 
-def write_faults(cases: Sequence[Case], folder: Path) -> Path:
+def write_faults(cases: Sequence[Case | DrawnCase], folder: Path) -> Path:
     """One fault file for all cases; each fault waits for the goals of its own case."""
     faults = []
     for case in cases:
@@ -83,7 +86,7 @@ def kill_worker(workspace: Workspace, session: str, ended: threading.Event) -> N
             return
 
 
-def run_case(workspace: Workspace, mission: Mission, case: Case, graph: Path, seed: int) -> Finding:
+def run_case(workspace: Workspace, mission: Mission, case: Case | DrawnCase, graph: Path, seed: int) -> Finding:
     """One goal with one injected cause."""
     goal = GoalId(f"{case.name}-{seed}")
     session = SessionId(f"{goal}.move")
@@ -98,11 +101,19 @@ def run_case(workspace: Workspace, mission: Mission, case: Case, graph: Path, se
     statuses = [each for each in mission.ledger.sessions.values() if each.contract.goal == goal]
     status = next((each for each in reversed(statuses) if each.decision is not None), statuses[0])
     decision = status.decision
+    if case.fault is not None and not any(has_struck(workspace, each.contract.id) for each in statuses):
+        return Finding(case.cause, case.kind, "", "never struck", "the fault waits for what did not happen", 0)
     if status.state == SessionState.REJECTED:
-        return Finding(case.name, case.kind, classify_refusal(status.problems).value, "refused", status.reason, 1)
+        return Finding(case.cause, case.kind, classify_refusal(status.problems).value, "refused", status.reason, 1)
     if decision is None or status.state == SessionState.SUCCEEDED:
-        return Finding(case.name, case.kind, "", "met", decision.reason if decision else status.reason, 0)
-    return Finding(case.name, case.kind, decision.kind, decision.cause, decision.reason, len(decision.support))
+        return Finding(case.cause, case.kind, "", "met", decision.reason if decision else status.reason, 0)
+    return Finding(case.cause, case.kind, decision.kind, decision.cause, decision.reason, len(decision.support))
+
+
+def has_struck(workspace: Workspace, session: SessionId) -> bool:
+    """Whether the bundle of a session records the strike of a fault."""
+    path = workspace.evidence_of(session) / "faults.json"
+    return path.exists() and bool(json.loads(path.read_text()))
 
 
 def change_contract(workspace: Workspace, settings: dict[str, object]) -> None:
@@ -119,15 +130,15 @@ def describe_judges(url: str, manner: str) -> dict[str, object]:
 
 
 def run_cases(
-    root: Path, cases: Sequence[Case], seeds: Sequence[int], sense: str | None, console: Console
+    root: Path, cases: Sequence[Case | DrawnCase], seeds: Sequence[int], sense: str | None, console: Console
 ) -> Iterator[Finding]:
     """Cases that share one runtime plane."""
     clock, project = SystemClock(), root.with_suffix(".project")
     serve_policies(project, [case.skill for case in cases if case.skill in MANNERS])
+    graphs = {case.name: case.write_graph(project) for case in cases}
     workspace = open_project(root, project, ROOT)
     for case in cases:
         change_contract(workspace, dict(case.settings))
-    graphs = {case.name: case.write_graph(root) for case in cases}
     terms = {"faults": write_faults(cases, root), "sense": Sensing(sense) if sense else None}
     pictures = any(case.judge for case in cases)
     with serve_model() as url, watching(workspace, clock, pictures=pictures, **terms) as plane:
@@ -174,18 +185,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="goals of each case")
     parser.add_argument("--first-seed", type=int, default=100, help="those below were used while this was made")
+    parser.add_argument("--unseen", type=int, default=0, metavar="CASES", help="in drawn rooms instead")
+    parser.add_argument("--development", action="store_true", help="with --unseen: seeds for development")
     parser.add_argument("--cases", nargs="*", choices=[case.name for case in CASES], help="only these")
     parser.add_argument("--sense", choices=("truth", "perceived"), help="what agent and skills see; else the default")
     given = parser.parse_args()
     console = Console(stderr=True)
-    seeds = range(given.first_seed, given.first_seed + given.seeds)
-    chosen = [case for case in CASES if not given.cases or case.name in given.cases]
+    seeds = range(given.first_seed, given.first_seed + (1 if given.unseen else given.seeds))
+    chosen: list[Case | DrawnCase] = [case for case in CASES if not given.cases or case.name in given.cases]
     chosen = [case for case in chosen if not case.sense or case.sense == (given.sense or "perceived")]
     findings: list[Finding] = []
     with tempfile.TemporaryDirectory(prefix="diagnosis-") as scratch:
         shared = [case for case in chosen if not (case.settings or case.judge)]
         judged = [case for case in chosen if case.judge]
         groups = [shared, judged, *([case] for case in chosen if case.settings)]
+        if given.unseen:
+            groups = [list(iter_drawn(DEVELOPMENT if given.development else HELD_OUT, given.unseen))]
         for index, cases in enumerate(group for group in groups if group):
             findings += run_cases(Path(scratch) / str(index), cases, seeds, given.sense, console)
     show(Console(width=WIDTH), findings)

@@ -1,11 +1,13 @@
 """Four ways to recover, side by side on the same seeds, faults and budgets, judged by an eye of its own.
 
     python benchmarks/recovery.py --seeds 4
+    python benchmarks/recovery.py --unseen 40     # goals in rooms drawn from seeds, as of benchmarks/unseen.py
 
 No retry, blind retry, full restart and graph repair are strategies behind one port (`RepairPolicy`): mission loop,
 verifier, runtime and budget are the same. Every goal names its budget of sessions; the set holds cases in which a
 restart no longer fits it, in which a restart undoes what stood (a tower), and in which a thing cannot be had again.
-Success is read from the recorded simulator state by `judge`; that the mission said so does not count.
+Success is read from the recorded simulator state by eyes of their own (`judge`, `eye`, the judge of unseen worlds);
+that the mission said so does not count.
 """
 
 import argparse
@@ -15,14 +17,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from judge import is_in_tray
-from recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
-from recovery_parts.eye import is_in_box, is_on
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest, wilcoxon
 
+from benchmarks.judge import is_in_tray
+from benchmarks.recovery_parts.baselines import BlindRetry, FullRestart, NoRetry, recovering_by
+from benchmarks.recovery_parts.eye import is_in_box, is_on
+from benchmarks.recovery_parts.trials import Trial, draw_trials, judge_last_by
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
@@ -31,11 +33,13 @@ from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.workspace.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = Path(__file__).resolve().parent / "recovery_parts"
 ZONE = ((0.5, -0.32), (0.08, 0.08))  # as in scenes/recovery/workshop.yaml: middle and half sides [m]
 SIGNIFICANT = 0.05
+DEVELOPMENT, HELD_OUT = 20_000, 1_500_000  # first seeds of drawn rooms
 POLICIES: dict[str, Callable[[], RepairPolicy]] = {
     "no retry": NoRetry,
     "blind retry": BlindRetry,
@@ -123,47 +127,44 @@ CASES = (
 )
 
 
+def list_trials(cases: Sequence[Case], seeds: Sequence[int]) -> list[Trial]:
+    """Every case with every seed."""
+    return [
+        Trial(case.name, seed, PARTS / f"{case.graph}.yaml", f"{case.name}-{seed}", judge_last_by(case.is_met))
+        for case in cases
+        for seed in seeds
+    ]
+
+
 def run_policy(
-    root: Path, policy: RepairPolicy, cases: Sequence[Case], seeds: Sequence[int], sense: str | None, console: Console
+    workspace: Workspace, policy: RepairPolicy, trials: Sequence[Trial], faults: Path, sense: str | None, told: Console
 ) -> list[Run]:
-    """Every case with every seed under one policy, in one warm runtime plane."""
-    workspace = open_project(root, ROOT)
+    """Every trial under one policy, in one warm runtime plane."""
     runs = []
     bench = open_bench(
         workspace,
         SystemClock(),
-        faults=PARTS / "faults.yaml",
+        faults=faults,
         sense=Sensing(sense) if sense else None,
         memory_use=MemoryUse.NONE,  # goals are independent trials: what one teaches would help the next
         policy=policy,
     )
     with recovering_by(policy), bench as agent:
-        for case in cases:
-            for seed in seeds:
-                report = agent.mission.run(PARTS / f"{case.graph}.yaml", seed=seed, goal=GoalId(f"{case.name}-{seed}"))
-                folders = [workspace.evidence_of(session.id) for session in report.sessions]
-                seen = [f for f in folders if (f / "terminal.npz").exists() and (f / "scene.mjb").exists()]
-                runs.append(
-                    Run(
-                        case=case.name,
-                        seed=seed,
-                        is_met=bool(seen) and case.is_met(max(seen, key=find_time)),
-                        sessions=len(report.sessions),
-                        sim_time_s=sum(session.sim_time_s for session in report.sessions),
-                        verdict=report.verdict,
-                        reason=report.reason,
-                    )
-                )
-                last = runs[-1]
-                told = f"{policy.name}: {case.name} seed {seed}: met {last.is_met}, {last.sessions} sessions"
-                console.print(told if last.is_met else f"{told}; {last.reason[:200]}", style="dim", highlight=False)
+        for trial in trials:
+            report = agent.mission.run(trial.graph, seed=trial.seed, goal=GoalId(trial.goal))
+            last = Run(
+                case=trial.case,
+                seed=trial.seed,
+                is_met=trial.is_met(workspace.evidence, report),
+                sessions=len(report.sessions),
+                sim_time_s=sum(session.sim_time_s for session in report.sessions),
+                verdict=report.verdict,
+                reason=report.reason,
+            )
+            runs.append(last)
+            line = f"{policy.name}: {last.case} seed {last.seed}: met {last.is_met}, {last.sessions} sessions"
+            told.print(line if last.is_met else f"{line}; {last.reason[:200]}", style="dim", highlight=False)
     return runs
-
-
-def find_time(folder: Path) -> float:
-    """Simulated time of a recorded end, by which the latest is known [s]."""
-    with np.load(folder / "terminal.npz") as terminal:
-        return float(terminal["time"])
 
 
 def compute_success_p(ours: Sequence[Run], theirs: Sequence[Run]) -> float:
@@ -188,9 +189,9 @@ def show(console: Console, runs: dict[str, list[Run]], figures: dict[str, float]
         "goals met, by the world", *(str(Rate(sum(r.is_met for r in each), len(each))) for each in runs.values())
     )
     table.add_row("sessions executed", *(str(sum(r.sessions for r in each)) for each in runs.values()))
-    table.add_row("simulated time [s]", *(f"{sum(r.sim_time_s for r in each):.0f}" for each in runs.values()))
+    table.add_row(r"simulated time \[s]", *(f"{sum(r.sim_time_s for r in each):.0f}" for each in runs.values()))
     table.add_row(
-        "simulated time of a goal, median [s]",
+        r"simulated time of a goal, median \[s]",
         *(f"{Spread.of([r.sim_time_s for r in each]).median:.1f}" for each in runs.values()),
     )
     table.add_row(
@@ -210,8 +211,12 @@ def show(console: Console, runs: dict[str, list[Run]], figures: dict[str, float]
         for each in runs.values():
             mine = [run for run in each if run.case == case]
             cells.append(f"{sum(run.is_met for run in mine)}/{len(mine)}, {sum(run.sessions for run in mine)}")
-        by_case.add_row(case, stories[case], *cells)
+        by_case.add_row(case, stories.get(case, ""), *cells)
     console.print(by_case)
+    for run in runs.get("repair", ()):
+        if not run.is_met:
+            text = f"repair did not meet {run.case} seed {run.seed}: {run.verdict}: {run.reason[:300]}"
+            console.print(text, highlight=False, markup=False)
 
 
 def main() -> int:
@@ -220,18 +225,32 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=4, help="goals of each case")
     parser.add_argument("--first-seed", type=int, default=400, help="those below were used while this was made")
     parser.add_argument("--cases", nargs="*", choices=[case.name for case in CASES], help="only these")
+    parser.add_argument("--unseen", type=int, default=0, metavar="GOALS", help="goals in drawn rooms instead")
+    parser.add_argument("--development", action="store_true", help="with --unseen: seeds for development")
     parser.add_argument("--policies", nargs="*", choices=list(POLICIES), help="only these; no figure is asked then")
     parser.add_argument("--sense", choices=("truth", "perceived"), help="what agent and skills see; else the default")
     parser.add_argument("--keep", type=Path, help="folder for the workspaces, kept afterwards")
     given = parser.parse_args()
     console = Console(stderr=True)
-    cases = [case for case in CASES if not given.cases or case.name in given.cases]
-    seeds = range(given.first_seed, given.first_seed + given.seeds)
     names = [name for name in POLICIES if not given.policies or name in given.policies]
     with tempfile.TemporaryDirectory(prefix="recovery-") as scratch:
         base = given.keep or Path(scratch)
+        project, faults = ROOT, PARTS / "faults.yaml"
+        if given.unseen:
+            project, faults = base / "project", base / "project" / "faults.yaml"
+            trials = draw_trials(DEVELOPMENT if given.development else HELD_OUT, given.unseen, project)
+        else:
+            cases = [case for case in CASES if not given.cases or case.name in given.cases]
+            trials = list_trials(cases, range(given.first_seed, given.first_seed + given.seeds))
         runs = {
-            name: run_policy(base / name.replace(" ", "_"), POLICIES[name](), cases, seeds, given.sense, console)
+            name: run_policy(
+                open_project(base / name.replace(" ", "_"), project, ROOT),
+                POLICIES[name](),
+                trials,
+                faults,
+                given.sense,
+                console,
+            )
             for name in names
         }
     figures: dict[str, float] = {}
@@ -243,7 +262,7 @@ def main() -> int:
         if name != "repair" and "repair" in runs:
             figures[f"success_p_against_{key}"] = compute_success_p(runs["repair"], each)
             figures[f"sessions_p_against_{key}"] = compute_sessions_p(runs["repair"], each)
-    figures["goals"] = float(len(cases) * given.seeds)
+    figures["goals"] = float(len(trials))
     show(Console(), runs, figures)
     asked = {name: ask for name, ask in ASKED.items() if name in figures}
     line, holds = format_outcome(figures, asked)

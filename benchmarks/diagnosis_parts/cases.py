@@ -5,8 +5,8 @@ from pathlib import Path
 
 import yaml
 
-from diagnosis_parts.model import ANSWERS
-from diagnosis_parts.policies import MANNERS
+from benchmarks.diagnosis_parts.model import ANSWERS
+from benchmarks.diagnosis_parts.policies import MANNERS
 
 POLICY_S = 1.0  # a session waits so long for its policy [s]
 
@@ -44,6 +44,11 @@ class Case:
     kills: bool = False
     settings: tuple[tuple[str, object], ...] = ()
     sense: str = ""
+
+    @property
+    def cause(self) -> str:
+        """Its name; the tables count by it."""
+        return self.name
 
     def write_graph(self, folder: Path) -> Path:
         """A goal graph of one session."""

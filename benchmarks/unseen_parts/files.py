@@ -125,11 +125,11 @@ def render_goal(case: Case) -> dict[str, object]:
 
 
 def render_faults(cases: Sequence[Case]) -> dict[str, object]:
-    """The faults of all cases, each only in sessions of its own goal."""
+    """The faults of all cases, each in sessions of its own goal alone, or in the one that it names."""
     faults = []
     for case in cases:
         for fault in case.faults:
             when = fault["when"]
             assert isinstance(when, dict)
-            faults.append(fault | {"when": when | {"session": f"{case.name}.*"}})
+            faults.append(fault | {"when": {"session": f"{case.name}.*"} | when})
     return {"version": 1, "description": "Drawn by benchmarks/unseen.py.", "faults": faults}
