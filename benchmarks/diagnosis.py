@@ -134,6 +134,7 @@ def run_cases(
 ) -> Iterator[Finding]:
     """Cases that share one runtime plane."""
     clock, project = SystemClock(), root.with_suffix(".project")
+    project.mkdir()
     serve_policies(project, [case.skill for case in cases if case.skill in MANNERS])
     graphs = {case.name: case.write_graph(project) for case in cases}
     workspace = open_project(root, project, ROOT)
@@ -208,8 +209,13 @@ def main() -> int:
     figures = {
         "right": Rate(sum(finding.found == finding.injected for finding in told), len(told)).value,
         "right_of_worst_class": min(
-            Rate(sum(f.found == kind for f in told if f.injected == kind), sum(f.injected == kind for f in told)).value
-            for kind in {finding.injected for finding in told}
+            (
+                Rate(
+                    sum(f.found == kind for f in told if f.injected == kind), sum(f.injected == kind for f in told)
+                ).value
+                for kind in {finding.injected for finding in told}
+            ),
+            default=float("nan"),
         ),
         "with_support": Rate(sum(finding.support > 0 for finding in told), len(told)).value,
         "injected": float(len(findings)),
