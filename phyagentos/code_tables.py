@@ -45,6 +45,7 @@ SCENE_OVERFULL       The bodies of a scene find no room without touching.
 TARGET_IN_TWO_WORLDS A goal puts one target into two worlds.
 UNCLOSED_FENCE       Nothing closes a fenced block of a document.
 VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configured.
+TWO_ACTIONS          A reactive composite has more than one child that takes time.
 UNKNOWN_JUDGE        An unknown judge.
 UNKNOWN_BLOCK        A document holds a block that it should not.
 UNKNOWN_KEY          A key that the format does not have.
@@ -218,6 +219,7 @@ UNKNOWN_ENTITY          The name of something that the world does not hold.
 
 EXECUTION = """
 ALREADY_MET             The acceptance was true before the session, so that nothing was commanded.
+COOLING_DOWN            The child of a cooldown ended too short a time ago.
 GRASP_LOST              The object was held and is not any more.
 GRASP_MISSED            The fingers closed and do not hold the object.
 HOLD_VIOLATED           A condition that had to hold all through did not.

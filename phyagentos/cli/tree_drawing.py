@@ -14,9 +14,14 @@ from phyagentos.protocol.documents.markdown import escape_label
 SYMBOLS = {
     "sequence": "→",
     "fallback": "?",
+    "reactive_sequence": "⟳→",
+    "reactive_fallback": "⟳?",
     "parallel": "⇉",
     "retry": "↻",
+    "repeat": "↺",
+    "for_each": "∀",
     "timeout": "⏱",
+    "cooldown": "❄",
     "invert": "¬",
     "condition": "◇",
     "subtree": "▣",
@@ -91,9 +96,9 @@ def _draw_node(node: Node, tree: Tree, library: Library, inside: tuple[str, ...]
 def _name_of(node: Node) -> str:
     """The node's name with what its kind adds: attempts, seconds, policy, predicate."""
     match node.kind:
-        case NodeKind.RETRY:
+        case NodeKind.RETRY | NodeKind.REPEAT:
             return f"{node.name} × {node.amount:.0f}"
-        case NodeKind.TIMEOUT:
+        case NodeKind.TIMEOUT | NodeKind.COOLDOWN:
             return f"{node.name} {node.amount:g} s"
         case NodeKind.PARALLEL:
             return f"{node.name} ({node.policy})"

@@ -53,3 +53,25 @@ def test_home_is_planned_with_what_the_fingers_hold_though_no_port_names_it(
     bench = build_bench(target, planner := doubles.ScriptedPlanner(), library=plant(["close_gripper", "move_home"]))
     bench.run(session)
     assert [request.payload.entity for request in planner.requests] == ["red_cube"]
+
+
+def test_a_reactive_sequence_judges_its_condition_each_period_and_the_trace_shows_its_changes_alone(
+    build_bench, session, plant, doubles, profile
+):
+    """`exists` fails once the cube is gone: the arm that moves beside it is stopped within a period."""
+    tree = 'reactive_sequence: {children: [{condition: "exists(red_cube)"}, {wait: {seconds: 9}}]}'
+    target = doubles.PerfectTarget(profile, [doubles.build_cube()])
+    bench = build_bench(target, library=plant([tree]))
+    carry_out = target._carry_out
+
+    def take_away(request):
+        if len(target.commands()) == 20:
+            target.entities = {}
+        return carry_out(request)
+
+    target._carry_out = take_away
+    execution = bench.run(session)
+    assert (execution.code, execution.leaf) == ("UNMET", "planted/reactive_sequence/condition")
+    assert len(target.commands()) == 20
+    trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
+    assert [event.status for event in trace if event.leaf == "condition"] == ["SUCCESS", "FAILURE"]

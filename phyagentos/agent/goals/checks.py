@@ -182,8 +182,10 @@ class Checks:
                 continue  # a data edge: its type is checked with the output
             elif expected := find_mismatch(parameter, value):
                 yield self.located.problem("INVALID_PARAMETER", path, repr(value), expected, parameter.description)
-            elif parameter.type in {"entity", "place"} and self._names is not None and value not in self._names:
-                yield self._unknown("UNKNOWN_ENTITY", path, str(value), self._names)
+            elif parameter.type in {"entity", "entities", "place"} and self._names is not None:
+                for name in [value] if isinstance(value, str) else value:
+                    if name not in self._names:
+                        yield self._unknown("UNKNOWN_ENTITY", path, str(name), self._names)
 
     def _check_data_edges(self, node: Node, runtime: SkillRuntime, choices: Mapping[str, Choice]) -> Iterator[Problem]:
         for edge in node.data:

@@ -46,7 +46,7 @@ _OF_CODES = {
     "OUT_OF_TIME": Cause.TIMED_OUT,
     "PLANNER_LOST": Cause.RUNNER_LOST,
     "TOO_WIDE": Cause.IMPOSSIBLE,
-    "UNMET": Cause.UNMET,
+    **dict.fromkeys(("UNMET", "COOLING_DOWN"), Cause.UNMET),
     **dict.fromkeys(("NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY"), Cause.IMPOSSIBLE),
     **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN"), Cause.NO_PLAN),
 }

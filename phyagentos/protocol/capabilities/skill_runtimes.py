@@ -24,14 +24,14 @@ _NUMERIC: dict[str, tuple[type, ...]] = {
     "place": (str,),
 }
 
-ParameterType = Literal["entity", "place", "point", "number", "integer", "string", "boolean"]
+ParameterType = Literal["entity", "entities", "place", "point", "points", "number", "integer", "string", "boolean"]
 
 
 class Parameter(Authored):
     """One argument of a skill.
 
     `entity` is the name of a thing, `place` of a thing with an interior or of a region, `point` three metres in the
-    world frame.
+    world frame; `entities` and `points` are lists of them, at least one.
 
     Attributes:
         type: What it takes.
@@ -180,8 +180,11 @@ def problem_unknown_skill(address: str, name: str, known: list[str]) -> Problem:
 def find_mismatch(parameter: Parameter, value: Any) -> str:
     """What the value of a parameter should have been; empty when it fits."""
     if parameter.type == "point":
-        fits = isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
-        return "" if fits else "three numbers [m] in the world frame"
+        return "" if _is_point(value) else "three numbers [m] in the world frame"
+    if parameter.type in {"entities", "points"}:
+        fits = _is_point if parameter.type == "points" else _is_name
+        wanted = "points, each three numbers [m]" if parameter.type == "points" else "names"
+        return "" if isinstance(value, list | tuple) and value and all(map(fits, value)) else f"a list of {wanted}"
     if parameter.type in {"number", "integer"} and not _is_number(value):
         return parameter.type
     if not isinstance(value, _NUMERIC[parameter.type]):
@@ -195,6 +198,14 @@ def find_mismatch(parameter: Parameter, value: Any) -> str:
     if parameter.maximum is not None and value > parameter.maximum:
         return f"at most {parameter.maximum} {parameter.unit}".rstrip()
     return ""
+
+
+def _is_point(value: Any) -> bool:
+    return isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str)
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

@@ -18,7 +18,19 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, validate
 
 PortType = Literal[
-    "entity", "place", "point", "number", "integer", "string", "boolean", "pose", "approach", "approaches", "payload"
+    "entity",
+    "entities",
+    "place",
+    "point",
+    "points",
+    "number",
+    "integer",
+    "string",
+    "boolean",
+    "pose",
+    "approach",
+    "approaches",
+    "payload",
 ]
 REFERENCE = re.compile(r"\$\{([a-z][a-z0-9_]*)\}")
 
@@ -43,7 +55,7 @@ class TreeHeader(Authored):
 
 
 class CompositeForm(Authored):
-    """Body of `sequence` and `fallback`."""
+    """Body of `sequence`, `fallback` and their reactive forms."""
 
     children: list[Any] = pydantic.Field(min_length=1)
     name: str = ""
@@ -68,10 +80,23 @@ class RetryForm(InvertForm):
     attempts: int = pydantic.Field(ge=1)
 
 
+class RepeatForm(InvertForm):
+    """Body of `repeat`."""
+
+    times: int = pydantic.Field(ge=1)
+
+
 class TimeoutForm(InvertForm):
-    """Body of `timeout`; seconds of simulated time."""
+    """Body of `timeout` and `cooldown`; seconds of simulated time."""
 
     seconds: float = pydantic.Field(gt=0.0)
+
+
+class ForEachForm(InvertForm):
+    """Body of `for_each`: the key that takes each element in turn, and the list, by its key or as a literal."""
+
+    each: str = pydantic.Field(pattern=r"^\$[a-z][a-z0-9_]*$")
+    values: str | list[Any] = pydantic.Field(alias="in")
 
 
 class SubtreeForm(Authored):
@@ -89,12 +114,22 @@ class NodeKind(StrEnum):
     """Children in order, until one fails."""
     FALLBACK = "fallback"
     """Children in order, until one succeeds."""
+    REACTIVE_SEQUENCE = "reactive_sequence"
+    """A sequence that begins again at its first child with every tick."""
+    REACTIVE_FALLBACK = "reactive_fallback"
+    """A fallback that begins again at its first child with every tick."""
     PARALLEL = "parallel"
     """Children together."""
     RETRY = "retry"
     """The child again when it fails."""
+    REPEAT = "repeat"
+    """The child again when it succeeds."""
+    FOR_EACH = "for_each"
+    """The child once for each element of a list."""
     TIMEOUT = "timeout"
     """The child, for so long."""
+    COOLDOWN = "cooldown"
+    """The child; for so long after it ended, failure without it."""
     INVERT = "invert"
     """Success and failure of the child exchanged."""
     CONDITION = "condition"
@@ -108,9 +143,14 @@ class NodeKind(StrEnum):
 _FORMS: dict[NodeKind, type[Authored]] = {
     NodeKind.SEQUENCE: CompositeForm,
     NodeKind.FALLBACK: CompositeForm,
+    NodeKind.REACTIVE_SEQUENCE: CompositeForm,
+    NodeKind.REACTIVE_FALLBACK: CompositeForm,
     NodeKind.PARALLEL: ParallelForm,
     NodeKind.RETRY: RetryForm,
+    NodeKind.REPEAT: RepeatForm,
+    NodeKind.FOR_EACH: ForEachForm,
     NodeKind.TIMEOUT: TimeoutForm,
+    NodeKind.COOLDOWN: TimeoutForm,
     NodeKind.INVERT: InvertForm,
     NodeKind.SUBTREE: SubtreeForm,
 }
@@ -131,8 +171,8 @@ class Node:
         name: Unique among its siblings; part of the path in traces.
         address: Where it stands in the file's data.
         type: Leaf type or name of the subtree, else the kind.
-        wiring: Port -> `Reference` or literal, of leaves and subtrees.
-        amount: Attempts of `retry`, seconds of `timeout`.
+        wiring: Port -> `Reference` or literal, of leaves and subtrees; `each` and `in` of `for_each`.
+        amount: Attempts of `retry`, times of `repeat`, seconds of `timeout` and `cooldown`.
         policy: `all` or `one`, of `parallel`.
         text: Predicate of `condition`.
     """
@@ -259,6 +299,8 @@ def _build_control(
         children = (child,) if child is not None else ()
     subtree = form.tree if isinstance(form, SubtreeForm) else ""
     wiring = {port: _parse_value(value) for port, value in form.wiring.items()} if subtree else {}
+    if isinstance(form, ForEachForm):
+        wiring = {"each": _parse_value(form.each), "in": _parse_value(form.values)}
     return Node(
         kind=kind,
         type=subtree or kind.value,
@@ -266,7 +308,7 @@ def _build_control(
         address=place,
         children=children,
         wiring=wiring,
-        amount=float(getattr(form, "attempts", 0) or getattr(form, "seconds", 0.0)),
+        amount=float(next((getattr(form, key) for key in ("attempts", "times", "seconds") if hasattr(form, key)), 0.0)),
         policy=getattr(form, "policy", ""),
     )
 

@@ -287,9 +287,10 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     def find_movable(self, names: Iterable[object]) -> str | None:
         """The first of these names that is a movable thing; None when none is.
 
-        Of a session's parameters in the skill's order, it is what the skill acts on.
+        Of a session's parameters in the skill's order, lists included, it is what the skill acts on.
         """
-        things = (name for name in names if isinstance(name, str) and name in self.entities)
+        flat = (name for each in names for name in (each if isinstance(each, list | tuple) else (each,)))
+        things = (name for name in flat if isinstance(name, str) and name in self.entities)
         return next((name for name in things if self.entities[name].movable), None)
 
     def shows(self, name: str) -> bool:

@@ -39,6 +39,8 @@ class FailureCode(StrEnum):
     """A motor does not follow its set-points."""
     OUT_OF_TIME = "OUT_OF_TIME"
     """A timeout of the tree ran out, in simulated time."""
+    COOLING_DOWN = "COOLING_DOWN"
+    """A child of a cooldown ended too short a time ago."""
     UNMET = "UNMET"
     """A condition of the tree is false or unknown."""
     PLANNER_LOST = "PLANNER_LOST"

@@ -1,6 +1,7 @@
 """Checks authored trees against the registered leaves, and reports every problem at once."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from py_trees.ports import PortInformation
@@ -19,13 +20,25 @@ from phyagentos.protocol.capabilities.trees import (
 )
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.motion.requests import Approach, Approaches, Payload
 
+
+class Names(tuple[str, ...]):
+    """Value of a port of type `entities`."""
+
+
+class Points(tuple[tuple[float, ...], ...]):
+    """Value of a port of type `points`."""
+
+
 PORT_TYPES: dict[str, type] = {  # type names of trees and skills
     "entity": str,
+    "entities": Names,
     "place": str,
     "point": tuple,
+    "points": Points,
     "number": float,
     "integer": int,
     "string": str,
@@ -36,7 +49,9 @@ PORT_TYPES: dict[str, type] = {  # type names of trees and skills
     "payload": Payload,
 }
 
+ELEMENTS: dict[type, type] = {Names: str, Points: tuple}  # what a list gives to `for_each`
 EXPORTED_TYPES = frozenset(PORT_TYPES) - {"approach", "approaches", "payload"}  # what a contract can carry
+REACTIVE = (NodeKind.REACTIVE_SEQUENCE, NodeKind.REACTIVE_FALLBACK)
 _CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.LEAF)
 
 
@@ -114,9 +129,13 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
         for port, value in node.wiring.items():
             if ports is not None and port in ports[1] and isinstance(value, Reference):
                 written.setdefault(value.key, ports[1][port].data_type)
+        if node.kind is NodeKind.FOR_EACH:
+            problems += _iter_list_problems(tree, node, written)
     for node, ports in declared:
         if node.kind is NodeKind.CONDITION:
             problems += _iter_condition_problems(tree, node, written)
+        elif node.kind in REACTIVE:
+            problems += _iter_reactive_problems(tree, node, library, registry)
         elif node.kind in (NodeKind.LEAF, NodeKind.SUBTREE):
             if ports is None:
                 problems.append(_problem_unknown(tree, node, library, registry))
@@ -128,6 +147,51 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
             hint = format_hint(name, written)
             problems.append(tree.located.problem("UNWRITTEN_OUTPUT", address, repr(name), format_names(written), hint))
     return problems
+
+
+def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:
+    """Problems of a `for_each`; the key of its element counts as written."""
+    values, each = node.wiring["in"], node.wiring["each"].key
+    place = (*node.address, "in")
+    if isinstance(values, Reference):
+        if values.key not in written:
+            found, hint = f"'${values.key}', which nothing writes", format_hint(values.key, written)
+            yield tree.located.problem("UNWRITTEN_KEY", place, found, format_names(f"${key}" for key in written), hint)
+            return
+        kind = written[values.key]
+        found = f"'${values.key}' of type {_name_of(kind)}"
+    else:
+        kind, found = find_list_type(values), repr(values)
+    if kind not in ELEMENTS:
+        yield tree.located.problem("WRONG_TYPE", place, found, "a list: names of entities, or points")
+    elif written.setdefault(each, ELEMENTS[kind]) is not ELEMENTS[kind]:
+        found = f"'${each}' of type {_name_of(written[each])}"
+        yield tree.located.problem("WRONG_TYPE", (*node.address, "each"), found, f"type {_name_of(ELEMENTS[kind])}")
+
+
+def _iter_reactive_problems(tree: Tree, node: Node, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
+    """Each tick begins with the first child again: of two that take time, the first would never let the second end."""
+    slow = [child for child in node.children if _takes_time(child, library, registry, ())]
+    for child in slow[1:]:
+        found = f"{child.name!r} and {slow[0].name!r}, which both take time, in one {node.kind}"
+        yield tree.located.problem(
+            "TWO_ACTIONS", child.address, found, "one child that takes time, conditions beside it",
+            f"Put them into a '{node.kind.removeprefix('reactive_')}' of their own.",
+        )  # fmt: skip
+
+
+def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...]) -> bool:
+    """Whether a leaf below is ticked more than once; what is unknown counts as quick, its problem is another."""
+    if node.kind is NodeKind.SUBTREE and node.type not in above:
+        try:
+            root = read_tree(library.get_tree(node.type)).root
+        except DefinitionError:
+            return False
+        return _takes_time(root, library, registry, (*above, node.type))
+    if node.kind is NodeKind.LEAF:
+        leaf = registry.find(node.type)
+        return leaf is not None and leaf.on_running is not Leaf.on_running
+    return any(_takes_time(child, library, registry, above) for child in node.children)
 
 
 Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs
@@ -237,9 +301,20 @@ def convert_literal(value: Any, kind: type) -> Any:
         return float(value)
     if kind is tuple and isinstance(value, list):
         return tuple(value)
+    if kind in ELEMENTS and isinstance(value, list | tuple):
+        return kind(convert_literal(each, ELEMENTS[kind]) for each in value)
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise TypeError(f"{value!r} is not of type {kind.__name__}")
     return value
+
+
+def find_list_type(values: Any) -> type:
+    """The type of a literal list; that of the value where it is none, or a list of something else."""
+    for kind in ELEMENTS if isinstance(values, list | tuple) else ():
+        with suppress(TypeError):
+            convert_literal(values, kind)
+            return kind
+    return type(values)
 
 
 def _name_of(kind: Any) -> str:

@@ -4,14 +4,14 @@ py_trees keeps one blackboard per process; a built tree keeps the values of its 
 """
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import ParallelPolicy, Status
 from py_trees.composites import Parallel, Selector, Sequence
-from py_trees.decorators import Decorator, Inverter, Retry
+from py_trees.decorators import Decorator, Inverter, Repeat, Retry
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, find_references
@@ -21,7 +21,14 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
-from phyagentos.runtime.execution.tree_check import EXPORTED_TYPES, PORT_TYPES, convert_literal, read_sound_trees
+from phyagentos.runtime.execution.tree_check import (
+    EXPORTED_TYPES,
+    PORT_TYPES,
+    REACTIVE,
+    convert_literal,
+    find_list_type,
+    read_sound_trees,
+)
 from phyagentos.runtime.perception.world_model import BELIEF
 
 
@@ -49,6 +56,64 @@ class SimulatedTimeout(Decorator):
             self.message = f"{self.decorated.name} still ran after {elapsed_s:.2f} s (limit {self._seconds} s)"
             return Status.FAILURE
         return self.decorated.status
+
+
+class Cooldown(Decorator):
+    """Ticks the child; for so many seconds of simulated time after it ended, FAILURE without it."""
+
+    def __init__(self, name: str, child: Behaviour, seconds: float, context: SkillContext) -> None:
+        super().__init__(name=name, child=child)
+        self._seconds = seconds
+        self._context = context
+        self._ended_s: float | None = None
+        self.code = ""
+        self.message = ""
+
+    def tick(self) -> Iterator[Behaviour]:
+        """One tick of the child, or none."""
+        rested_s = None if self._ended_s is None else self._context.time_s - self._ended_s
+        if rested_s is not None and rested_s < self._seconds - 0.5 * self._context.profile.control_period_s:
+            self.code = FailureCode.COOLING_DOWN
+            self.message = f"{self.decorated.name} ended {rested_s:.2f} s ago, of {self._seconds} s"
+            self.status = Status.FAILURE
+            yield self
+            return
+        self.code, self.message = "", ""
+        yield from super().tick()
+
+    def update(self) -> Status:
+        """The child's status; its end is remembered."""
+        self._ended_s = None if self.decorated.status is Status.RUNNING else self._context.time_s
+        return self.decorated.status
+
+
+class ForEach(Decorator):
+    """Runs the child once for each element of the list under a key; succeeds at once when it is empty."""
+
+    def __init__(self, name: str, child: Behaviour, values: dict[str, Any], source: str, target: str) -> None:
+        super().__init__(name=name, child=child)
+        self._values, self._source, self._target = values, source, target
+        self._left: list[Any] = []
+
+    def tick(self) -> Iterator[Behaviour]:
+        """One tick of the child, unless the list is empty."""
+        if self.status is not Status.RUNNING and not self._values[self._source]:
+            self.status = Status.SUCCESS
+            yield self
+            return
+        yield from super().tick()
+
+    def initialise(self) -> None:
+        """Begin with the first element."""
+        self._left = list(self._values[self._source])
+        self._values[self._target] = self._left.pop(0)
+
+    def update(self) -> Status:
+        """The child's status; after its success the next element, with the next tick."""
+        if self.decorated.status is not Status.SUCCESS or not self._left:
+            return self.decorated.status
+        self._values[self._target] = self._left.pop(0)
+        return Status.RUNNING
 
 
 class Condition(Leaf):
@@ -79,11 +144,15 @@ class Condition(Leaf):
 
 @dataclass(frozen=True, slots=True)
 class BuiltNode:
-    """One node of the running tree, with its names in the trace."""
+    """One node of the running tree, with its names in the trace.
+
+    `recurs` when a reactive composite above ticks it anew each time: only changes of its status are traced.
+    """
 
     behaviour: Behaviour
     path: str
     type: str
+    recurs: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,25 +228,26 @@ class _Builder:
                 scope[port] = outer[value.key]
         return scope
 
-    def build(self, node: Node, scope: _Scope, path: str) -> Behaviour:
+    def build(self, node: Node, scope: _Scope, path: str, recurs: bool = False) -> Behaviour:
         """Build a node and everything below it."""
         if node.kind is NodeKind.SUBTREE:
             tree = self._trees[node.type]
             inner = self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}")
-            return self.build(tree.root, inner, path)
+            return self.build(tree.root, inner, path, recurs)
         position = len(self.nodes)  # parents before children
-        children = [self.build(child, scope, f"{path}/{child.name}") for child in node.children]
+        below = recurs or node.kind in REACTIVE
+        children = [self.build(child, scope, f"{path}/{child.name}", below) for child in node.children]
         behaviour = self._build_one(node, children, scope, path)
-        self.nodes.insert(position, BuiltNode(behaviour, path, node.type))
+        self.nodes.insert(position, BuiltNode(behaviour, path, node.type, recurs))
         return behaviour
 
     def _build_one(self, node: Node, children: list[Behaviour], scope: _Scope, path: str) -> Behaviour:
         context = self._context
         match node.kind:
-            case NodeKind.SEQUENCE:
-                return Sequence(node.name, memory=True, children=children)
-            case NodeKind.FALLBACK:
-                return Selector(node.name, memory=True, children=children)
+            case NodeKind.SEQUENCE | NodeKind.REACTIVE_SEQUENCE:
+                return Sequence(node.name, memory=node.kind not in REACTIVE, children=children)
+            case NodeKind.FALLBACK | NodeKind.REACTIVE_FALLBACK:
+                return Selector(node.name, memory=node.kind not in REACTIVE, children=children)
             case NodeKind.PARALLEL:
                 policy = (
                     ParallelPolicy.SuccessOnAll(synchronise=True)
@@ -187,8 +257,17 @@ class _Builder:
                 return Parallel(node.name, policy=policy, children=children)
             case NodeKind.RETRY:
                 return Retry(node.name, children[0], num_failures=int(node.amount))
+            case NodeKind.REPEAT:
+                return Repeat(node.name, children[0], num_success=int(node.amount))
+            case NodeKind.FOR_EACH:
+                values, each = node.wiring["in"], scope[node.wiring["each"].key]
+                is_key = isinstance(values, Reference)
+                source = scope[values.key] if is_key else self._write_literal(values, find_list_type(values))
+                return ForEach(node.name, children[0], self.values, source, each)
             case NodeKind.TIMEOUT:
                 return SimulatedTimeout(node.name, children[0], node.amount, context)
+            case NodeKind.COOLDOWN:
+                return Cooldown(node.name, children[0], node.amount, context)
             case NodeKind.INVERT:
                 return Inverter(node.name, children[0])
             case NodeKind.CONDITION:

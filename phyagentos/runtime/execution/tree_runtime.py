@@ -7,7 +7,7 @@ from typing import Any
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
-from py_trees.composites import Composite, Parallel
+from py_trees.composites import Composite, Parallel, Selector, Sequence
 from py_trees.decorators import Decorator
 
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -35,7 +35,7 @@ class TreeSkillRuntime:
         self._context = context
         self._events: list[TraceEvent] = []
         self._seen: list[tuple[Status, int]] = [(Status.INVALID, 0)] * len(tree.nodes)
-        self._parallels = [each.behaviour for each in tree.nodes if isinstance(each.behaviour, Parallel)]
+        self._watching = [each.behaviour for each in tree.nodes if _watches(each.behaviour)]
         self._commands = 0
         self._idle = 0
         self._stuck = False
@@ -57,7 +57,7 @@ class TreeSkillRuntime:
         if self._idle > IDLE_TICKS_MAX:
             self._stuck = True
             return TickResult(SkillStatus.FAILED, None, self._find_active())
-        goes_on = context.commands.goes_on and not any(each.status is Status.RUNNING for each in self._parallels)
+        goes_on = context.commands.goes_on and not any(each.status is Status.RUNNING for each in self._watching)
         return TickResult(status, points, self._find_active(), thinking, goes_on)
 
     def wait(self, timeout_s: float) -> None:
@@ -109,7 +109,7 @@ class TreeSkillRuntime:
     def _record(self) -> None:
         for index, node in enumerate(self._tree.nodes):
             behaviour = node.behaviour
-            now = (behaviour.status, getattr(behaviour, "activations", 0))
+            now = (behaviour.status, 0 if node.recurs else getattr(behaviour, "activations", 0))
             if now != self._seen[index]:
                 self._seen[index] = now
                 event = TraceEvent(
@@ -124,6 +124,11 @@ class TreeSkillRuntime:
                     numbers=dict(getattr(behaviour, "numbers", {})),
                 )
                 self._events.append(event)
+
+
+def _watches(node: Behaviour) -> bool:
+    """Whether another branch may decide while one moves: each period's outcome is needed before the next is sent."""
+    return isinstance(node, Parallel) or (isinstance(node, Sequence | Selector) and not node.memory)
 
 
 def _export(value: Any) -> Any:

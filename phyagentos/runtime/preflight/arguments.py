@@ -65,11 +65,15 @@ def iter_name_problems(
     session: Session, skill: SkillRuntime | None, now: Environment, *, is_fresh: bool
 ) -> Iterator[Problem]:
     """Arguments that name what is not in the world; in a fresh world, from which nothing is gone, conditions too."""
-    known = {"entity": now.entities.keys(), "place": now.entities.keys() | now.regions.keys()}
+    things, places = now.entities.keys(), now.entities.keys() | now.regions.keys()
+    known = {"entity": things, "entities": things, "place": places}
     reported: set[str] = set()
     for name, parameter in skill.parameters.items() if skill is not None else ():
-        value = session.parameters.get(name)
-        if parameter.type in known and isinstance(value, str) and value not in known[parameter.type]:
+        given = session.parameters.get(name)
+        named = [given] if isinstance(given, str) else given if isinstance(given, list | tuple) else []
+        for value in named if parameter.type in known else ():
+            if value in known[parameter.type]:
+                continue
             reported.add(value)
             names = sorted(known[parameter.type])
             by = f"skill {session.skill}: parameters.{name}"

@@ -104,6 +104,44 @@ def test_a_condition_is_parsed_and_its_keys_are_checked(check):
     assert any("mine.yaml:8:9: UNKNOWN_PREDICATE: found 'holdin'" in problem for problem in problems)
 
 
+LISTS = "inputs: {things: {type: entities}, corners: {type: points}, object: {type: entity}}"
+
+
+def test_a_list_gives_its_elements_to_the_child_with_their_type(check):
+    looks = "for_each: {each: $one, in: %s, child: {locate: {object: $one}}}"
+    assert check([looks % "$things", looks.replace("one", "other") % "[red_cube, cup]"], LISTS) == []
+
+    (problem,) = check([looks % "$corners"], LISTS)
+    assert "mine.yaml:7:63: WRONG_TYPE: found '$one' of type tuple; expected type str" in problem
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ("$object", "mine.yaml:7:32: WRONG_TYPE: found '$object' of type str; expected a list: names of entities"),
+        ("[red_cube, 3]", "mine.yaml:7:32: WRONG_TYPE: found ('red_cube', 3); expected a list"),
+        ("$thing", "mine.yaml:7:32: UNWRITTEN_KEY: found '$thing', which nothing writes; expected $corners, $object"),
+    ],
+)
+def test_what_is_no_list_is_refused(check, values, message):
+    problems = check([f"for_each: {{each: $one, in: {values}, child: open_gripper}}"], LISTS)
+    assert message in problems[0]
+
+
+def test_the_element_of_a_list_does_not_take_the_place_of_a_key_of_another_type(check):
+    (problem,) = check(["for_each: {each: $object, in: $corners, child: open_gripper}"], LISTS)
+    assert "mine.yaml:7:20: WRONG_TYPE: found '$object' of type str; expected type tuple" in problem
+
+
+def test_two_children_of_a_reactive_composite_that_take_time_are_refused(check):
+    guarded = 'reactive_sequence: {children: [{condition: "visible(${object})"}, %s]}'
+    assert check([guarded % "move_home"]) == []
+
+    (problem,) = check([guarded % "move_home, {retry: {attempts: 2, child: close_gripper}}"])
+    assert "TWO_ACTIONS: found 'retry' and 'move_home', which both take time, in one reactive_sequence" in problem
+    assert problem.endswith("Put them into a 'sequence' of their own.")
+
+
 def test_an_output_that_nothing_writes_is_refused(check):
     (problem,) = check(["open_gripper"], header="outputs: {site: {type: point}}")
 
@@ -126,6 +164,11 @@ def test_all_problems_come_at_once(check):
         ("sequence: {children: []}", r"INVALID_VALUE.*at least 1 item"),
         ("locate: [red_cube]", r"NOT_A_WIRING: found \['red_cube'\]; expected a mapping of ports"),
         ('condition: ""', r"NOT_A_PREDICATE"),
+        ("repeat: {times: 0, child: open_gripper}", r"mine.yaml:7:18: INVALID_VALUE: found 0"),
+        ("cooldown: {seconds: 0, child: open_gripper}", r"mine.yaml:7:20: INVALID_VALUE: found 0"),
+        ("for_each: {each: one, in: $all, child: open_gripper}", r"mine.yaml:7:20: INVALID_VALUE: found 'one'"),
+        ("for_each: {each: $one, child: open_gripper}", r"MISSING_KEY: found nothing; expected key 'in'"),
+        ("reactive_sequence: {children: []}", r"INVALID_VALUE.*at least 1 item"),
     ],
 )
 def test_structural_errors_say_where_and_what_is_possible(tmp_path, child, message):
