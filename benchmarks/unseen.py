@@ -16,10 +16,9 @@ met moved the arm. Half of the goals with equal things say that these are interc
 naming. The others cannot be decided by looks: their nodes are listed, and count for false successes alone.
 
 What scene, goal and fault files cannot say yet is missing here: meshes and curved hollow walls (bowls and mugs are
-rings of flat walls), friction by pairs of materials (a thing's own surface decides against all), rolling friction,
-bodies outside of the inventory (flat coloured prints are seen and not told), glassy or black surfaces without depth,
-things that begin tilted (some come to lean on a slab), drawers, lids and doors of random make, volumes hidden under
-covers, and predicates on metrics.
+rings of flat walls), bodies outside of the inventory (flat coloured prints are seen and not told), glassy or black
+surfaces without depth, things that begin tilted (some come to lean on a slab), drawers, lids and doors of random
+make, volumes hidden under covers, and predicates on metrics.
 
 Each goal is one line of the results file, written when it ended: a run resumes where it stopped and counts no seed
 twice.

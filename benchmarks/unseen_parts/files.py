@@ -4,6 +4,7 @@ What these formats cannot say is left out, and named in `benchmarks/unseen.py`: 
 """
 
 from collections.abc import Sequence
+from itertools import combinations_with_replacement
 from pathlib import Path
 
 import yaml
@@ -31,8 +32,11 @@ def render_scene(room: Room, name: str) -> dict[str, object]:
     """The scene file of a room."""
     center = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2, (TABLE_Y_M[0] + TABLE_Y_M[1]) / 2)
     half = ((TABLE_X_M[1] - TABLE_X_M[0]) / 2, (TABLE_Y_M[1] - TABLE_Y_M[0]) / 2)
-    materials = {"wood": {"rgba": [*TABLE_RGB, 1.0]}, "floor": {"rgba": [0.82, 0.84, 0.87, 1.0]}}
-    materials |= {thing.name: {"rgba": [*thing.rgb, 1.0]} for thing in room.things.values()}
+    materials: dict[str, object] = {
+        "wood": {"rgba": [*TABLE_RGB, 1.0], "surface": "wood"},
+        "floor": {"rgba": [0.82, 0.84, 0.87, 1.0]},
+    }
+    materials |= {t.name: {"rgba": [*t.rgb, 1.0], "surface": t.surface} for t in room.things.values()}
     materials |= {f"print_{i}": {"rgba": [*one.rgb, 1.0]} for i, one in enumerate(room.prints)}
     top: list[dict[str, object]] = [{"kind": "box", "size_m": [*half, 0.02]}]
     for index, one in enumerate(room.prints):
@@ -58,9 +62,16 @@ def render_scene(room: Room, name: str) -> dict[str, object]:
             spot.name: {"center_m": list(spot.center_m), "half_m": list(spot.half_m)} for spot in room.spots.values()
         },
         "cameras": {"overview": {"position_m": [1.85, 0.46, 1.15], "target_m": [0.27, 0.05, 0.26], "fovy_deg": 41}},
+        "friction": {} if room.friction is None else _even_out(room, room.friction),
         "lights": {"key": {"position_m": [1.2, -1.2, 2.2], "direction": [-0.4, 0.55, -1.0]}},
         "settle_s": 1.5,
     }
+
+
+def _even_out(room: Room, friction: tuple[float, float]) -> dict[str, object]:
+    """The same friction for every pair of surfaces in the room."""
+    surfaces = sorted({"wood", "rubber", *(thing.surface for thing in room.things.values())})
+    return {f"{one}|{other}": list(friction) for one, other in combinations_with_replacement(surfaces, 2)}
 
 
 def _fix(kind: str, material: str, at: list[float], shapes: list[dict[str, object]]) -> dict[str, object]:

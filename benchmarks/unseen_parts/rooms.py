@@ -21,6 +21,7 @@ from benchmarks.unseen_parts.forms import (
 )
 
 TABLE_RGB = (0.80, 0.66, 0.50)
+USUAL = (0.2, 0.6)  # friction of things against the pads
 COLORS: dict[str, tuple[float, float, float]] = {
     "red": (0.80, 0.16, 0.14),
     "orange": (0.90, 0.48, 0.12),
@@ -48,7 +49,8 @@ class Thing:
     Attributes:
         at_m: Where its origin stands when the room is opened.
         yaw_rad: None where it is drawn by the scene's own seed.
-        grip: Least and greatest friction of its surface.
+        grip: Least and greatest friction of its surface against the pads of the fingers.
+        surface: What it is made of, which decides its friction against everything else.
         drawn_by: How a fixed body's place stands in the scene file: as a point, or as `area` or `frame`.
         on: Name of what it stands on, or in.
     """
@@ -62,6 +64,7 @@ class Thing:
     fixed: bool = False
     mass_kg: float = 0.1
     grip: tuple[float, float] = (0.4, 0.4)
+    surface: str = "plastic"
     drawn_by: str = "point"
     on: str = "table"
 
@@ -98,12 +101,14 @@ class Room:
         things: Bodies by name, fixed ones first.
         spots: Named regions.
         prints: Distractors outside the inventory.
+        friction: Of every pair of surfaces, for a table of extremes; None where each pair has its own.
     """
 
     seed: int
     things: dict[str, Thing]
     spots: dict[str, Spot]
     prints: tuple[Print, ...]
+    friction: tuple[float, float] | None = None
 
     @property
     def movable(self) -> list[Thing]:
@@ -140,7 +145,7 @@ class Floor:
         return None
 
 
-def draw_room(seed: int, rng: Rng, *, friction: tuple[float, float] = (0.2, 0.6)) -> tuple[Room, Floor]:
+def draw_room(seed: int, rng: Rng, *, friction: tuple[float, float] = USUAL) -> tuple[Room, Floor]:
     """A room of three to eight things, and the places of it that are taken."""
     floor, things = Floor(rng), dict[str, Thing]()
     for thing in _draw_fixed(rng, floor):
@@ -155,9 +160,19 @@ def draw_room(seed: int, rng: Rng, *, friction: tuple[float, float] = (0.2, 0.6)
             name = _name(things, f"{thing.color}_{thing.form.kind}")
             things[name] = replace(thing, name=name)
             used.append(thing.rgb)
-    room = Room(seed, things, spots, tuple(_draw_prints(rng)))
+    made = np.random.default_rng([20_261_015, seed, 3])
+    things = {name: replace(thing, surface=draw_surface(thing.form.kind, made)) for name, thing in things.items()}
+    extreme = None if friction == USUAL else friction
+    room = Room(seed, things, spots, tuple(_draw_prints(rng)), extreme)
     own = np.random.default_rng([20_261_015, seed, 2])
     return room if own.random() < TWINS_SHARE else _distinguish(room, own), floor
+
+
+def draw_surface(kind: str, rng: Rng) -> str:
+    """What a thing of some kind is made of."""
+    usual = {"can": "metal", "bottle": "glass", "mug": "ceramic", "plate": "ceramic", "bowl": "ceramic", "box": "card"}
+    others = ["wood", "plastic", "metal", "rubber"]
+    return usual[kind] if kind in usual and rng.random() < 0.5 else str(rng.choice(others, p=[0.35, 0.45, 0.15, 0.05]))
 
 
 def find_twin(room: Room, thing: Thing) -> Thing | None:

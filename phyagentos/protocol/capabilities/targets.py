@@ -15,6 +15,7 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.documents.document import Document, DocumentFormat, read_document
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
+from phyagentos.protocol.world.friction import Surface
 
 DRIVER_OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has no default
 SHARING = "mujoco"  # the driver whose world holds several targets
@@ -63,6 +64,7 @@ class Gripper(Authored):
     Attributes:
         joints: Names in the model.
         pads: Geoms that touch.
+        pad_surface: What the pads are made of; without it they have the model's own friction.
         max_width_m: Widest opening [m].
         stiffness_n_m: Position gain of the servo [N/m].
         damping_ns_m: Velocity gain of the servo [N s/m].
@@ -79,6 +81,7 @@ class Gripper(Authored):
 
     joints: tuple[str, ...]
     pads: tuple[str, ...]
+    pad_surface: Surface | None = None
     max_width_m: float
     stiffness_n_m: float
     damping_ns_m: float

@@ -11,6 +11,7 @@ import pydantic
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, salvage
 from phyagentos.protocol.world.environment import ShapeKind
+from phyagentos.protocol.world.friction import PAIRS, Surface
 
 Number3 = tuple[float, float, float]
 Span = tuple[float, float]
@@ -30,12 +31,13 @@ class Texture(Authored):
 
 
 class Material(Authored):
-    """How a surface looks."""
+    """How a surface looks, and what it is made of; `surface` decides friction by pairs (`friction.FRICTION`)."""
 
     rgba: Color = (1.0, 1.0, 1.0, 1.0)
     specular: float = 0.3
     shininess: float = 0.3
     reflectance: float = 0.0
+    surface: Surface | None = None
     texture: Texture | None = None
 
 
@@ -118,9 +120,10 @@ class Body(Authored):
 
     Attributes:
         mass_kg: Nominal mass; the true one unless a fault or a span changes it.
+        friction: Sliding, spinning and rolling, idealised; its material's surface decides where this is absent.
         mass_span_kg: Least and greatest mass, where it is not known better; each seed draws the true one.
-        grip_span: Least and greatest coefficient of friction against the finger pads, where the surface of the thing
-            decides over that of the pads; each seed draws the true one.
+        grip_span: Least and greatest coefficient of friction against the finger pads, where it is not that of the pair
+            of surfaces; each seed draws the true one. Without a surface it holds against everything.
         joint: How it moves against the world; absent for what stands fixed or moves freely.
         part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:
             it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
@@ -130,7 +133,7 @@ class Body(Authored):
     color: str = ""
     fixed: bool = False
     mass_kg: float = pydantic.Field(default=0.1, gt=0.0)
-    friction: Number3 = (1.0, 0.02, 0.001)
+    friction: Number3 | None = None
     shapes: tuple[Solid, ...] = pydantic.Field(min_length=1)
     material: str | None = None
     interior: Inside | None = None
@@ -184,7 +187,7 @@ class Light(Authored):
 
 
 class SceneSpec(Authored):
-    """One scene file."""
+    """One scene file; `friction` replaces spans of the table of surface pairs (`plastic|wood: [0.1, 0.1]`)."""
 
     scene: str
     description: str = ""
@@ -194,7 +197,14 @@ class SceneSpec(Authored):
     regions: dict[str, NamedRegion] = {}
     cameras: dict[str, Camera]
     lights: dict[str, Light] = {}
+    friction: dict[str, Span] = {}
     settle_s: float = pydantic.Field(default=0.4, ge=0.0, le=10.0)
+
+    @pydantic.model_validator(mode="after")
+    def _check_friction(self) -> "SceneSpec":
+        if unknown := sorted(set(self.friction) - set(PAIRS)):
+            raise ValueError(f"friction: unknown pairs {', '.join(unknown)}; a pair is written as {PAIRS[1]!r}")
+        return self
 
 
 def read_scene(path: Path) -> SceneSpec:

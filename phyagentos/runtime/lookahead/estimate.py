@@ -15,6 +15,7 @@ from typing_extensions import override
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, Status
+from phyagentos.protocol.world.friction import FRICTION, PAIRS
 from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec, Solid
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.physics import Physics
@@ -46,7 +47,8 @@ def believe_scene(spec: SceneSpec, environment: Environment) -> SceneSpec:
         if name in environment.entities and environment.entities[name].status is not Status.GONE
     }
     regions = {name: region for name, region in spec.regions.items() if region.body is None or region.body in bodies}
-    return spec.model_copy(update={"bodies": bodies, "regions": regions})
+    friction = {pair: _center(spec.friction.get(pair, FRICTION[pair])) for pair in PAIRS}
+    return spec.model_copy(update={"bodies": bodies, "regions": regions, "friction": friction})
 
 
 def _believe_body(body: Body, entity: Entity) -> Body:
@@ -73,8 +75,12 @@ def _believe_shape(shape: Shape) -> Solid:
 
 
 def _narrow(span: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The middle of a span."""
-    return None if span is None else (0.5 * (span[0] + span[1]),) * 2
+    return None if span is None else _center(span)
+
+
+def _center(span: tuple[float, float]) -> tuple[float, float]:
+    """The middle of a span, as one."""
+    return (0.5 * (span[0] + span[1]),) * 2
 
 
 def settle_estimate(physics: Physics, environment: Environment, profile: TargetProfile) -> Array:

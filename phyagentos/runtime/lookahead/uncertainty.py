@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.geometry import convert_euler, multiply
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -77,7 +78,7 @@ def draw_starts(
         mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
         data.qpos[:] = qpos
         _draw_robot(model, profile, rng)
-        _draw_things(model, data, spec, environment, rng)
+        _draw_things(model, data, spec, environment, _find_pads(model, profile), rng)
         state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
         mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         mujoco.mj_setConst(model, data)  # what follows from the masses; it uses the data as scratch
@@ -94,13 +95,16 @@ def _draw_robot(model: mujoco.MjModel, profile: TargetProfile, rng: np.random.Ge
         gain = 1.0 + STIFFNESS_SHARE * rng.uniform(-1.0, 1.0)
         model.actuator_gainprm[servo, 0] *= gain
         model.actuator_biasprm[servo, 1] *= gain
-    pads = 1.0 + PAD_SHARE * rng.uniform(-1.0, 1.0)
-    for pad in profile.gripper.pads:
-        model.geom_friction[model.geom(pad).id] *= pads
+    _scale_friction(model, _find_pads(model, profile), 1.0 + PAD_SHARE * rng.uniform(-1.0, 1.0))
 
 
 def _draw_things(
-    model: mujoco.MjModel, data: mujoco.MjData, spec: SceneSpec, environment: Environment, rng: np.random.Generator
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    spec: SceneSpec,
+    environment: Environment,
+    pads: NDArray[np.intp],
+    rng: np.random.Generator,
 ) -> None:
     shift = rng.normal(0.0, 1.0, 2) * CALIBRATION_STD_M[environment.sensing]
     for name, body in spec.bodies.items():
@@ -111,7 +115,7 @@ def _draw_things(
         place, shares, ranks = draws
         if entity.held_by is None:  # what is held is where the fingers are
             _displace(model, data, name, place * _compute_deviation(entity, environment.sensing), shift)
-        _weigh(model, name, body, shares, ranks)
+        _weigh(model, name, body, pads, shares, ranks)
 
 
 def _compute_deviation(entity: Entity, sensing: str) -> Array:
@@ -129,8 +133,8 @@ def _displace(model: mujoco.MjModel, data: mujoco.MjData, name: str, offset: Arr
     data.qpos[start + 3 : start + 7] = multiply(convert_euler((0.0, 0.0, offset[2])), data.qpos[start + 3 : start + 7])
 
 
-def _weigh(model: mujoco.MjModel, name: str, body: Body, shares: Array, ranks: Array) -> None:
-    """Mass and friction of one thing.
+def _weigh(model: mujoco.MjModel, name: str, body: Body, pads: NDArray[np.intp], shares: Array, ranks: Array) -> None:
+    """Mass and friction of one thing; a declared span of friction is that against the `pads`, where they make pairs.
 
     `shares` (2,) in -1..1 scale the nominal ones without a declared span; `ranks` (2,) in 0..1 are places in its spans.
     """
@@ -143,7 +147,29 @@ def _weigh(model: mujoco.MjModel, name: str, body: Body, shares: Array, ranks: A
     model.body_inertia[index] *= mass / nominal
     geoms = np.flatnonzero(model.geom_bodyid == index)
     if body.grip_span is None:
-        model.geom_friction[geoms, 0] *= 1.0 + FRICTION_SHARE * shares[1]
+        _scale_friction(model, geoms, 1.0 + FRICTION_SHARE * shares[1], slide=True)
         return
     friction = body.grip_span[0] + ranks[1] * (body.grip_span[1] - body.grip_span[0])
-    model.geom_friction[geoms, :2] *= (friction / model.geom_friction[geoms, 0])[:, None]
+    pairs = _find_pairs(model, geoms) & _find_pairs(model, pads)
+    if pairs.any():
+        model.pair_friction[pairs, :3] *= (friction / model.pair_friction[pairs, 0])[:, None]
+    else:
+        model.geom_friction[geoms, :2] *= (friction / model.geom_friction[geoms, 0])[:, None]
+
+
+def _scale_friction(model: mujoco.MjModel, geoms: NDArray[np.intp], factor: float, *, slide: bool = False) -> None:
+    """Scale the friction of geoms and of the pairs that they are in; `slide` leaves spin and roll."""
+    pairs = _find_pairs(model, geoms)
+    model.geom_friction[geoms, : 1 if slide else 3] *= factor
+    model.pair_friction[pairs, : 2 if slide else 5] *= factor
+
+
+def _find_pads(model: mujoco.MjModel, profile: TargetProfile) -> NDArray[np.intp]:
+    """Geoms of the finger pads."""
+    return np.array([model.geom(pad).id for pad in profile.gripper.pads], dtype=np.intp)
+
+
+def _find_pairs(model: mujoco.MjModel, geoms: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(n_pairs,) whether any of the geoms is in a pair."""
+    found: NDArray[np.bool_] = np.isin(model.pair_geom1, geoms) | np.isin(model.pair_geom2, geoms)
+    return found

@@ -15,8 +15,10 @@ from phyagentos.geometry import convert_euler, to_parent
 from phyagentos.protocol.world.environment import Entity, Interior, Mechanism, Pose, Region, Shape
 from phyagentos.protocol.world.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
+from phyagentos.runtime.models.surfaces import find_surface
 
 DRAWS = 2000  # tries for one position of an area before the scene is called overfull
+IDEAL_FRICTION = (1.0, 0.02, 0.001)  # where a scene names neither surface nor friction
 GRIP_PRIORITY = 3  # above that of finger pads
 GRIP_SOLREF, GRIP_IMPEDANCE = (0.005, 1.0), (0.95, 0.99, 0.001)  # as the pads of the shipped gripper
 TEXTURE_PIXELS = 128  # plain patterns need no more, and every model carries them
@@ -182,7 +184,7 @@ def add_scene(robot: mujoco.MjSpec, spec: SceneSpec, placed: tuple[PlacedBody, .
     _add_surroundings(robot, spec)
     names = frozenset(item.name for item in placed)
     for item in placed:
-        _add_body(robot, item, names)
+        _add_body(robot, item, names, spec)
 
 
 def _add_surroundings(robot: mujoco.MjSpec, spec: SceneSpec) -> None:
@@ -247,7 +249,7 @@ def _name_solid(body: str, index: int, bodies: Set[str]) -> str:
     return f"{body}{between}{index}" if index else body
 
 
-def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str]) -> None:
+def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str], spec: SceneSpec) -> None:
     place = item.body.place
     if item.body.part_of is None:
         body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
@@ -267,10 +269,10 @@ def _add_body(robot: mujoco.MjSpec, item: PlacedBody, bodies: Set[str]) -> None:
             pos=solid.position_m,
             quat=convert_euler(solid.euler_rad),
             mass=item.mass_kg * volume / sum(volumes),
-            condim=3,  # the pads of a gripper have priority and torsional friction of their own
-            friction=item.body.friction,
+            condim=3,  # unless a surface says more: see `surfaces`
+            friction=item.body.friction or IDEAL_FRICTION,
         )
-        if item.grip is not None:
+        if item.grip is not None and find_surface(spec, item.body, solid) is None:
             _decide_grip(geom, item.grip)
         if material := solid.material or item.body.material:
             geom.material = material

@@ -16,10 +16,12 @@ import numpy as np
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import Entity, Region
+from phyagentos.protocol.world.friction import Surface
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
+from phyagentos.runtime.models.surfaces import add_pairs
 
 Robot = tuple[TargetProfile, Path]
 
@@ -67,6 +69,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     world.visual.headlight.diffuse = [0.25, 0.25, 0.25]
     world.visual.map.znear = 0.01
     add_scene(world, spec, placed)
+    add_pairs(world, spec, {item.name: item.grip for item in placed}, _list_pads(robots), seed)
     model = world.compile()
     return CompiledScene(
         spec=world,
@@ -77,6 +80,15 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
         model_sha256=hashlib.sha256(_read_bytes(model)).hexdigest(),
         seed=seed,
     )
+
+
+def _list_pads(robots: Sequence[Robot]) -> dict[str, Surface]:
+    return {
+        name_prefix(profile.target, len(robots)) + pad: profile.gripper.pad_surface
+        for profile, _ in robots
+        for pad in profile.gripper.pads
+        if profile.gripper.pad_surface is not None
+    }
 
 
 def _read_bytes(model: mujoco.MjModel) -> bytes:

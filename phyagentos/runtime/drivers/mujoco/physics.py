@@ -64,6 +64,8 @@ class Physics:
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
         self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
+        self._pad_pairs = np.flatnonzero(np.isin(model.pair_geom1, self._pads) | np.isin(model.pair_geom2, self._pads))
+        self._pair_friction = np.array(model.pair_friction[self._pad_pairs])
         self._joint_friction = np.array(model.dof_frictionloss)
         self._joint_impedance = np.array(model.dof_solimp[:, :2])
 
@@ -349,6 +351,8 @@ class Physics:
         """Friction (slide, spin, roll) of the finger pads; None for the model's."""
         for pad in self._pads:
             self.model.geom_friction[pad] = self._pad_friction[pad] if friction is None else friction
+        own = self._pair_friction
+        self.model.pair_friction[self._pad_pairs] = own if friction is None else np.repeat(friction, (2, 1, 2))
 
     def set_joint_friction(self, joint: str, torque_nm: float | None) -> None:
         """Dry friction of a joint [Nm]; None for the model's."""
