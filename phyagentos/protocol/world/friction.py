@@ -9,8 +9,6 @@ TB, handbook tables of clean dry pairs (glass on metal 0.5 to 0.7, greasy 0.2 to
 from enum import StrEnum
 from itertools import combinations_with_replacement
 
-import numpy as np
-
 from phyagentos.protocol.world.seeds import compute_seed
 
 Span = tuple[float, float]
@@ -101,5 +99,5 @@ def draw_friction(given: dict[str, Span], seed: int) -> dict[str, float]:
     drawn = {}
     for pair in PAIRS:
         low, high = given.get(pair, FRICTION[pair])
-        drawn[pair] = float(np.random.default_rng(compute_seed(seed, "friction", pair)).uniform(low, high))
+        drawn[pair] = low + (high - low) * compute_seed(seed, "friction", pair) / 2**63
     return drawn
