@@ -7,6 +7,7 @@ import pytest
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.world.friction import FRICTION, PAIRS
 from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.models.surfaces import find_idealised
 from phyagentos.runtime.models.world import compile_scene
@@ -107,3 +108,26 @@ def test_the_table_has_every_pair_between_two_and_six_tenths():
 def test_a_scene_refuses_a_pair_that_there_is_not():
     with pytest.raises(ValueError, match="wax"):
         SceneSpec.model_validate({"scene": "t", "cameras": {}, "bodies": {}, "friction": {"wax|wood": [0.1, 0.1]}})
+
+
+@pytest.mark.parametrize("material", ["plastic", "unknown"])
+def test_pads_that_slip_hold_nothing_whatever_decides_the_grip(material):
+    """A slip had no effect on a thing without a surface whose own friction is above that of the pads."""
+    thing = make_thing("box", [0.02, 0.02, 0.02], 0.0, 0.3, material, grip_span=[0.5, 0.5])
+    physics = Physics.alone(*PANDA, make_scene(thing=thing), 3)
+    model, data = physics.model, physics.data
+    pads = [geom for geom in range(model.ngeom) if "pad" in (model.geom(geom).name or "")]
+    own = model.geom("thing").id
+    mujoco.mj_forward(model, data)
+    address = int(model.joint(model.body("thing").jntadr[0]).qposadr[0])
+    data.qpos[address : address + 3] = data.geom_xpos[pads[0]]  # one pad is within the thing
+
+    def find_frictions():
+        mujoco.mj_forward(model, data)
+        return [float(c.friction[0]) for c in data.contact if own in c.geom and set(c.geom.tolist()) & set(pads)]
+
+    assert max(find_frictions()) == pytest.approx(0.5)
+    physics.set_pad_friction((0.01, 0.0005, 0.0001))
+    assert max(find_frictions()) == pytest.approx(0.01)
+    physics.set_pad_friction(None)
+    assert max(find_frictions()) == pytest.approx(0.5)

@@ -63,7 +63,9 @@ class Physics:
         self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * of_fingers).astype(np.uint8)
         self._bodies = {model.body(entity.name).id: entity for entity in self.entities}
         self._movable = {entity.name for entity in self.entities if entity.movable}
-        self._pad_friction = {pad: np.array(model.geom_friction[pad]) for pad in self._pads}
+        decisive = model.geom_priority > model.geom_priority[self._pads].max()  # whose own friction decides a grip
+        self._gripping = np.union1d(self._pads, np.flatnonzero(decisive))
+        self._grip_friction = np.array(model.geom_friction[self._gripping])
         self._pad_pairs = np.flatnonzero(np.isin(model.pair_geom1, self._pads) | np.isin(model.pair_geom2, self._pads))
         self._pair_friction = np.array(model.pair_friction[self._pad_pairs])
         self._joint_friction = np.array(model.dof_frictionloss)
@@ -348,9 +350,8 @@ class Physics:
         return float(np.linalg.norm(force)), f"{part}|{other}"
 
     def set_pad_friction(self, friction: tuple[float, float, float] | None) -> None:
-        """Friction (slide, spin, roll) of the finger pads; None for the model's."""
-        for pad in self._pads:
-            self.model.geom_friction[pad] = self._pad_friction[pad] if friction is None else friction
+        """Friction (slide, spin, roll) of the finger pads, and of what decides over them; None for the model's."""
+        self.model.geom_friction[self._gripping] = self._grip_friction if friction is None else friction
         own = self._pair_friction
         self.model.pair_friction[self._pad_pairs] = own if friction is None else np.repeat(friction, (2, 1, 2))
 
