@@ -25,7 +25,7 @@ BEFORE = "environment_before.json"  # Environment
 AFTER = "environment_after.json"
 TRACE = "trace.jsonl"  # one TraceEvent per change of a node of the tree
 TRAJECTORY = "trajectory.npz"  # time_s, q_commanded, q_measured, qd_measured, gripper_*_m; force_n where it is felt
-EVENTS = "events.jsonl"  # safety interventions, signals, planner answers
+EVENTS = "events.jsonl"  # safety interventions, planner answers, errors of leaves, timing
 HOLDS = "holds.json"  # list of Criterion: worst value of each hold condition and constraint
 FAULTS = "faults.json"  # what the simulated world did; never read by the agent
 FINGERPRINT = "fingerprint.json"  # versions, CPU; the seeds stand in the contract
@@ -36,7 +36,7 @@ _READ_BYTES = 1 << 16  # most files are read at once
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
-    """Something that happened beside the tree: an intervention of the guard, a signal, an answer of the planner."""
+    """Something that happened beside the tree: an intervention of the guard, an answer of the planner, ..."""
 
     time_s: float
     kind: str

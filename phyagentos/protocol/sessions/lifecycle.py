@@ -33,7 +33,7 @@ class SessionState(StrEnum):
     CANCELLING = "cancelling"
     """Cancellation was requested; the target is being brought to rest."""
     OUTCOME_UNKNOWN = "outcome_unknown"
-    """The runner or the target was lost; only a fresh observation leads on."""
+    """The runner or the target was lost; a fresh observation leads on, or the report that none can be made."""
     SUCCEEDED = "succeeded"
     """The objective was met on evidence. Final."""
     FAILED = "failed"

@@ -70,11 +70,13 @@ class TargetLimits(Authored):
         command_rate_max: Most commands in a second of the target's own time [1/s].
         command_validity_max: Longest time from a command to its expiry [s].
         session_duration_max: Longest time from a session's first command to its last [s].
-        tracking_error_max: Largest distance between commanded and measured joint position [rad].
+        tracking_error_max: Largest distance between commanded and measured joint position [rad]; an arm that stays
+            beyond it for five control periods ends its motion as `STALLED`.
         collision_depth_max: How deep a commanded posture may reach into the robot itself, or into the distance that
             planning keeps from what stands fixed [m]; postures are not tested where it is left out.
-        reactions: What is done about a broken limit, by code; a command is refused by default. A stop of
-            category 1 also ends the session's motion for good, category 2 holds (IEC 60204-1, 9.2.2).
+        reactions: What is done about a broken limit, by code. By default `ESTOPPED` stops by category 1, `WORKSPACE`,
+            `KEEP_OUT` and `COLLISION` by category 2, and everything else is refused. A stop of category 1 also ends the
+            session's motion for good, category 2 holds (IEC 60204-1, 9.2.2).
     """
 
     joint_position_min: Limit

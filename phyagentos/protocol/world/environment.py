@@ -102,7 +102,8 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         color: Colour word, empty when unknown.
         visible: Whether it was seen at its pose, at `observed_at_s`; false for what is gone, and for what
             was moved while out of sight.
-        held_by: Name of the target whose gripper touches it with both fingers; absent when none does.
+        held_by: Name of the target whose gripper holds it: it is touched by both fingers, or perceived between fingers
+            that press; absent when none does.
         speed_m_s: Magnitude of its linear velocity [m/s].
         still_since_s: Since when it was seen, or felt, in one place [s]; absent where nothing asks, as under truth.
         joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
@@ -184,7 +185,7 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
         qd_rad_s: (n_joints,) measured joint velocities [rad/s].
         gripper_width_m: Opening between the fingers [m].
         tcp: `world_T_tcp`; z is the approach axis, y the closing axis.
-        holding: Names of the entities touched by both fingers.
+        holding: Names of the entities that the gripper holds, as in `held_by`.
         fingers_touching: How many finger pads touch something, by touch sensors; 0 for a hand without such.
         grip_force_n: Force that presses the fingers together, by the current of their motor [N]; None where it is
             not measured.
