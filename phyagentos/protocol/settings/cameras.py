@@ -104,6 +104,9 @@ class NoiseLevel(Authored):
         depth_unit_m: Quantization step of depth [m]; 0 for none.
         lateral_std_rad: How far, as an angle, the edges of things waver in the picture [rad].
         pixel_dropout: Chance of a pixel to have no depth.
+        glass_dropout: Chance of a pixel on glass to have no depth, besides `pixel_dropout`.
+        black_dropout: The same on a black surface.
+        exposure_s: Time over which a picture is taken; what moves meanwhile is blurred, and has no depth at its edges.
         frame_dropout: Chance of a frame to be lost; the one before it is then the latest.
         calibration_position_m: Standard deviation per axis of a camera's calibrated position [m].
         calibration_rotation_rad: Standard deviation per axis of its calibrated orientation [rad].
@@ -117,6 +120,9 @@ class NoiseLevel(Authored):
     depth_unit_m: float = pydantic.Field(default=0.0, ge=0.0, le=0.1)
     lateral_std_rad: float = pydantic.Field(default=0.0, ge=0.0, le=0.1)
     pixel_dropout: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
+    glass_dropout: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
+    black_dropout: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
+    exposure_s: float = pydantic.Field(default=0.0, ge=0.0, le=0.1)
     frame_dropout: float = pydantic.Field(default=0.0, ge=0.0, lt=1.0)
     calibration_position_m: float = pydantic.Field(default=0.0, ge=0.0, le=0.5)
     calibration_rotation_rad: float = pydantic.Field(default=0.0, ge=0.0, le=0.5)

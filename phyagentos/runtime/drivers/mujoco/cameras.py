@@ -24,6 +24,7 @@ from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 
 MAX_LOST = 16  # frames in a row, before a camera has none to give
 LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
+STILL = 1e-3  # greatest change of a joint in an exposure that no pixel shows [rad, m]
 _PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
 _UNCORRUPTED: tuple[FaultActivation, ...] = ()
 
@@ -32,11 +33,12 @@ FindCorruption = Callable[[str], tuple[FaultActivation, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """One exposure of one camera, counted since time zero, and the state (nq,) that it shows."""
+    """One exposure of one camera, counted since time zero, and the states (nq,) at its end and, if moved, its begin."""
 
     number: int
     time_s: float
     qpos: Array
+    begin: Array | None = None
 
 
 class CameraRig:
@@ -45,7 +47,7 @@ class CameraRig:
     def __init__(self, model: mujoco.MjModel, sensors: Sensors, seed: int, episode: str, prefix: str = "") -> None:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
         self._cameras = open_cameras(model, sensors, seed=seed, prefix=prefix)
-        self._state = mujoco.MjData(model)  # the one that is shown
+        self._state, self._begin = mujoco.MjData(model), mujoco.MjData(model)  # those that are shown
         self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
 
     @property
@@ -100,7 +102,8 @@ class CameraRig:
         for number in range(latest, latest - MAX_LOST, -1):
             if not self._is_lost(camera, number):
                 time_s, qpos = history.find(number / rate_hz + phase_s)
-                return Exposure(number, time_s, qpos)
+                begin = history.interpolate(time_s - camera.noise.exposure_s) if camera.noise.exposure_s else qpos
+                return Exposure(number, time_s, qpos, begin if np.abs(begin - qpos).max() > STILL else None)
         return None
 
     def _is_lost(self, camera: SimulatedCamera, number: int) -> bool:
@@ -139,8 +142,9 @@ class CameraRig:
         if claimed is not shown:
             pose = pose or self._find_place(camera, claimed)
         data = pose_state(self._model, shown.qpos, self._state)
+        begin = None if shown.begin is None else pose_state(self._model, shown.begin, self._begin)
         rng = self._draw(camera.name, "frame", shown.number)
-        frame = camera.capture(data, claimed.time_s, rng, crop, pose, every)
+        frame = camera.capture(data, claimed.time_s, rng, crop, pose, every, begin)
         for each in corruptions:
             frame = _alter(frame, each)
         return frame

@@ -61,6 +61,16 @@ class StateHistory:
                 return moment
         return self._states[0]
 
+    def interpolate(self, time_s: float) -> Array:
+        """(nq,) joint positions at a moment between two that are kept; turns of free bodies need not have length 1."""
+        later = self._states[-1]
+        for moment in reversed(self._states):
+            if moment[0] <= time_s:
+                share = (time_s - moment[0]) / max(later[0] - moment[0], 1e-9)
+                return moment[1] + min(share, 1.0) * (later[1] - moment[1])
+            later = moment
+        return later[1]
+
 
 class JointController:
     """Set-points, servos and stops, for commands of `n_steps` rows.

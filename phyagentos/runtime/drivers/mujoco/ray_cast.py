@@ -10,6 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import (
+    BLACK,
+    GLASS,
+    ORDINARY,
+    Finishes,
     Hits,
     MovingSolids,
     Picture,
@@ -23,6 +27,8 @@ from phyagentos.runtime.models.camera_model import Array, Lens
 
 KEPT_PX = 4096  # a smaller picture is cast as fast
 CACHES_KEPT = 8  # of some megabytes each
+BLACK_BELOW = 0.12  # of the brightest channel of a surface's own colour
+GLASSY = 0.8  # product of gloss and sharpness of a material, from which on light is mirrored rather than returned
 SKY = np.array([0.7, 0.76, 0.82], dtype=np.float32)  # where nothing is hit
 DIRECTIONAL, SPOT = int(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL), int(mujoco.mjtLightType.mjLIGHT_SPOT)
 
@@ -33,6 +39,7 @@ class RayCaster:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._colors = _read_colors(model)  # (n_geoms + 1, 3), the last one for nothing
+        self._finishes = _read_finishes(model, self._colors)
         self._lights = np.flatnonzero(model.light_active)
         self._kinds = model.light_type[self._lights].astype(np.intp)
         openings = np.cos(np.radians(model.light_cutoff[self._lights].astype(np.float64)))
@@ -56,7 +63,8 @@ class RayCaster:
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
         """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
         n = len(lengths)
-        picture = Picture(np.tile(SKY, (n, 1)), np.full(n, np.inf, np.float32), np.zeros(n, np.float32))
+        blank = np.full(n, np.inf, np.float32), np.zeros(n, np.float32), np.zeros(n, np.uint8)
+        picture = Picture(np.tile(SKY, (n, 1)), *blank)
         self._paint_on(picture, np.arange(n), data, rays, lengths, hits)
         return picture
 
@@ -66,9 +74,9 @@ class RayCaster:
         """Paints what n rays hit on these pixels (n,) of a picture of one row."""
         where, towards = (part[self._lights].astype(np.float32) for part in (data.light_xpos, data.light_xdir))
         _light_up(
-            (picture.rgb, picture.depth_m, picture.incidence), places, rays.viewpoint.position_m, rays.directions,
-            lengths, (hits.geoms, hits.distances_m, hits.normals), self._colors, self._ambient, self._head,
-            (self._kinds, where, towards, *self._shine),
+            (picture.rgb, picture.depth_m, picture.incidence, picture.finish), places, rays.viewpoint.position_m,
+            rays.directions, lengths, (hits.geoms, hits.distances_m, hits.normals), (self._colors, self._finishes),
+            self._ambient, self._head, (self._kinds, where, towards, *self._shine),
         )  # fmt: skip
 
     def _get_cache(self, data: mujoco.MjData, shot: Shot) -> StaticDepthCache | None:
@@ -128,9 +136,10 @@ def _hide(geoms, distances, fixed, fixed_m, where):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, nogil=True)
-def _light_up(picture, wanted, eye, rays, lengths, hits, colors, ambient, head, lamps):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _light_up(picture, wanted, eye, rays, lengths, hits, looks, ambient, head, lamps):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Pixel by pixel, in single precision: the bits of a pixel do not depend on the others."""
-    (rgb, depth, incidence), zero, one = picture, np.float32(0.0), np.float32(1.0)
+    (rgb, depth, incidence, finish), zero, one = picture, np.float32(0.0), np.float32(1.0)
+    colors, finishes = looks
     kinds, places, directions, openings, diffuse, dim = lamps
     light = np.empty(3, np.float32)
     for i, pixel in enumerate(wanted):
@@ -160,7 +169,7 @@ def _light_up(picture, wanted, eye, rays, lengths, hits, colors, ambient, head, 
                 light[channel] = light[channel] + max(shining, zero) * diffuse[lamp, channel] + dim[lamp, channel]
         for channel in range(3):
             rgb[pixel, channel] = min(colors[geom, channel] * light[channel], one)
-        depth[pixel], incidence[pixel] = along / np.float32(lengths[i]), cosine
+        depth[pixel], incidence[pixel], finish[pixel] = along / np.float32(lengths[i]), cosine, finishes[geom]
 
 
 def _normalise(rays: Array) -> tuple[Array, Array]:
@@ -182,6 +191,16 @@ def _read_colors(model: mujoco.MjModel) -> Single:
         if texture >= 0:
             colors[geom] *= means[texture]
     return colors
+
+
+def _read_finishes(model: mujoco.MjModel, colors: Single) -> Finishes:
+    """(n_geoms + 1,) how each geom returns light; glass is glossy and sharp, or lets light through."""
+    finishes = np.where(colors.max(axis=1) < BLACK_BELOW, BLACK, ORDINARY).astype(np.uint8)
+    for geom, material in enumerate(model.geom_matid.tolist()):
+        if material >= 0:
+            gloss = float(model.mat_specular[material] * model.mat_shininess[material])
+            finishes[geom] = GLASS if gloss >= GLASSY or model.mat_rgba[material, 3] < 1.0 else finishes[geom]
+    return finishes
 
 
 def _compute_mean(model: mujoco.MjModel, texture: int) -> Array:

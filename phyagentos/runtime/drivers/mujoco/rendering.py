@@ -38,7 +38,7 @@ def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: i
 
 
 class GraphicsCaster:
-    """Draws what `ray_cast.RayCaster` casts: shadows, gloss and textures included."""
+    """Draws what `ray_cast.RayCaster` casts: shadows, gloss and textures included; every surface is `ORDINARY`."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
@@ -57,10 +57,11 @@ class GraphicsCaster:
             raise ExecutionError("NO_GRAPHICS", f"{type(error).__name__}: {error}") from error
         far = min(shot.far_m, _FAR * float(self._model.vis.map.zfar * self._model.stat.extent))
         depth = np.where(depth < far, depth, np.float32(np.inf))
-        picture = Picture(rgb.astype(np.float32) / np.float32(255.0), depth, _compute_incidence(depth, shot.lens))
+        colors, finish = rgb.astype(np.float32) / np.float32(255.0), np.zeros(depth.shape, np.uint8)
+        picture = Picture(colors, depth, _compute_incidence(depth, shot.lens), finish)
         if (some := shot.pixels) is None:
             return picture
-        return Picture(picture.rgb[some][None], picture.depth_m[some][None], picture.incidence[some][None])
+        return Picture(colors[some][None], depth[some][None], picture.incidence[some][None], finish[some][None])
 
     def _draw(self, data: mujoco.MjData, lens: Lens, viewpoint: Viewpoint) -> tuple[Any, Any]:
         size = (lens.width, lens.height)

@@ -19,7 +19,7 @@ from phyagentos.geometry import as_pose, turn
 from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.drivers.mujoco.camera_noise import draw_places, spoil
+from phyagentos.runtime.drivers.mujoco.camera_noise import blur, draw_places, spoil
 from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
 from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import Picture, Shot
@@ -70,6 +70,7 @@ class SimulatedCamera:
         crop: Crop | None = None,
         claimed: Viewpoint | None = None,
         every: int = 1,
+        begin: mujoco.MjData | None = None,
     ) -> Frame:
         """One frame.
 
@@ -80,6 +81,7 @@ class SimulatedCamera:
             crop: Window to look at instead of the whole picture.
             claimed: Reported pose; the nominal one in this state when absent.
             every: Of so many rows and columns only the middle one is read out; odd.
+            begin: State at the beginning of the exposure, where something moved since.
 
         Raises:
             ExecutionError: `INVALID_CROP`, or `NO_GRAPHICS` of the back end that draws.
@@ -91,11 +93,11 @@ class SimulatedCamera:
         low, high = self.settings.range_m
         shot = Shot(lens, true, high, still=self._still, whole=whole, corner=crop[:2] if crop else (0, 0))
         if every == 1:
-            picture = self._caster.cast(data, shot)
+            picture = self._cast(data, begin, shot)
             rgb, depth = spoil(picture, self.noise, lens.fx, (low, high), rng)
         else:
             lens = lens.thin(every)
-            picture = self._cast_some(data, shot, lens, every, rng)
+            picture = self._cast_some(data, begin, shot, lens, every, rng)
             rgb, depth = spoil(picture, self.noise, 0.0, (low, high), rng)
         claimed = claimed or nominal
         return Frame(
@@ -112,7 +114,22 @@ class SimulatedCamera:
             depth_m=depth,
         )
 
-    def _cast_some(self, data: mujoco.MjData, shot: Shot, thin: Lens, every: int, rng: np.random.Generator) -> Picture:
+    def _cast(self, data: mujoco.MjData, begin: mujoco.MjData | None, shot: Shot) -> Picture:
+        picture = self._caster.cast(data, shot)
+        if begin is None:
+            return picture
+        there = self.mounting.find(begin).then(self._error)
+        return blur(picture, self._caster.cast(begin, replace(shot, viewpoint=there)))
+
+    def _cast_some(
+        self,
+        data: mujoco.MjData,
+        begin: mujoco.MjData | None,
+        shot: Shot,
+        thin: Lens,
+        every: int,
+        rng: np.random.Generator,
+    ) -> Picture:
         """The pixels of a thinned picture: colours at their centres, depths at their wavering places."""
         shape = (thin.height, thin.width)
         rows, columns = np.indices(shape, dtype=np.intp) * every + every // 2
@@ -123,11 +140,12 @@ class SimulatedCamera:
             np.concatenate((rows.ravel(), deep_rows[moved])),
             np.concatenate((columns.ravel(), deep_columns[moved])),
         )
-        picture = self._caster.cast(data, replace(shot, pixels=pixels))
-        n = rows.size
-        depth, incidence = (each[0, :n].reshape(shape).copy() for each in (picture.depth_m, picture.incidence))
-        depth[moved], incidence[moved] = picture.depth_m[0, n:], picture.incidence[0, n:]
-        return Picture(picture.rgb[0, :n].reshape(*shape, 3), depth, incidence)
+        picture = self._cast(data, begin, replace(shot, pixels=pixels))
+        n, row = rows.size, np.arange(rows.size)
+        row[moved[0] * shape[1] + moved[1]] = n + np.arange(len(moved[0]))
+        flat = Picture(picture.rgb[0], picture.depth_m[0], picture.incidence[0], picture.finish[0])
+        deep = flat.take(row).reshape(shape)
+        return replace(deep, rgb=picture.rgb[0, :n].reshape(*shape, 3))
 
 
 def open_cameras(

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from phyagentos.runtime.models.camera_model import Array, Lens, Pixels, Viewpoint
 
 Single = NDArray[np.float32]
+Finishes = NDArray[np.uint8]
+ORDINARY, BLACK, GLASS = 0, 1, 2  # how a surface returns the light that depth is measured with
 VISIBLE_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # group 3 holds collision solids
 AWAY_M = 1e4  # nothing is seen so far off
 EDGE_PX = 1  # around the rectangle of a ball's picture, for rounding
@@ -58,19 +60,27 @@ class Picture:
         rgb: (height, width, 3) 0..1.
         depth_m: (height, width) along z; inf where nothing is.
         incidence: (height, width) cosine between the ray and the surface's normal; 0 where nothing is.
+        finish: (height, width) `ORDINARY`, `BLACK` or `GLASS`.
     """
 
     rgb: Single
     depth_m: Single
     incidence: Single
+    finish: Finishes
 
     def take(self, which: NDArray[np.intp]) -> "Picture":
         """A copy of some of its pixels, where these are in one row."""
-        return Picture(self.rgb.take(which, axis=0), self.depth_m.take(which), self.incidence.take(which))
+        rgb = self.rgb.take(which, axis=0)
+        return Picture(rgb, self.depth_m.take(which), self.incidence.take(which), self.finish.take(which))
 
     def reshape(self, shape: tuple[int, int]) -> "Picture":
         """The same pixels in another arrangement."""
-        return Picture(self.rgb.reshape(*shape, 3), self.depth_m.reshape(shape), self.incidence.reshape(shape))
+        depth, incidence, finish = (
+            self.depth_m.reshape(shape),
+            self.incidence.reshape(shape),
+            self.finish.reshape(shape),
+        )
+        return Picture(self.rgb.reshape(*shape, 3), depth, incidence, finish)
 
 
 @dataclass(frozen=True, slots=True)
