@@ -11,6 +11,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.cameras import CameraSettings, NoiseLevel
 from phyagentos.protocol.settings.sensors import Sensor, Sensors, read_sensors
 from phyagentos.protocol.world.faults import FaultFile
+from phyagentos.runtime.drivers.mujoco.joint_controller import StateHistory
 from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster
 from phyagentos.runtime.drivers.mujoco.simulated_camera import SimulatedCamera, open_cameras, pose_state
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS
@@ -375,3 +376,59 @@ def test_collision_solids_are_not_seen(physics):
     hidden = [geom for geom in range(physics.model.ngeom) if not VISIBLE_GROUPS[physics.model.geom_group[geom]]]
 
     assert {int(physics.model.geom_group[geom]) for geom in hidden} == {3}
+
+
+@pytest.mark.parametrize(("lever", "look"), [("glass_dropout", "glass"), ("black_dropout", "ink")])
+def test_glass_and_black_surfaces_lose_depth_and_others_keep_it(lever, look):
+    model, data = make_pair(look)
+    frame = capture_alone(model, data, make_sensors(NoiseLevel(**{lever: 0.5})))
+    lost = np.isnan(frame.depth_m)
+
+    assert 0.3 < lost[:, :24].mean() < 0.7
+    assert not lost[:, 40:].any()
+
+
+def test_what_moves_in_an_exposure_is_blurred_and_loses_its_edges():
+    model, data = make_pair("ink")
+    before = pose_state(model, data.qpos + np.eye(7)[1] * 0.1, mujoco.MjData(model))
+    sharp, moved = (capture_alone(model, data, make_sensors(), begin=begin) for begin in (None, before))
+
+    mixed = np.isnan(moved.depth_m)
+    assert mixed.any()
+    assert not np.isnan(sharp.depth_m).any()
+    assert (moved.rgb[mixed].astype(int) != sharp.rgb[mixed]).any()
+    assert np.array_equal(moved.rgb[:, -8:], sharp.rgb[:, -8:])
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_an_exposure_in_which_nothing_moved_is_sharp(every):
+    model, data = make_pair("ink")
+    sharp, still = (capture_alone(model, data, make_sensors(), begin=begin, every=every) for begin in (None, data))
+
+    assert np.array_equal(sharp.rgb, still.rgb)
+    assert np.array_equal(sharp.depth_m, still.depth_m)
+
+
+def test_positions_within_an_exposure_lie_between_those_that_are_kept():
+    history = StateHistory()
+    for time_s, x in ((0.0, 0.0), (0.02, 1.0), (0.04, 1.0)):
+        history.note(time_s, np.array([x]))
+
+    found = [float(history.interpolate(time_s)[0]) for time_s in (-1.0, 0.01, 0.03, 0.05)]
+    assert found == pytest.approx([0.0, 0.5, 1.0, 1.0])
+
+
+def make_pair(look):
+    """A box of a look that moves, on a grey floor that it covers half of, and their state."""
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco><asset><material name="glass" rgba="0.3 0.5 0.4 1" specular="0.9" shininess="0.9"/>
+      <material name="ink" rgba="0.02 0.02 0.02 1"/></asset>
+    <worldbody><light pos="0 0 3"/><geom type="box" size="3 3 .01" pos="0 0 -.01" rgba=".5 .5 .5 1"/>
+      <body pos="0.5 0.5 0.1"><freejoint/><geom type="box" size="1 .5 .1" material="{look}"/></body>
+    </worldbody></mujoco>""")
+    return model, pose_state(model, model.qpos0)
+
+
+def capture_alone(model, data, sensors, **options):
+    camera = open_cameras(model, sensors, seed=7)["above"]
+    return camera.capture(data, 0.0, np.random.default_rng(1), **options)
