@@ -179,3 +179,12 @@ def test_a_change_from_a_place_that_was_not_seen_is_unknown():
         Truth.UNKNOWN,
         "in the initial snapshot, a was hidden in this look, last seen 0.0 s before",
     )
+
+
+@pytest.mark.parametrize(
+    ("force_n", "found"), [(37.0, Truth.TRUE), (39.0, Truth.UNKNOWN), (41.5, Truth.UNKNOWN), (43.0, Truth.FALSE)]
+)
+def test_a_metric_with_an_error_is_unknown_near_its_bound(force_n, found):
+    view = View(now=world(), metrics={"peak_force_n": force_n, "peak_force_n_error": 2.0})
+
+    assert parse_predicate("metric(peak_force_n) <= 40").evaluate(view).truth is found

@@ -208,11 +208,9 @@ def test_a_soft_placement_keeps_its_bound_of_the_contact_force(build_world, buil
     assert (held.truth, held.evidence) == (Truth.TRUE, evidence.TRAJECTORY), held
 
 
-def test_a_session_that_presses_too_hard_ends_and_is_judged_by_its_force(build_world, build):
-    bench = build_world()
-    bench.handle.load(build("home", 32).scene)
-    x, y, _ = next(e for e in bench.handle.observe().entities if e.name == "red_cube").pose.position_m
-    session = build("push", 32, object="red_cube", to=[x - 0.06, y - 0.05, 0.0])
+def test_a_session_whose_thing_is_pulled_at_ends_and_is_judged_by_its_force(build_world, build):
+    bench = build_world({"kind": "move", "object": "red_cube", "when": {"lifted_m": 0.03}})
+    session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
     execution, held = judge_gently(bench, msgspec.structs.replace(session, hold=(GENTLE,)))
 
     assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED"), execution

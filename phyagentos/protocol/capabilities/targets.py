@@ -127,6 +127,8 @@ class TargetProfile(Authored):
             none for no such limit. Wider than what safety.yaml allows.
         grasp_band_m: Horizontal distances from its base between which it can take hold of things [m].
         contact_force_n: Beyond this force on any part of it the target stops by itself [N].
+        force_bias_n: Greatest constant error of a contact force that is estimated from joint torques [N].
+        force_noise_n: Standard deviation of that estimate [N].
         arm: Its joints.
         gripper: Its hand; left out where the end effector does not open.
         observations: What it offers; a skill's `needs.observations` are matched against these names.
@@ -152,6 +154,8 @@ class TargetProfile(Authored):
     workspace_m: tuple[Triple, Triple] | None = None
     grasp_band_m: tuple[float, float] = (0.34, 0.66)
     contact_force_n: float = 100.0
+    force_bias_n: float = pydantic.Field(default=0.0, ge=0.0)
+    force_noise_n: float = pydantic.Field(default=0.0, ge=0.0)
     arm: Arm
     gripper: Gripper = NO_GRIPPER
     observations: tuple[str, ...] = ()

@@ -32,7 +32,7 @@ from phyagentos.runtime.targets.wire import Step
 
 SAMPLE_PERIODS = 5  # control periods between samples, unless given
 BRIDGED_S = 1.5  # nothing is carried away, brought back and let go within
-PEAK_FORCE = "peak_force_n"
+PEAK_FORCE, PEAK_FORCE_ERROR = "peak_force_n", "peak_force_n_error"
 SampleKey = tuple[str, LookRole]  # the condition, and whether its worst or its first unknown sample
 
 
@@ -88,7 +88,7 @@ class HoldMonitor:
         force_n = step.contact_force_n
         if not self._predicates or force_n is None or force_n <= self._peaks.get(PEAK_FORCE, -1.0):
             return None
-        self._peaks[PEAK_FORCE] = force_n
+        self._peaks |= {PEAK_FORCE: force_n, PEAK_FORCE_ERROR: step.contact_force_error_n}
         return self._evaluate(self._felt, observe(BELIEF)) if self._felt else None
 
     def sample(self, now: Environment, look: Look | None = None, *, is_last: bool = False) -> Criterion | None:

@@ -248,6 +248,7 @@ class Step(msgspec.Struct, frozen=True, tag=True):
         stopped: Code of the target's own protective stop. It is at rest then, and the session cannot command it again.
         contact_force_n: Maximum force on one other body since the latest report, by the joint torque sensors; None
             without such sensors.
+        contact_force_error_n: Greatest expected difference from the true force.
     """
 
     time_s: float
@@ -255,6 +256,7 @@ class Step(msgspec.Struct, frozen=True, tag=True):
     tracking_error_rad: float
     stopped: str = ""
     contact_force_n: float | None = None
+    contact_force_error_n: float = 0.0
 
 
 class Observation(msgspec.Struct, frozen=True, tag=True):

@@ -57,6 +57,7 @@ class Recorder:
         self.folder, self.files = folder, BundleFiles(folder, before)
         self._rows: list[tuple[float, ...]] = []
         self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
+        self._force_error_n = 0.0
         self._looks: list[LookEntry] = []
         self.look_ms, self.look_bytes = 0.0, 0
         try:
@@ -135,6 +136,7 @@ class Recorder:
             )
         )
         self._forces_n.append(np.nan if step.contact_force_n is None else step.contact_force_n)
+        self._force_error_n = max(self._force_error_n, step.contact_force_error_n)
 
     def on_rest(self, step: Step) -> None:
         """Count the force after the last command, until the target is at rest, to the last sample."""
@@ -162,7 +164,7 @@ class Recorder:
             "gripper_measured_m": rows[:, velocity_end + 1],
         }
         if self._forces_n and not np.isnan(self._forces_n).any():
-            arrays["force_n"] = np.array(self._forces_n)
+            arrays |= {"force_n": np.array(self._forces_n), "force_error_n": np.array([self._force_error_n])}
         self.files.write(evidence.TRAJECTORY, encode_arrays(arrays))
         self.files.write(evidence.TRACE, encode_lines(list(trace)))
         self.files.write(evidence.EVENTS, encode_lines(list(events)))

@@ -44,4 +44,4 @@ def test_a_soft_placement_is_felt_less_than_a_bump(rig, tmp_path):
 
 
 def test_a_hard_bump_is_felt(rig, tmp_path):
-    assert lower(rig, 0.012, 0.6, tmp_path / "hard") > 20.0
+    assert lower(rig, 0.008, 0.6, tmp_path / "hard") > 20.0

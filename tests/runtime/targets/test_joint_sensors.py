@@ -5,9 +5,10 @@ import pytest
 
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
-from phyagentos.runtime.drivers.mujoco.joint_sensors import JointSensors
+from phyagentos.runtime.drivers.mujoco.joint_sensors import ForceEstimate, JointSensors
 
-ARM = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml").arm
+PANDA = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")
+ARM = PANDA.arm
 Q, QD = np.linspace(-1.0, 1.0, 7), np.full(7, 2.0)
 
 
@@ -30,3 +31,14 @@ def test_what_is_not_declared_is_exact():
     q, qd = JointSensors(exact, 3, 0.002).measure(Q, QD, 0.5)
     assert np.array_equal(q, Q)
     assert np.array_equal(qd, QD)
+
+
+def test_a_contact_force_is_estimated_with_a_bias_noise_and_a_dead_zone():
+    estimates = [ForceEstimate(PANDA, seed, 0.002) for seed in range(40)]
+    found = np.array([[each.measure(20.0, 0.002 * k) for k in range(200)] for each in estimates])
+
+    biases = found.mean(axis=1) - 20.0
+    assert 0.5 < np.abs(biases).max() <= 0.81
+    assert 0.03 < found.std(axis=1).mean() < 0.04
+    assert np.abs(found - 20.0).max() < estimates[0].error_n == 2.0
+    assert [estimates[0].is_felt(np.array([torque, 0.0])) for torque in (0.9, -1.1)] == [False, True]

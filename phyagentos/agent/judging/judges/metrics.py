@@ -57,6 +57,7 @@ TRAJECTORY_METRICS: "Mapping[str, Callable[[Trajectory], float]]" = {
     "peak_joint_acceleration_rad_s2": _read_peak_acceleration,
     "peak_tracking_error_rad": lambda trajectory: _read_error(trajectory, slice(None)),
     "peak_force_n": _read_peak("force_n"),
+    "peak_force_n_error": _read_peak("force_error_n"),
 }
 """Name -> how it is computed from the arrays of the trajectory. `peak_force_n` needs a target that feels contacts and
 so records `force_n`, the greatest of each control period; for any other it is unknown."""
@@ -131,6 +132,7 @@ class MetricJudge:
 
 def read_metrics(bundle: Bundle, wanted: set[str]) -> Mapping[str, float]:
     """The wanted metrics in the bundle; the trajectory is read only when one of them needs it."""
+    wanted = wanted | {f"{name}_error" for name in wanted}
     found = dict(read_report(bundle))
     if wanted & TRAJECTORY_METRICS.keys():
         found |= read_course(bundle.folder, wanted)

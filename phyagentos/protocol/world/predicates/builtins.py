@@ -328,11 +328,12 @@ def measure_speed(view: View, a: Entity) -> Reading:
 
 
 def measure_metric(view: View, name: str) -> Reading:
-    """A number that was measured during the session; unknown in a snapshot alone, or when not measured."""
+    """A number that was measured during the session, within its own `NAME_error`; unknown when not measured."""
     if name not in view.metrics:
         raise FactUnknown(f"nothing measured {name}")
     value = view.metrics[name]
-    return Reading(value, {name: round(value, 6)}, f"{name} is {value:.4g}")
+    doubt = view.metrics.get(f"{name}_error", 0.0)
+    return Reading(value, {name: round(value, 6)}, f"{name} is {value:.4g}", doubt)
 
 
 def measure_unstated(view: View) -> Reading:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.drivers.mujoco.joint_sensors import ForceEstimate
 from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits, SetPoint
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
 from phyagentos.runtime.targets.wire import Command, RecordedFault, Refused
@@ -25,7 +26,6 @@ HISTORY_S = 1.5  # more than the latest camera allowed, with a run of lost frame
 HALT_MAX_S = 2.0  # longest deceleration to a hold
 REST_RAD_S = 0.01  # every joint slower than this is at rest
 STANDING_SHARE = 1.2  # of a force that stood when a session began: more is a command that presses harder
-FELT_NM = 1.0  # torque of contacts on a joint below which its sensor feels none: 2 N at an arm's half metre
 
 
 class StateHistory:
@@ -85,6 +85,7 @@ class JointController:
         self._limits = LocalLimits(profile, physics, n_steps)
         self._held = SetPoint.at_rest(np.array(profile.arm.home_rad))
         self._width_m = profile.gripper.max_width_m
+        self._estimate = ForceEstimate(profile, physics.scene.seed, profile.physics_step_s)
         self._force_n = self._force_max_n = 0.0  # of the latest physics step, and since the last report
         self._standing_n = 0.0  # force in which the session began; falls with it, and never rises
         self.activations: list[RecordedFault] = []
@@ -96,6 +97,11 @@ class JointController:
     def q_rad(self) -> Array:
         """(n_joints,) the set-point that is held."""
         return self._held.q_rad
+
+    @property
+    def force_error_n(self) -> float:
+        """Greatest expected error of a contact force [N]."""
+        return self._estimate.error_n
 
     @property
     def is_moving(self) -> bool:
@@ -193,7 +199,7 @@ class JointController:
             yield from self._hold_step()
 
     def take_force(self) -> float:
-        """The greatest contact force [N] since the last call; contacts that load no joint are ignored."""
+        """The greatest estimated contact force [N] since the last call; contacts that load no joint are ignored."""
         taken, self._force_max_n = self._force_max_n, 0.0
         return taken
 
@@ -213,7 +219,8 @@ class JointController:
 
     def _feel(self) -> None:
         physics = self._physics
-        is_felt = np.count_nonzero(np.abs(physics.data.qfrc_constraint[physics.v_address]) > FELT_NM)
-        self._force_n = physics.find_hardest_contact()[0] if is_felt else 0.0
+        self._force_n = 0.0
+        if self._estimate.is_felt(physics.data.qfrc_constraint[physics.v_address]):
+            self._force_n = self._estimate.measure(physics.find_hardest_contact()[0], physics.time_s)
         self._force_max_n = max(self._force_max_n, self._force_n)
         self._standing_n = min(self._standing_n, self._force_n)

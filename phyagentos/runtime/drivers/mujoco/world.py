@@ -272,6 +272,7 @@ class MujocoDriver(TargetDriver):
             target=self.look(),
             tracking_error_rad=float(np.abs(physics.q_rad - controller.q_rad).max()),
             contact_force_n=controller.take_force(),
+            contact_force_error_n=controller.force_error_n,
         )
 
     @override
