@@ -10,11 +10,12 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.repair.alternative import SESSION_S, Alternative, AlternativeKind
 from phyagentos.agent.repair.case import Case, Miss
 from phyagentos.agent.repair.free_spot import find_free_spot, find_support
-from phyagentos.geometry import Vector, to_child
+from phyagentos.geometry import Pose, Vector, to_child
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.environment import Entity, Environment
+from phyagentos.protocol.world.predicates.geometry import compute_lowest
+from phyagentos.protocol.world.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.world.predicates.syntax import Call, Number, Variable
 
 PURPOSE = "clear"
@@ -22,12 +23,16 @@ CLEARED_MAX = 3  # things that are moved for one session
 _CHANCE = 0.7  # that moving it away works, and that it was the reason
 _CHANCE_NARROW = 0.5  # by a skill that must be exact: a push needs a straight way
 FULL = "NO_FREE_SITE"  # the planner's code for a destination without room
+RIM_M = 0.02  # a thing on the rim fills a vessel, too
 _EASY_M = 0.1  # a skill that may miss by so much finds a place
 _CHANCE_TRIED = 0.3  # it was moved before, and something is still in the way
 
 
 def propose_clearing(case: Case) -> Iterator[Alternative]:
-    """One alternative for each skill that can move the first obstruction; work of finished nodes is kept."""
+    """One alternative for each skill that can move the first obstruction.
+
+    What a condition binds stays, and so does the work of finished nodes, unless it fills the destination.
+    """
     world = case.world
     cleared = case.find_prepared(PURPOSE)
     target = case.catalogue.targets.get(case.session.target)
@@ -35,8 +40,11 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
         return
     if len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
         return
-    blockers = [name for name in find_blockers(case.miss) if name not in case.protected]
-    for name in blockers:
+    bound = {name for text in case.session.hold for name in iter_entities(parse_predicate(text))}
+    blockers = [name for name in find_blockers(case.miss) if name not in bound]
+    loose = [name for name in blockers if name not in case.protected]
+    placed = [name for name in blockers if name in case.protected and FULL in case.miss.codes]
+    for name in loose + placed:  # what was placed is placed again afterwards, where it leaves more room
         tried = {session.skill for session in cleared if name in session.parameters.values()}
         here = world.entities[name].pose.position_m
         spot = find_free_spot(world, name, (here, *_find_needed(case, world)), target)
@@ -118,11 +126,14 @@ def _find_inside(world: Environment, destination: str) -> dict[str, int]:
         name: 1
         for name, entity in world.entities.items()
         if entity.movable
-        and all(
-            abs(p - c) <= h + 0.02  # a thing on the rim fills it too
-            for p, c, h in zip(to_child(pose, entity.pose.position_m), center, half, strict=True)
-        )
+        and all(abs(p - c) <= h + RIM_M for p, c, h in zip(_find_foot(pose, entity), center, half, strict=True))
     }
+
+
+def _find_foot(pose: Pose, entity: Entity) -> Vector:
+    """The point under an entity's origin at the height of its lowest point, in a frame: tall things stand out."""
+    x_m, y_m, _ = entity.pose.position_m
+    return to_child(pose, (x_m, y_m, compute_lowest(entity)))
 
 
 def _find_needed(case: Case, world: Environment) -> tuple[Vector, ...]:

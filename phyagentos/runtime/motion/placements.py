@@ -6,7 +6,8 @@ further than around the entity. Where the hand does not go down between the wall
 as little above its floor as is possible, if the walls keep what falls.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -22,6 +23,7 @@ from phyagentos.runtime.motion.poses import point_tool_down
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.sites import Footprint, Site, Space, find_sites, find_space, measure_footprint
+from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
 PART_M = 0.015  # by which a thing is wider than the fingers that hold a part of it only, as its rim
@@ -30,7 +32,9 @@ TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over 
 FALL_STEP_M = 0.015  # between the heights from which a thing may be dropped
 FALL_MAX_M = 0.13  # a longer fall has not been measured
 OVER_RIM_M = 0.02  # lowest point of a dropped thing above the walls; higher up it might come to rest on them
+FINE_DEG = 15  # between yaws where boxes find no room
 KEPT_SHARE = 0.5  # of its height that walls must have to keep what falls between them
+OUT_OF_REACH = {"ik", "line", "far"}  # reasons that no finer site changes
 ALIGNED_DEG = 3  # a yaw further than this from those of the grid has faces along the walls of its own
 
 
@@ -47,49 +51,79 @@ def find_placements(
             return job.fail("NO_SPACE", f"{request.destination} has no interior to put things into.")
         attitudes = _list_attitudes(tcp_T_entity[:3, :3])
         groups = find_sites(request, space, held, attitudes, footprint, world_T_tcp[:3, 3], job)
-    if not groups:
-        near = f" within {request.near_radius_m} m of {request.near}" if request.near else ""
-        return job.fail("NO_FREE_SITE", f"There is no room for {held.name} in {request.destination}{near}.")
-    seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
-    found: list[Approach] = []
+        fitted = (fit_tight(request, space, held, attitudes, group, job) for group in groups)
+        groups = [group for group in fitted if group]
     open_m, held_m = scene.robot.profile.gripper.max_width_m, request.payload.width_m
     low_m, high_m = compute_extent(held, tuple(tcp_T_entity[1, :3].tolist()))
     is_part = 0.0 < held_m < high_m - low_m - PART_M
     releases_m = (open_m, min(open_m, held_m + RELEASE_M))[is_part:]
-    for fall_m, sites, release_m in product(_list_falls(request, space, footprint), groups, releases_m):
-        for site in (each for each in sites if not (each.is_tight and fall_m)):
-            yaws = attitudes if site.degrees is None else (site.degrees,)
-            ways = [
-                way
-                for way in _ways_to(site, yaws, space, request, held, release_m, fall_m)
-                if not {way.label, site.name} & set(request.avoid)
-            ]
-            found += find_approaches(
-                ways,
-                q_rad=request.q_rad,
-                seeds=seeds,
-                kinematics=kinematics,
-                scene=scene,
-                job=job,
-                count=request.count - len(found),
-            )
-            if len(found) >= request.count:
-                break
-        if found or not any("|" in reason for reason in job.rejected):  # nothing was in the way: it is out of reach
-            break
+    search = _Search(request, held, space, footprint, releases_m, kinematics, scene, job)
+    found = search.run(groups, attitudes)
+    if (not found and set(job.rejected) - OUT_OF_REACH) or not groups:
+        with job.stage("sites"):
+            finer = _list_attitudes(tcp_T_entity[:3, :3], FINE_DEG)
+            standing = find_standing_sites(request, space, held, finer, footprint, world_T_tcp[:3, 3], job)
+        groups = [*groups, standing]
+        found = search.run([standing], finer)
+    if not any(groups):
+        near = f" within {request.near_radius_m} m of {request.near}" if request.near else ""
+        return job.fail("NO_FREE_SITE", f"There is no room for {held.name} in {request.destination}{near}.")
     if not found:
         return job.fail("NO_IK", f"None of {sum(map(len, groups))} free sites in {request.destination} can be reached.")
     found.sort(key=lambda approach: float(np.linalg.norm(approach.line_rad[0] - request.q_rad)))
     return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
 
 
-def _list_attitudes(tcp_R_entity: Array) -> dict[int, Array]:
-    """Yaws of the tool [degrees] -> attitude (3, 3) of the payload: every 45 degrees, and faces along the walls."""
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """Looks for postures over sites; `releases_m` are openings at which the thing is let go, the better first."""
+
+    request: FindPlacements
+    held: Entity
+    space: Space
+    footprint: Footprint
+    releases_m: tuple[float, ...]
+    kinematics: Kinematics
+    scene: PlanningScene
+    job: Job
+
+    def run(self, groups: list[list[Site]], attitudes: Mapping[int, Array]) -> list[Approach]:
+        """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
+        request, job = self.request, self.job
+        seeds = draw_seeds(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
+        found: list[Approach] = []
+        falls_m = _list_falls(request, self.space, self.footprint)
+        for fall_m, sites, release_m in product(falls_m, groups, self.releases_m):
+            for site in (each for each in sites if not (each.is_tight and fall_m)):
+                yaws = attitudes if site.yaws is None else site.yaws
+                ways = [
+                    way
+                    for way in _ways_to(site, yaws, self.space, request, self.held, release_m, fall_m)
+                    if not {way.label, site.name} & set(request.avoid)
+                ]
+                found += find_approaches(
+                    ways,
+                    q_rad=request.q_rad,
+                    seeds=seeds,
+                    kinematics=self.kinematics,
+                    scene=self.scene,
+                    job=job,
+                    count=request.count - len(found),
+                )
+                if len(found) >= request.count:
+                    break
+            if found or not any("|" in reason for reason in job.rejected):  # nothing in the way: it is out of reach
+                break
+        return found
+
+
+def _list_attitudes(tcp_R_entity: Array, step_deg: int = 45) -> dict[int, Array]:
+    """Yaws of the tool [degrees] -> attitude (3, 3) of the payload: every `step_deg`, and faces along the walls."""
     level = point_tool_down(0.0, np.zeros(3))[:3, :3] @ tcp_R_entity
     side = int(np.argmax(np.linalg.norm(level[:2], axis=0)))
     off = round(np.degrees(np.arctan2(level[1, side], level[0, side]))) % 45
     aligned = range(-off, 360 - off, 90) if ALIGNED_DEG <= off <= 45 - ALIGNED_DEG else range(0)
-    yaws = [*range(0, 360, 45), *(degrees % 360 for degrees in (*aligned, *(each + 45 for each in aligned)))]
+    yaws = [*range(0, 360, step_deg), *(degrees % 360 for degrees in (*aligned, *(each + 45 for each in aligned)))]
     return {degrees: turn((0.0, 0.0, np.radians(degrees))) @ level for degrees in yaws}
 
 

@@ -217,11 +217,11 @@ def _compile(robot: RobotModel, entities: Sequence[Entity], payload_shapes: Shap
     spec = robot.spec.copy()
     if payload_shapes:
         body = spec.body(robot.tool).add_body(name=PAYLOAD)
-        _add_geoms(body, _inflate(payload_shapes), ROBOT_BIT, ROBOT_BIT | WORLD_BIT)
+        add_geoms(body, _inflate(payload_shapes), ROBOT_BIT, ROBOT_BIT | WORLD_BIT)
         _copy_fingers(spec, robot)
     for entity in entities:
         body = spec.worldbody.add_body(name=entity.name, mocap=True)
-        _add_geoms(body, _inflate(entity.shapes, entity.movable), WORLD_BIT, 0)
+        add_geoms(body, _inflate(entity.shapes, entity.movable), WORLD_BIT, 0)
         if not entity.movable:
             for part in sorted(robot.mounting):
                 spec.add_exclude(name=f"mount:{part}|{entity.name}", bodyname1=part, bodyname2=entity.name)
@@ -246,7 +246,8 @@ def _name_copy(finger: str, index: int) -> str:
     return f"{finger}{_COPY}{index}" if index else finger
 
 
-def _add_geoms(body: "mujoco.MjsBody", shapes: Shapes, contype: int, conaffinity: int) -> None:
+def add_geoms(body: "mujoco.MjsBody", shapes: Shapes, contype: int, conaffinity: int) -> None:
+    """Add a geom for each solid to a body."""
     for shape in shapes:
         body.add_geom(
             type=_GEOM_TYPES[shape.kind],

@@ -63,13 +63,13 @@ class Site:
 
     Attributes:
         point_m: (3,) in the world.
-        degrees: The only yaw that fits; None where any does.
-        is_tight: Whether only contacts of the payload, as it is put down, show which yaws fit.
+        yaws: Those of the tool [degrees] that fit; None where any does.
+        is_tight: Whether the yaws that fit are still to be found.
     """
 
     name: str
     point_m: Array
-    degrees: int | None = None
+    yaws: tuple[int, ...] | None = None
     is_tight: bool = False
 
 
@@ -163,7 +163,7 @@ def find_sites(
     packed = [
         site
         for degrees, R in attitudes.items()
-        for site in _pack(space, _measure_rectangle(held, R), degrees, near, neighbours)
+        for site in _pack(space, measure_rectangle(held, R), degrees, near, neighbours)
     ]
     is_single = bool(np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M)) and not request.near
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
@@ -171,7 +171,7 @@ def find_sites(
     return [group for group in groups if group]
 
 
-def _measure_rectangle(entity: Entity, R: Array) -> Array:
+def measure_rectangle(entity: Entity, R: Array) -> Array:
     """(2,) reach from its middle along the axes of a space of an entity that is turned by `R` (3, 3) in it."""
     low, high = np.array([compute_extent(entity, tuple(R[axis].tolist())) for axis in (0, 1)]).T
     middle = R[:2] @ compute_bounds(entity.shapes)[0]
@@ -204,7 +204,7 @@ def _pack(
         Site(
             f"pack{round(1e3 * points[k, 0]):+04d}{round(1e3 * points[k, 1]):+04d}",
             np.append(world[k], space.center_m[2]),
-            degrees,
+            (degrees,),
         )
         for k in [index for index in order.tolist() if free[index]][:PACKED_MAX]
     ]

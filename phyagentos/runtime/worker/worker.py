@@ -91,7 +91,7 @@ class WorkerLoop:
         self._clock = clock
         self._unsealed: deque[str] = deque()
         self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
-        self._published_at_s = -PUBLISH_PERIOD_S
+        self._published, self._published_at_s = "", -PUBLISH_PERIOD_S
         self._episode = ""
         self._checked: _Checked | None = None  # what passed its check last, until it runs
         self._stop: EndRequest | None = None
@@ -182,6 +182,9 @@ class WorkerLoop:
             self._unsealed.append(f"evidence/{session.id}")
         if found.plan is not None:
             self._checked = _Checked(session, order.epoch, msgspec.to_builtins(found.plan))
+        if found.problems and self._published != session.scene.episode:  # a repair needs the world that refused it
+            self._unpublished = session.scene
+            self._publish_environment(0.0)
         if found.tools is not None:
             self._handle.permit(found.tools.expose)
         return Checked(
@@ -205,7 +208,7 @@ class WorkerLoop:
         scene, now_s = self._unpublished, self._clock.now_s()
         if scene is None or now_s - self._published_at_s < period_s:
             return
-        self._unpublished, self._published_at_s = None, now_s
+        self._unpublished, self._published_at_s, self._published = None, now_s, scene.episode
         with contextlib.suppress(ExecutionError):
             self._world.enter(scene)
             publish(self._workspace.environment, render_environment(self._world.observe(WORLD)))

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.world.environment import Interior, Pose
+from phyagentos.protocol.world.environment import Interior, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.requests import Approaches, FindPlacements, Payload, World
 
 pytestmark = pytest.mark.motion
@@ -65,6 +65,22 @@ def test_what_fits_at_one_yaw_only_is_turned_along_the_walls(planner, build, dee
         w, _, _, z = approach.site.quaternion_wxyz
         off_rad = (2.0 * np.arctan2(z, w) - 0.4) % np.pi
         assert off_rad == pytest.approx(np.pi / 2, abs=0.02)
+
+
+def test_a_mug_goes_where_its_handle_is_over_the_wall(planner, build, deep, home):
+    """`There is no room for white_mug in teal_tray`: the box around mug and handle was wider than the tray."""
+    body = Shape(ShapeKind.CYLINDER, (0.03, 0.035))
+    mug = msgspec.structs.replace(
+        build.cube("cube0", 0.4, -0.2), shapes=(body, build.box((0.043, 0, 0.01), (0.013, 0.005, 0.012)))
+    )
+    answer = place_into(planner, build.replace(deep(0.02, x=0.037, y=0.04), mug), home, 0.06)
+    assert isinstance(answer, Approaches), answer
+    for approach in answer.approaches:
+        local = np.subtract(approach.site.position_m[:2], (0.5, 0.3)) @ np.array(
+            ((np.cos(0.4), -np.sin(0.4)), (np.sin(0.4), np.cos(0.4)))
+        )
+        assert np.all(np.abs(local) < np.array((0.007, 0.01)) - 0.002), approach.label
+    assert place_into(planner, build.replace(deep(0.05, x=0.037, y=0.04), mug), home, 0.06).code == "NO_FREE_SITE"
 
 
 def test_things_are_packed_along_walls_so_that_the_next_one_fits(planner, build, deep, home):
