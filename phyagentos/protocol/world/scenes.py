@@ -3,13 +3,14 @@
 Sizes are half extents in metres, angles radians, poses in the frame `world` (z up; the robot's base is at its mount).
 """
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
-from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, salvage
+from phyagentos.protocol.documents.schema import Authored, Located, parse_yaml, read_text, salvage
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
@@ -209,7 +210,13 @@ class SceneSpec(Authored):
 
 def read_scene(path: Path) -> SceneSpec:
     """Read one scene; raises DefinitionError with every problem, dangling names too, at file:line:column."""
-    located = read_yaml(path)
+    return _parse_scene(read_text(path), path)
+
+
+@lru_cache(maxsize=8)
+def _parse_scene(text: str, path: Path) -> SceneSpec:
+    """The scene in the text of a file; every session asks for the same one."""
+    located = parse_yaml(text, str(path))
     spec, problems = salvage(SceneSpec, located)
     if spec is None:
         raise DefinitionError(problems)

@@ -22,7 +22,7 @@ from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
 from phyagentos.runtime.motion.poses import point_tool_down
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPlacements, NoPlan
 from phyagentos.runtime.motion.shapes import compute_bounds
-from phyagentos.runtime.motion.sites import Footprint, Site, Space, find_sites, find_space, measure_footprint
+from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space, find_sites, find_space, measure_footprint
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
@@ -87,7 +87,7 @@ class _Search:
     scene: PlanningScene
     job: Job
 
-    def run(self, groups: list[list[Site]], attitudes: Mapping[int, Array]) -> list[Approach]:
+    def run(self, groups: list[Sites], attitudes: Mapping[int, Array]) -> list[Approach]:
         """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
         request, job = self.request, self.job
         seeds = draw_seeds(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)

@@ -64,6 +64,7 @@ class PlanningScene:
             for index in range(SWEEP if payload_shapes else 1)
             for body in (self._model.body(_name_copy(name, index)),)
         ]
+        self._spread: tuple[float, float] | None = None  # openings at which the fingers stand
         self.obstacles: list[Entity] = []
         self.tcp_T_payload = np.eye(4)
 
@@ -106,8 +107,11 @@ class PlanningScene:
 
     def spread_fingers(self, low_m: float, high_m: float) -> None:
         """Let the fingers stand at an opening `high_m` [m]; with a payload also at those down to `low_m` [m]."""
+        if self._spread == (low_m, high_m):
+            return
+        self._spread = low_m, high_m
         most_m = self.robot.profile.gripper.max_width_m
-        openings = np.linspace(high_m, min(low_m, high_m), SWEEP)
+        openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP
         for body, index, open_m, way in self._fingers:
             self._model.body_pos[body] = open_m + way * (openings[index] - most_m)
 

@@ -7,7 +7,7 @@ along the walls of the destination first, so that the room that is left stays in
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -74,6 +74,29 @@ class Site:
 
 
 @dataclass(frozen=True, slots=True)
+class Sites:
+    """A group of sites, each computed when it is asked for: most searches end with the first."""
+
+    left: Iterator[Site]
+    known: list[Site] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[Site]:
+        """All, in their order."""
+        yield from self.known
+        for site in self.left:
+            self.known.append(site)
+            yield site
+
+    def __bool__(self) -> bool:
+        """Whether there is any."""
+        return next(iter(self), None) is not None
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return sum(1 for _ in self)
+
+
+@dataclass(frozen=True, slots=True)
 class Footprint:
     """The held entity from above: half extents (2,) across its vertical axis, and its height."""
 
@@ -127,7 +150,7 @@ def find_sites(
     footprint: Footprint,
     tool_m: Array,
     job: Job,
-) -> list[list[Site]]:
+) -> list[Sites]:
     """Groups of sites: at most 16 for any yaw, the nearest to `near` or to the tool (3,) first; then packed ones.
 
     Those come first where the payload in the middle would leave no room for another one, though there is some.
@@ -158,16 +181,16 @@ def find_sites(
         if sites:
             break
     if not space.walled:
-        return [sites] if sites else []
+        return [Sites(iter(sites))] if sites else []
     near = (interest, request.near_radius_m) if request.near is not None else (interest, np.inf)
-    packed = [
+    packed = Sites(
         site
         for degrees, R in attitudes.items()
         for site in _pack(space, measure_rectangle(held, R), degrees, near, neighbours)
-    ]
+    )
     is_single = bool(np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M)) and not request.near
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
-    groups = [packed, sites] if is_single and is_wide else [sites, packed]
+    groups = [packed, Sites(iter(sites))] if is_single and is_wide else [Sites(iter(sites)), packed]
     return [group for group in groups if group]
 
 

@@ -18,7 +18,7 @@ from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import add_geoms
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_shape_boxes
-from phyagentos.runtime.motion.sites import Footprint, Site, Space, measure_rectangle
+from phyagentos.runtime.motion.sites import Footprint, Site, Sites, Space, measure_rectangle
 
 GAPS_M = (0.006, 0.003)  # to everything beside it; the second where the first leaves no room
 OVER_FLOOR_M = 0.001  # between a payload that is checked and the floor with its gap
@@ -40,7 +40,7 @@ def find_standing_sites(
     footprint: Footprint,
     tool_m: Array,
     job: Job,
-) -> list[Site]:
+) -> Sites:
     """Sites at which no solid of the payload touches another one, those along the sides of the destination first.
 
     Only the payload's middle must be within the sides. `attitudes` maps yaws of the tool [degrees] to the attitude
@@ -50,7 +50,7 @@ def find_standing_sites(
     from_m = space.rotation[:2, :2].T @ (np.asarray(interest_m) - space.center_m)[:2]
     room = space.half_m - (INSIDE_M if space.walled else footprint.inner_m)
     if np.any(room < 0.0) and space.walled:
-        return []
+        return Sites(iter(()))
     for gap_m in GAPS_M:
         checker = StandingRoom(request, space, held, gap_m)
         sites = []
@@ -63,15 +63,15 @@ def find_standing_sites(
             for rank, x, y in _spread(ranked, checker, start, space.rotation, job):
                 sites.append((rank, _make_site(np.array((x, y)), degrees, space)))
         if sites:
-            return [site for _, site in sorted(sites, key=lambda each: each[0])]
-    return []
+            return Sites(iter([site for _, site in sorted(sites, key=lambda each: each[0])]))
+    return Sites(iter(()))
 
 
 def fit_tight(
-    request: FindPlacements, space: Space, held: Entity, attitudes: Mapping[int, Array], sites: list[Site], job: Job
-) -> list[Site]:
+    request: FindPlacements, space: Space, held: Entity, attitudes: Mapping[int, Array], sites: Sites, job: Job
+) -> Sites:
     """The sites with the yaws at which the payload meets nothing: its box may reach through a low wall."""
-    if not any(site.is_tight for site in sites):
+    if not next(iter(sites)).is_tight:  # all of a group, or none
         return sites
     room, fitted = StandingRoom(request, space, held, GAPS_M[-1]), []
     for site in sites:
@@ -79,7 +79,7 @@ def fit_tight(
         yaws = tuple(degrees for degrees, R in attitudes.items() if room.is_free(room.turn(R) + away_m))
         fitted += [replace(site, yaws=yaws)] if yaws else []
         job.rejected["occupied"] += not yaws
-    return fitted
+    return Sites(iter(fitted))
 
 
 def _find_near(request: FindPlacements, space: Space, held: Entity) -> list[Entity]:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.world.environment import Entity, Status
@@ -70,9 +69,9 @@ def associate(
     Things without a match are left out. Points behind `map_solids`, which are opaque, come from edges and noise. Things
     whose colours are near in the `palette` (k, 3) are assigned together.
     """
-    near = find_near_colors(palette if palette is not None else np.zeros((0, 3)))
+    near, chains = find_near_colors(palette if palette is not None else np.zeros((0, 3)))
     matches: dict[str, Match] = {}
-    for group in _iter_groups(things, near):
+    for group in _iter_groups(things, chains):
         pieces = [
             piece
             for piece in find_pieces(group, believed, cloud, near)
@@ -106,11 +105,10 @@ def exchange_doubts(entities: Mapping[str, Entity], seen: Collection[str]) -> di
     return after
 
 
-def _iter_groups(things: Mapping[str, ObjectModel], near: NDArray[np.bool_]) -> Iterator[list[ObjectModel]]:
+def _iter_groups(things: Mapping[str, ObjectModel], chains: NDArray[np.int32]) -> Iterator[list[ObjectModel]]:
     """Things whose colours are near to each other, in chains."""
-    _, labels = connected_components(near, directed=False)
-    for label in dict.fromkeys(int(labels[thing.colors[0]]) for thing in things.values()):
-        yield [thing for thing in things.values() if labels[thing.colors[0]] == label]
+    for chain in dict.fromkeys(int(chains[thing.colors[0]]) for thing in things.values()):
+        yield [thing for thing in things.values() if chains[thing.colors[0]] == chain]
 
 
 def _is_behind_map(seen: Cloud, views: tuple[CameraView, ...], map_solids: Solids | None) -> bool:

@@ -19,6 +19,7 @@ from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, is_upri
 from phyagentos.runtime.perception.fixed_things import measure_fixed
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
 from phyagentos.runtime.perception.inventory import ALIKE, Form, Inventory, ObjectModel
+from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Solids
 from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.visibility import compute_sight
@@ -252,7 +253,7 @@ def _take_filling(
         colors = [thing.colors[0] for thing in filling.values() if thing.vessel == name]
         local = (cloud.points_m - vessel.pose.position_m) @ compute_rotation(vessel.pose.quaternion_wxyz)
         within = np.all(np.abs(local - inside.center_m) <= np.array(inside.half_m) + RIM_M, axis=1)
-        within &= np.isin(cloud.colors, colors)
+        within &= is_among(cloud.colors, colors)
         keep &= ~within
         filled[name] = int(within.sum()) >= FILLING_POINTS
     return cloud.take(keep), filled
@@ -286,7 +287,7 @@ def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity
             continue
         if not thing.template.movable:
             alike = [c for c in loose if c in thing.colors or _is_like(inventory, c, thing)]
-            among = np.isin(cloud.colors, alike)
+            among = is_among(cloud.colors, alike)
             margin = NEAR_FIXED_M
         else:
             among, margin = cloud.colors == thing.colors[0], HAND_M

@@ -41,7 +41,9 @@ def _connect(points: Array, link_m: float) -> NDArray[np.intp]:
     if labels.any():  # more than one cluster so far
         near = tree.query_pairs(3.0 * link_m, output_type="ndarray")  # a diagonal, a link, a diagonal
         between = near[labels[near[:, 0]] != labels[near[:, 1]]]
-        border = np.flatnonzero(np.isin(cell, between))
+        is_border = np.zeros(len(first), np.bool_)
+        is_border[between] = True
+        border = np.flatnonzero(is_border[cell])
         links = cKDTree(points[border]).query_pairs(link_m, output_type="ndarray")
         labels = _label(int(labels.max()) + 1, labels[cell[border[links]]])[labels]
     found: NDArray[np.intp] = labels[cell]

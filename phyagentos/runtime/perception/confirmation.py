@@ -13,6 +13,7 @@ from phyagentos.protocol.world.environment import Entity, Status
 from phyagentos.runtime.perception.doubt import FREE
 from phyagentos.runtime.perception.fitting import Patch, refine
 from phyagentos.runtime.perception.inventory import ObjectModel
+from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.perception.visibility import DEPTH_M, FACING
@@ -75,7 +76,7 @@ def _measure_shown(
     focal, size = (frame.fx, frame.fy, frame.cx, frame.cy), frame.depth_m.shape
     rows, columns, z, facing = project(thing.samples_m, thing.normals, pose, view, focal, size, FACING)
     as_expected = np.abs(frame.depth_m[rows, columns] - z) < DEPTH_M  # what was not measured is not
-    as_expected &= np.isin(labels[rows, columns], thing.colors)
+    as_expected &= is_among(labels[rows, columns], thing.colors)
     return float(as_expected.sum() / max(facing, 1))
 
 

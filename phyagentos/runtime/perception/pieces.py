@@ -33,7 +33,8 @@ def find_pieces(
     pure: list[Piece] = []
     stray: list[Piece] = []
     colors = list(dict.fromkeys(thing.colors[0] for thing in group))
-    within = np.flatnonzero(np.isin(cloud.colors, np.flatnonzero(near[colors].max(axis=0))))
+    alike: NDArray[np.bool_] = near[colors].max(axis=0)
+    within = np.flatnonzero(alike[cloud.colors])
     tree = cKDTree(cloud.points_m[within]) if len(colors) > 1 and len(within) else None
     for color in colors:
         own = [thing for thing in group if thing.colors[0] == color]

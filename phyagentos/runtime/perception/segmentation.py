@@ -1,9 +1,13 @@
 """Labels each pixel with a colour of the inventory: by the pixel's own colour, or by a detector."""
 
+from collections.abc import Iterable
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from phyagentos.runtime.perception.detection.detector import Detector
 from phyagentos.runtime.perception.inventory import Inventory
@@ -52,12 +56,32 @@ class Palette:
         return labels
 
 
-def find_near_colors(palette: Array) -> NDArray[np.bool_]:
-    """(256, 256) whether pixels of one surface of a palette (k, 3) may be labelled as another one."""
+def find_near_colors(palette: Array) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+    """(256, 256) whether pixels of one surface of a palette (k, 3) may be labelled as another one.
+
+    Also (256,) the number of the chain of such colours to which each belongs.
+    """
+    return _relate_colors(np.asarray(palette, np.float64).tobytes())
+
+
+@lru_cache(maxsize=8)
+def _relate_colors(palette_bytes: bytes) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+    palette = np.frombuffer(palette_bytes).reshape(-1, 3)
     near = np.eye(256, dtype=np.bool_)
     for index, color in enumerate(palette):
         near[: len(palette), index] = _measure(np.maximum(palette, DIM), np.maximum(color, DIM)) < NEAR
-    return near | near.T
+    near |= near.T
+    _, chains = connected_components(csr_array(near, dtype=np.int8), directed=False)
+    near.flags.writeable = chains.flags.writeable = False  # every look shares them
+    return near, chains
+
+
+def is_among(labels: NDArray[np.uint8], colors: Iterable[int]) -> NDArray[np.bool_]:
+    """(...,) whether a label is one of some colours."""
+    table = np.zeros(256, np.bool_)
+    table[list(colors)] = True
+    found: NDArray[np.bool_] = table[labels]
+    return found
 
 
 def _measure(grid: Array, point: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.runtime.perception.inventory import Inventory
-from phyagentos.runtime.perception.segmentation import Segmenter
+from phyagentos.runtime.perception.segmentation import Segmenter, is_among
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
@@ -142,6 +142,6 @@ def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) ->
         return np.zeros(len(points), np.bool_)
     found = np.zeros(len(points), np.bool_)
     for lookalikes, margin in ((inventory.map_colors, MAP_M), (inventory.like_map, MAP_LIKE_M)):
-        among = np.isin(colors, list(lookalikes))
+        among = is_among(colors, lookalikes)
         found[among] = inventory.map.measure(points[among]) < margin
     return found

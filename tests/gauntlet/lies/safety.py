@@ -125,7 +125,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
-                "openings = np.linspace(high_m, min(low_m, high_m), SWEEP)",
+                "openings = np.linspace(high_m, low_m, SWEEP) if low_m < high_m else (high_m,) * SWEEP",
                 "openings = np.full(SWEEP, most_m)",
             ),
         ),

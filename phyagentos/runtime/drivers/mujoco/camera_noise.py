@@ -4,11 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.settings.cameras import NoiseLevel
+from phyagentos.runtime.drivers.mujoco.camera_noise_kernels import measure_color, measure_depth, shift_places
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import BLACK, GLASS, Picture
 
 GRAZING_RAD = np.pi / 3  # below it Nguyen et al. found no influence of the angle
+GRAZING_COS = 0.5001  # a little more than its cosine: below, the angle decides
 SAME_M = 0.01  # depths of a pixel this close, at both ends of an exposure, are one surface
-STEEPEST_RAD = np.radians(88.0)  # beyond it the formula has no meaning and a sensor measures nothing
+STEEPEST_COS = np.cos(np.radians(88.0))  # beyond it the formula has no meaning and a sensor measures nothing
 
 
 def blur(end: Picture, begin: Picture) -> Picture:
@@ -38,26 +40,21 @@ def spoil(
     if level.lateral_std_rad * focal_px > 0.0:
         rows, columns = draw_places(depth.shape, 1, level.lateral_std_rad * focal_px, rng)
         depth, incidence, finish = depth[rows, columns], incidence[rows, columns], finish[rows, columns]
-    seen = np.isfinite(depth)
-    depth = np.where(seen, depth, np.float32(0.0))
-    depth = _add_depth_noise(depth, incidence, level, rng)
-    low, high = range_m
-    valid = seen & (depth >= low) & (depth <= high)
-    if level.depth_grazing > 0.0:
-        valid &= incidence > np.cos(STEEPEST_RAD)
-    if level.pixel_dropout > 0.0:
-        valid &= rng.random(depth.shape, dtype=np.float32) >= level.pixel_dropout
-    if level.depth_unit_m > 0.0:
-        depth = np.round(depth / np.float32(level.depth_unit_m)) * np.float32(level.depth_unit_m)
-    colors = rgb * np.float32(255.0)
-    if level.color_std > 0.0:
-        colors += rng.standard_normal(colors.shape, dtype=np.float32) * np.float32(level.color_std)
+    shape, single, draw = depth.shape, np.float32, rng.standard_normal
+    is_deep = bool(level.depth_constant_m or level.depth_quadratic_per_m or level.depth_grazing)
+    noise = draw(shape, dtype=single) if is_deep else np.zeros(shape, single)
+    luck = rng.random(shape, dtype=single) if level.pixel_dropout > 0.0 else np.ones(shape, single)
+    tint = draw(rgb.shape, dtype=single) if level.color_std > 0.0 else np.zeros(rgb.shape, single)
+    growth = single(level.depth_constant_m), single(level.depth_quadratic_per_m), single(level.depth_offset_m)
+    bounds = single(range_m[0]), single(range_m[1]), STEEPEST_COS if level.depth_grazing > 0.0 else -np.inf
+    grain = single(level.pixel_dropout), single(level.depth_unit_m)
+    grazing = _compute_grazing_std(depth, incidence, level)
+    measured = measure_depth(depth, incidence, (noise, grazing, luck), (growth, bounds, grain))
     if (level.black_dropout > 0.0 or level.glass_dropout > 0.0) and finish.any():
-        chances = np.zeros(3, np.float32)
+        chances = np.zeros(3, single)
         chances[[BLACK, GLASS]] = level.black_dropout, level.glass_dropout
-        valid &= rng.random(depth.shape, dtype=np.float32) >= chances[finish]
-    measured = np.where(valid, depth, np.float32(np.nan)).astype(np.float32)
-    return np.clip(np.rint(colors), 0, 255).astype(np.uint8), measured
+        measured[rng.random(shape, dtype=single) < chances[finish]] = np.nan
+    return measure_color(rgb, tint, single(level.color_std)), measured
 
 
 def draw_places(
@@ -67,22 +64,20 @@ def draw_places(
 
     `shape` is (height, width) of the thinned picture; the wavering `std_px` counts pixels of the whole one.
     """
-    shifts = np.rint(rng.standard_normal((2, *shape), dtype=np.float32) * np.float32(std_px)).astype(np.intp)
-    height, width = shape
-    rows = np.clip(np.arange(height)[:, None] * every + every // 2 + shifts[0], 0, height * every - 1)
-    columns = np.clip(np.arange(width)[None, :] * every + every // 2 + shifts[1], 0, width * every - 1)
-    return rows, columns
+    shifts = rng.standard_normal((2, *shape), dtype=np.float32)
+    places: tuple[NDArray[np.intp], NDArray[np.intp]] = shift_places(shifts, every, np.float32(std_px))
+    return places
 
 
-def _add_depth_noise(
-    depth: NDArray[np.float32], incidence: NDArray[np.float32], level: NoiseLevel, rng: np.random.Generator
-) -> NDArray[np.float32]:
-    if not (level.depth_constant_m or level.depth_quadratic_per_m or level.depth_grazing):
-        return depth
-    std = level.depth_constant_m + level.depth_quadratic_per_m * (depth - np.float32(level.depth_offset_m)) ** 2
+def _compute_grazing_std(
+    depth: NDArray[np.float32], incidence: NDArray[np.float32], level: NoiseLevel
+) -> NDArray[np.float64]:
+    """(height, width) the part of the depth's deviation that grows where a surface is turned away [m]."""
+    std = np.zeros(depth.shape)
     if level.depth_grazing:
-        angle = np.arccos(np.clip(incidence, np.cos(STEEPEST_RAD), 1.0))
-        steep = angle**2 / (np.sqrt(np.maximum(depth, 0.1)) * (np.pi / 2 - angle) ** 2)
-        std = std + level.depth_grazing * np.where(angle > GRAZING_RAD, steep, 0.0)
-    noisy: NDArray[np.float32] = depth + std.astype(np.float32) * rng.standard_normal(depth.shape, dtype=np.float32)
-    return noisy
+        turned = np.nonzero(incidence < GRAZING_COS)
+        angle = np.arccos(np.clip(incidence[turned], STEEPEST_COS, 1.0))
+        far = np.where(np.isfinite(depth[turned]), depth[turned], np.float32(0.0))
+        steep = angle**2 / (np.sqrt(np.maximum(far, 0.1)) * (np.pi / 2 - angle) ** 2)
+        std[turned] = level.depth_grazing * np.where(angle > GRAZING_RAD, steep, 0.0)
+    return std

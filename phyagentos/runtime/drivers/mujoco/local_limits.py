@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.drivers.mujoco.local_limits_kernels import measure_rows, needs_restraint
 from phyagentos.runtime.drivers.mujoco.physics import Array, Physics
 from phyagentos.runtime.targets.wire import Command, Refused
 
@@ -73,14 +74,14 @@ class LocalLimits:
         self._top = SPEED_SHARE * self._velocity
         self._middle = 0.5 * (self.low + self.high)
         room = 0.5 * (self.high - self.low) - self._top**2 / (2.0 * self._brake)
-        self._free, self._look = np.array((self._lead_s * self._top, room)), np.empty((2, len(arm.joints)))
+        self._free_step, self._free_room = self._lead_s * self._top, room
         self._box = np.array(profile.workspace_m) if profile.workspace_m is not None else None
         top, a_dt, none = SET_POINT_SHARE * self._velocity, self._brake * dt, np.zeros(len(arm.joints))
         change = (1.0 + CHANGE_TOLERANCE) * a_dt
         bend = (1.0 + BEND_TOLERANCE) * a_dt * dt
         self._bounds = np.array((none, none, top, top * dt, bend, change, change * dt))[:, None]
         self._found = np.empty((len(BROKEN), *self._shape))
-        self._positions, self._velocities, self._steps = np.empty((3, n_steps + 1, len(arm.joints)))
+        self._rows = np.empty((2, n_steps + 1, len(arm.joints)))  # positions and velocities, behind those that are held
 
     def check(self, command: Command, held: SetPoint) -> Refused | None:
         """Refusal of a command that cannot be followed from the held set-point within the limits."""
@@ -111,19 +112,10 @@ class LocalLimits:
 
     def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
         """The broken bound, empty for none: one comparison for all bounds, sudden changes of one joint included."""
-        positions, velocities, steps, found = self._positions, self._velocities, self._steps, self._found
-        positions[0], velocities[0], steps[0] = held.q_rad, held.qd_rad_s, held.step_rad
-        positions[1:], velocities[1:] = q, qd
-        with np.errstate(invalid="ignore", over="ignore"):
-            np.subtract(positions[1:], positions[:-1], out=steps[1:])
-            found[2], found[3] = qd, steps[1:]
-            np.subtract(steps[1:], steps[:-1], out=found[4])
-            np.subtract(velocities[1:], velocities[:-1], out=found[5])
-            np.subtract(steps[1:], 0.5 * (velocities[1:] + velocities[:-1]) * self._dt, out=found[6])
-            np.abs(found[2:], out=found[2:])
-            np.subtract(self.low, q, out=found[0])
-            np.subtract(q, self.high, out=found[1])
-            is_within = found <= self._bounds
+        rows = self._rows
+        rows[0, 0], rows[1, 0], rows[0, 1:], rows[1, 1:] = held.q_rad, held.qd_rad_s, q, qd
+        measure_rows(rows, held.step_rad, self.low, self.high, self._dt, self._found)
+        is_within = self._found <= self._bounds
         if np.count_nonzero(is_within) == is_within.size:
             return ""
         return BROKEN[int(np.argmin(is_within.all(axis=(1, 2))))]
@@ -161,11 +153,8 @@ class LocalLimits:
         velocity limit, and by sqrt(2 a d) at a distance d from the end of its range, a being its braking deceleration.
         """
         data, servos = self._physics.data, self._physics.servos
-        q, wanted, look = data.qpos[self._physics.q_address], data.ctrl[servos], self._look
-        np.subtract(wanted, q, out=look[0])
-        np.subtract(q, self._middle, out=look[1])
-        np.abs(look, out=look)
-        if not np.count_nonzero(look > self._free):  # no joint is fast, and none is near its end
+        q, wanted = data.qpos[self._physics.q_address], data.ctrl[servos]
+        if not needs_restraint(q, wanted, self._middle, self._free_step, self._free_room):
             return
         up = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(self.high - q, 0.0)))
         down = np.minimum(self._top, np.sqrt(2.0 * self._brake * np.maximum(q - self.low, 0.0)))

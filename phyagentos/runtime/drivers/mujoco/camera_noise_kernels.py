@@ -1,0 +1,48 @@
+"""What a camera measures pixel by pixel, compiled by numba; every random number comes from `camera_noise`."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def shift_places(shifts, every, std_px):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Rows and columns (height, width) of shifted pixels."""
+    _, height, width = shifts.shape
+    rows, columns = np.empty((height, width), np.intp), np.empty((height, width), np.intp)
+    for row in range(height):
+        for column in range(width):
+            down, right = np.rint(shifts[0, row, column] * std_px), np.rint(shifts[1, row, column] * std_px)
+            rows[row, column] = min(max(row * every + every // 2 + int(down), 0), height * every - 1)
+            columns[row, column] = min(max(column * every + every // 2 + int(right), 0), width * every - 1)
+    return rows, columns
+
+
+@njit(cache=True, nogil=True)
+def measure_depth(depth, incidence, drawn, numbers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """(height, width) in single precision; NaN where nothing was measured."""
+    (constant, quadratic, offset), (low, high, steepest), (dropout, unit) = numbers
+    noise, grazing, luck = drawn
+    measured = np.full(depth.shape, np.float32(np.nan), np.float32)
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            here = depth[row, column]
+            if not np.isfinite(here):
+                continue
+            away = here - offset
+            std = np.float32(np.float64(constant + quadratic * (away * away)) + grazing[row, column])
+            here = here + std * noise[row, column]
+            if low <= here <= high and np.float64(incidence[row, column]) > steepest and luck[row, column] >= dropout:
+                measured[row, column] = np.rint(here / unit) * unit if unit > np.float32(0.0) else here
+    return measured
+
+
+@njit(cache=True, nogil=True)
+def measure_color(rgb, tint, std):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """(height, width, 3) in 256 steps."""
+    measured = np.empty(rgb.shape, np.uint8)
+    for row in range(rgb.shape[0]):
+        for column in range(rgb.shape[1]):
+            for channel in range(3):
+                value = np.rint(rgb[row, column, channel] * np.float32(255.0) + tint[row, column, channel] * std)
+                measured[row, column, channel] = np.uint8(min(max(value, np.float32(0.0)), np.float32(255.0)))
+    return measured

@@ -1,0 +1,30 @@
+"""What a target measures of every command and before every physics step, compiled by numba."""
+
+from numba import njit
+
+
+@njit(cache=True)
+def measure_rows(rows, step, low, high, dt, found):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Fills in `found` (7, k, n) in the order of `local_limits.BROKEN`.
+
+    `rows` (2, k + 1, n) are positions and velocities behind the held ones, to which the last `step` (n,) led.
+    """
+    for joint in range(rows.shape[2]):
+        before, slow, last = rows[0, 0, joint], rows[1, 0, joint], step[joint]
+        for k in range(found.shape[1]):
+            q, qd = rows[0, k + 1, joint], rows[1, k + 1, joint]
+            now = q - before
+            found[0, k, joint], found[1, k, joint] = low[joint] - q, q - high[joint]
+            found[2, k, joint], found[3, k, joint] = abs(qd), abs(now)
+            found[4, k, joint], found[5, k, joint] = abs(now - last), abs(qd - slow)
+            found[6, k, joint] = abs(now - 0.5 * (qd + slow) * dt)
+            before, slow, last = q, qd, now
+
+
+@njit(cache=True)
+def needs_restraint(q, wanted, middle, step, room):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+    """Whether a joint is fast, or near its end; asked before every physics step."""
+    found = False
+    for k in range(len(q)):
+        found |= abs(wanted[k] - q[k]) > step[k] or abs(q[k] - middle[k]) > room[k]
+    return found
