@@ -20,12 +20,12 @@ INVALID_OVERRIDE     `--set` names a place that is not in the file.
 INVALID_PARAMETER    An argument is of the wrong type or out of range.
 INVALID_VALUE        A value is of the wrong type or out of range.
 LIMITS_MISSING       safety.yaml lacks the target, or one of its limits.
-MISSING_KEY          A key that the format needs.
-MISSING_PARAMETER    An argument that the skill needs.
-MISSING_PORT         A port that the leaf or subtree needs.
+MISSING_KEY          A key that the format needs is missing.
+MISSING_PARAMETER    An argument that the skill needs is missing.
+MISSING_PORT         A port that the leaf or subtree needs is missing.
 MODEL_MISSING        A target names a model file that is not there.
 MODEL_UNREADABLE     MuJoCo cannot read a model file.
-ALIKE                A goal names one of some things that no picture tells apart; a warning.
+ALIKE                A goal names one of several things that look alike; a warning.
 NAME_MISMATCH        A name differs from that of its file or folder.
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
 NOT_ALIKE            Things that are called interchangeable have different forms or colours.
@@ -48,7 +48,7 @@ VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configur
 TWO_ACTIONS          A reactive composite has more than one child that takes time.
 UNKNOWN_JUDGE        An unknown judge.
 UNKNOWN_BLOCK        A document holds a block that it should not.
-UNKNOWN_KEY          A key that the format does not have.
+UNKNOWN_KEY          No key of this name in the format.
 UNKNOWN_KIND         No authored file is recognised by this name and content.
 UNKNOWN_LEAF         No leaf of this name.
 UNKNOWN_NOISE_LEVEL  No noise level of this name in sensors.yaml.
@@ -82,12 +82,12 @@ YAML_SYNTAX          The text is not YAML, or holds a value that does not fit it
 OPERATION = """
 GOAL_DIFFERS      A goal of this name was begun with another graph.
 NOT_A_WORKSPACE   The folder is no workspace.
-NOT_BY_HAND       A field that a hand edit may not change.
+NOT_BY_HAND       An edit by hand may not change this field.
 NOT_EXECUTED      The session never ran, so it cannot be run again.
 NOT_LATCHED       There is no latched emergency stop to reset.
 NO_JOURNAL        The workspace has no such partition of the journal.
 NO_SNAPSHOT       The session left no state of its start, so it cannot be run again.
-REASON_MISSING    A reset of the emergency stop without a reason.
+REASON_MISSING    A reset of the emergency stop needs a reason.
 SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 UNKNOWN_CODE      No error code of this name.
 UNKNOWN_ENTRY     Memory holds no lesson or fact of this name.
@@ -104,7 +104,7 @@ STORE = """
 BODY_UNREADABLE      The body of a record cannot be read.
 CHECKPOINT_UNUSED    The checkpoint fits no place in the journal and is not used.
 CHECKPOINT_WRONG     The checkpoint holds another state than the records before it lead to.
-END_TORN             The beginning of an unacknowledged batch; the next writer cuts it.
+END_TORN             A segment ends in an unacknowledged batch; the next writer cuts it.
 EVIDENCE_BUSY        Another process prunes the evidence.
 EVIDENCE_UNREADABLE  A bundle lacks a file, or holds one that cannot be read.
 EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
@@ -126,7 +126,7 @@ NOTHING_OBSERVED     ENVIRONMENT.md holds no snapshot yet.
 POINTER_BROKEN       A snapshot points at pixels that no look of its bundle holds.
 RECORDS_MISSING      Records that were given a number are gone.
 RECORD_DAMAGED       A record is not as it was written.
-RECORD_ILLEGAL       A record that the lifecycle does not allow there.
+RECORD_ILLEGAL       The lifecycle does not allow a record there.
 RECORD_TOO_LARGE     A record is larger than a journal line may be.
 SEGMENT_MISLINKED    A segment does not fit the one before it.
 SEGMENT_TWICE        A segment stands in the partition and in the archive.
@@ -144,7 +144,7 @@ CLAMP_UNBOUNDED          A projection into range is asked for without a range.
 CONTRACT_MISMATCH        runtime_contract.yaml counts on another period, step, rate or mode than the target.
 ENDPOINT_INVALID         The endpoint of a policy is no address.
 ENTITY_UNKNOWN           An argument names a thing that is not in the world.
-FRAME_UNKNOWN            No transform leads from the source's frame to the target's.
+FRAME_UNKNOWN            A frame is not known, or no transform leads from it to the target's.
 GRIPPER_MISMATCH         One side commands a gripper that the other does not have.
 JOINT_MISSING            The target has a joint for which the source gives no value.
 JOINT_UNKNOWN            The source names a joint that the target does not have.
@@ -208,13 +208,13 @@ LOOKAHEAD_LOW           Too few of the imagined executions met the contract, so 
 NO_IK                   No joint posture reaches what is asked.
 NO_MODEL                The planner was asked before it was given a robot.
 NO_PATH_FOUND           No way between start and goals was found in the budget.
-NO_SLIDE                What shall be pulled or pushed open or closed is nothing that slides.
+NO_SLIDE                The thing to open or close does not slide.
 NO_SPACE                The destination is too small for the object.
 TILT                    No carrying motion within the tilt limit was found.
 TOO_SHORT               The way to push is shorter than the fingers need.
 TOO_TALL                The thing to push is taller than the hand can go behind.
 TOO_WIDE                The object is wider than the gripper opens.
-UNKNOWN_ENTITY          The name of something that the world does not hold.
+UNKNOWN_ENTITY          A request names something that the world does not hold.
 """
 
 EXECUTION = """
@@ -226,7 +226,7 @@ HOLD_VIOLATED           A condition that had to hold all through did not.
 LEAF_ERROR              A leaf failed by an error of its own.
 NOT_AT_START            A motion does not begin where the arm stands.
 NOT_VISIBLE             The object is believed, but was not seen.
-NO_PROGRESS             The tree runs, yet neither commands nor thinks; or longer than the contract allows.
+NO_PROGRESS             No control period passed for longer than allowed, or the tree neither commands nor plans.
 OUT_OF_TIME             A timeout of the tree ran out, in simulated time.
 POLICY_FAULT            The policy server reported a fault, or its answer cannot be read.
 POLICY_LOST             The policy server has gone, or has sent nothing for longer than the contract allows.
@@ -260,7 +260,7 @@ UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not."""
 
 HOPELESS = """
-AMBIGUOUS               Things that nothing tells apart: the contract asks which of them is which.
+AMBIGUOUS               The contract depends on which of several things that look alike is which.
 CANCELLED               An end was requested.
 CRITERIA_CONTRADICT     Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.
@@ -269,7 +269,7 @@ OBJECT_GONE             The object is not in the believed world.
 """
 
 SAFETY = """
-ABORTED             A command that waited for other targets of its world, when its session was to end.
+ABORTED             A command waited for other targets of its world, and its session was to end.
 CLAMPED             A value was projected into its range, as the contract declares.
 CLAMPED_GRIPPER     An opening was projected into the gripper's range, as safety.yaml allows.
 CLAMPED_JOINT       A joint set-point was projected into its range, as safety.yaml allows.
@@ -277,7 +277,7 @@ COLLISION           The commanded posture would touch something.
 COLLISION_STOP      The target stopped itself: a contact force was too large.
 DEADMAN             No command came in time while the arm moved; the target brought itself to rest.
 DISCONTINUOUS       A chunk jumps further than the target's velocity permits.
-DRIVES_OFF          The target's drives are off since a stop of category 1.
+DRIVES_OFF          A stop of category 1 ended the commands of the session.
 ESTOPPED            The emergency stop is latched.
 EXPIRED             The command came after its expiry.
 EXPIRY_TOO_LATE     The command would be valid for longer than allowed.
@@ -289,9 +289,9 @@ JOINT_POSITION      A joint set-point is outside its range.
 JOINT_VELOCITY      A joint set-point, or the difference of two rows, is too fast.
 KEEP_OUT            The tool centre point would enter a keep-out volume.
 NOT_FINITE          A set-point is NaN or infinite.
-PROTECTIVE_STOP     The target stopped itself and waits for a halt.
+PROTECTIVE_STOP     The target stopped itself: a joint or the tool was outside of its limits.
 RATE                Commands come faster than allowed.
-ROTATION_INVALID    Columns that should be a rotation are none.
+ROTATION_INVALID    The columns of a rotation do not form one.
 SAFETY_STOP         A safety layer stopped the execution.
 SESSION_LOST        The runtime gave a session up while its target waited in a shared world.
 SESSION_TOO_LONG    The session has been commanding for longer than allowed.

@@ -104,7 +104,7 @@ class AdmissionCache:
         self.segment = segment
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         if self._histories is not None:
             self._histories.close()
 

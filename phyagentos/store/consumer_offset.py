@@ -50,6 +50,6 @@ class ConsumerOffset:
         return records, cursor
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         if self._behind is not None:
             self._behind.close()

@@ -207,7 +207,7 @@ class Follower:
         return self._damage or damage(self.path, self.offset, f"record {self.seq + 1} is not as it was written")
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         for fd in (self._fd, self._lock_fd):
             if fd >= 0:
                 os.close(fd)

@@ -49,7 +49,7 @@ class Histories:
         self.close()
 
     def close(self) -> None:
-        """Let go of the index."""
+        """Close the index."""
         self.index.close()
 
     def find(self, id: str) -> list[Record]:

@@ -112,7 +112,7 @@ class HistoryIndex:
         ]
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
 
     def _discard(self) -> None:

@@ -200,7 +200,7 @@ class Journal:
             return records
 
     def close(self) -> None:
-        """Let go of the files; everything committed stays."""
+        """Close the files; everything committed stays."""
         with self._mutex:
             if self._writer.failure is None:
                 with contextlib.suppress(SyncFailedError):  # what was acknowledged stands without it

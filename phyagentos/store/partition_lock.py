@@ -86,7 +86,7 @@ class PartitionLock:
         announce_segment(self._fd, segment)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
@@ -96,7 +96,7 @@ class PartitionLock:
 
 
 def _choose_pause(waited_s: float) -> float:
-    """Doubled at first [s]; short for one that newcomers would overtake for ever; long where a holder is stuck."""
+    """Pause before the next try [s]: doubled at first, short again lest newcomers overtake, long for a stuck holder."""
     if waited_s >= _OLDEST_S:
         return _STUCK_S
     return _SHORT_S if waited_s >= _OLD_S else min(max(waited_s, _SHORT_S), _LONG_S)

@@ -111,7 +111,7 @@ class SegmentWriter:
             raise self.failure
 
     def close(self) -> None:
-        """Let go of the file; a wait that is under way ends first."""
+        """Close the file; a wait that is under way ends first."""
         with self._mutex:
             if self._fd >= 0:
                 os.close(self._fd)

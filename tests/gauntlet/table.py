@@ -18,7 +18,7 @@ without it, all of them are green. `pytest tests/gauntlet` proves both, within t
   source on the disk, and the cache of byte code, stay as they are.
 - Red means that the test's own question was answered with no. An error of import or collection, a fixture that breaks,
   a mistake in the bent lines and a test that runs out of time count as *not* red.
-- A lie whose lines are no longer found in the source is an error of the gauntlet, told by a fast test.
+- A lie whose lines are no longer found in the source is an error of the gauntlet, reported by a fast test.
 - `python -m tests.gauntlet` runs them all, or those that are named, and prints what each test said and the seconds it
   took. `python -m tests.gauntlet --write` renews this page, which a fast test compares with the register.
 

@@ -183,7 +183,7 @@ def _wants_state(skill: SkillRuntime, spec: NodeSpec) -> bool:
     """Whether a node wants a state of the world, which may be there already, rather than the act itself.
 
     The guarantees of its skill decide: a lasting state (`inside`, `closed`) is wanted for itself; a passing fact
-    (`visible`, `holding`), or none, is the mark of the act. Whoever measures the act (`metric`) wants it, too.
+    (`visible`, `holding`), or none, is the mark of the act. A node that measures the act (`metric`) wants the act, too.
     """
     promised = [parse_predicate(text, template=True) for text in skill.guarantees]
     return bool(promised) and all(each.is_lasting for each in promised) and not any(map(has_metric, spec.accept))

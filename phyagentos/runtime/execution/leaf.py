@@ -48,7 +48,7 @@ class FailureCode(StrEnum):
     NOT_AT_START = "NOT_AT_START"
     """A motion does not begin where the arm stands."""
     NO_PROGRESS = "NO_PROGRESS"
-    """The tree runs, yet neither commands nor thinks."""
+    """The tree runs, and neither commands nor plans."""
 
 
 class LeafError(PhyAgentOSError):

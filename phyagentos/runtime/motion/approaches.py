@@ -87,7 +87,7 @@ def find_approaches(
     job: Job,
     count: int,
 ) -> list[Approach]:
-    """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of death go to the job."""
+    """At most `count` approaches, the nearest to `q_rad` in joint space first; reasons of rejection go to the job."""
     with job.stage("ik"):
         hovers = [hover for way in ways for hover in _find_hovers(way, seeds, kinematics, scene, job)]
     hovers.sort(key=lambda hover: float(np.linalg.norm(hover.q_rad - q_rad)))

@@ -21,7 +21,7 @@ from phyagentos.runtime.motion.requests import Array, TimeScaling, Trajectory
 
 @contextmanager
 def _without_figures() -> Iterator[None]:
-    """Import without matplotlib: toppra loads it for figures that nobody draws here, half a second of every start."""
+    """Import without matplotlib, which toppra loads for figures that are not drawn here; it takes half a second."""
     empty = {name: ModuleType(name) for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules}
     sys.modules.update(empty)
     try:

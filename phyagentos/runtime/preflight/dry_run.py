@@ -52,7 +52,7 @@ PROOFS = {  # codes of the planner that prove a motion impossible -> code of the
     "NO_FREE_SITE": "NO_FREE_SITE",
     "UNKNOWN_ENTITY": "ENTITY_UNKNOWN",
 }
-REACH_REASONS = {"ik"}  # every candidate died of reach alone, none of a contact
+REACH_REASONS = {"ik"}  # every candidate was rejected for reach alone, none for a contact
 ON_AXIS_M = 1e-6
 _PASSED_OVER = STILL | {Role.MOVE}  # between grasp and place they move nothing but what is held
 _POINT = Parameter(type="point")

@@ -85,7 +85,7 @@ def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> I
     if contract.sampling_hz > rate_hz * (1.0 + RELATIVE_TOLERANCE):
         address = "runtime_contract.yaml: sampling_hz"
         asked_by = f"{by}: control_period_s"
-        fix = "The world is seen once in a control period."
+        fix = "Lower it: the world is observed once in a control period."
         yield make_problem("CONTRACT_MISMATCH", address, contract.sampling_hz, f"at most {rate_hz:g} Hz", asked_by, fix)
     steps = profile.control_period_s / profile.physics_step_s
     if not math.isclose(steps, max(round(steps), 1), rel_tol=RELATIVE_TOLERANCE):

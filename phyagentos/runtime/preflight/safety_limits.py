@@ -29,7 +29,7 @@ _OWN = (
     ("joint_acceleration_max", "acceleration_rad_s2"),
     ("joint_jerk_max", "jerk_rad_s3"),
 )
-_NARROW = "No session could do anything under it."
+_NARROW = "Widen it: no session could move under it."
 
 
 def iter_safety_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -180,7 +180,7 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
         found = f"{_show(low)} to {_show(high)}"
         expected = f"inside {_show(own_low)} to {_show(own_high)}"
         by = f"target {profile.target}: workspace_m"
-        fix = "The target stops by itself at its own box."
+        fix = "Put it inside the target's own box, at which the target stops by itself."
         yield make_problem("LIMIT_WIDER", _place(profile, "workspace_box"), found, expected, by, fix)
 
 

@@ -43,7 +43,7 @@ def iter_sensing_problems(
         used |= found
     for name, sensor in used.items():
         if name not in read:
-            fix = f"Name {name!r} in the pipeline that it feeds, or needs nothing of it."
+            fix = f"Name {name!r} in the pipeline that reads it, or drop what the skill needs of it."
             address = "perception.yaml: pipelines"
             yield make_problem("SENSOR_UNREAD", address, repr(name), format_names(read), by, fix)
         yield from iter_sensor_problems(name, sensor, profile, contract, by)
@@ -89,7 +89,7 @@ def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception,
                 if left_s > 0.0
                 else f"a latency below {perception.embedded.max_age_s:g} s"
             )
-            fix = "A picture is older than embedded.max_age_s of perception.yaml before the next one comes."
+            fix = "Raise it, or embedded.max_age_s of perception.yaml: a picture is too old before the next one comes."
             address = f"sensors.yaml: sensors.{name}.rate_hz"
             yield make_problem("SENSOR_RATE", address, sensor.rate_hz, expected, by, fix)
 
@@ -112,12 +112,12 @@ def iter_sensor_problems(
         )
     fastest_hz = 1.0 / profile.physics_step_s
     if sensor.modality in _SAMPLED and sensor.rate_hz < contract.sampling_hz * (1.0 - RATE_TOLERANCE):
-        fix = "Conditions are sampled more often than this sensor measures."
+        fix = "Raise it, or lower sampling_hz: conditions are sampled more often than this sensor measures."
         expected = f"at least {contract.sampling_hz:g} Hz"
         by = "runtime_contract.yaml: sampling_hz"
         yield make_problem("SENSOR_RATE", f"{place}.rate_hz", sensor.rate_hz, expected, by, fix)
     elif sensor.rate_hz > fastest_hz * (1.0 + RATE_TOLERANCE):
-        fix = "Nothing new can be measured between two steps of the physics."
+        fix = "Lower it: nothing changes between two steps of the physics."
         asked_by = f"target {profile.target}: physics_step_s"
         yield make_problem(
             "SENSOR_RATE", f"{place}.rate_hz", sensor.rate_hz, f"at most {fastest_hz:g} Hz", asked_by, fix

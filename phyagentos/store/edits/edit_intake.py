@@ -59,7 +59,7 @@ class EditIntake:
         return self.file.put(text)
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self.file.close()
         if self._operator is not None:
             self._operator.close()

@@ -67,7 +67,7 @@ class SharedFile:
         self._owner = _identify_process(str(os.getpid())) or f"{os.getpid()}.0"
 
     def close(self) -> None:
-        """Let go of the files; what came out and is undecided stays aside."""
+        """Close the files; what came out and is undecided stays aside."""
         os.close(self._last_fd)
 
     def adopt(self) -> None:

@@ -40,7 +40,7 @@ class SignalIntake:
         self._file.take(self._handle, at_once=at_once)
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._file.close()
 
     def _handle(self, data: bytes, _is_whole: bool) -> None:

@@ -75,7 +75,7 @@ class History:
         return len(records)
 
     def close(self) -> None:
-        """Let go of the journal."""
+        """Close the journal."""
         if self._follow is None:
             self._follower.close()
 

@@ -66,8 +66,8 @@ so records `force_n`, the greatest of each control period; for any other it is u
 def read_report(bundle: Bundle) -> Iterator[tuple[str, float]]:
     """Numbers of the trace and of the outputs, as reported ones, then those that the runtime counted."""
     execution = bundle.execution
-    for told in (*(event.numbers for event in bundle.trace), execution.outputs):
-        yield from ((REPORTED + name, value) for name, value in _iter_numbers(told))
+    for reported in (*(event.numbers for event in bundle.trace), execution.outputs):
+        yield from ((REPORTED + name, value) for name, value in _iter_numbers(reported))
     yield "sim_time_s", execution.sim_time_s
     yield "ticks", float(execution.ticks)
     yield "interventions", float(execution.interventions)

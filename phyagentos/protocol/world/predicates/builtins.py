@@ -153,7 +153,7 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, allowed_m: float)
 
 
 def _read_held(a: Entity) -> Reading:
-    """What a hand still holds goes where the hand goes next."""
+    """False: a thing that a hand still holds has no lasting place."""
     return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
 
 

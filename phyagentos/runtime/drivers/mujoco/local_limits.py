@@ -24,7 +24,7 @@ LOOKS_SLOW, LOOKS_FAST = (1.0,), (1.0, 0.5, 0.0)  # shares of the braking way at
 CHANGE_TOLERANCE = 0.15  # of two velocity rows against the acceleration limit; a little more than the guard's
 BEND_TOLERANCE = 0.30  # of second differences of position rows
 ROUNDING = 1e-6
-TOLD_STDS = 6.0  # of the encoders' noise: what a sender is told of a resting arm, and what the arm holds
+TOLD_STDS = 6.0  # of the encoders' noise: by so much a resting arm's reported posture may differ from the one it holds
 
 
 BROKEN = (  # what is measured of every row, in this order

@@ -157,7 +157,7 @@ class MovingSolids:
 
 @njit(cache=True, nogil=True)
 def _find_span(across, ahead, radius, focal, middle, size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """First and last-but-one pixel of the picture of a ball, along one side of a picture of some size."""
+    """First pixel that a ball covers along one side of a picture of `size` pixels, and the one after its last."""
     away, angle = hypot(across, ahead), atan2(across, ahead)
     half = asin(radius / away) if away > radius else pi  # pi: inside
     low, high = max(angle - half, -FLAT_RAD), min(angle + half, FLAT_RAD)

@@ -37,7 +37,7 @@ class FindOpening(Leaf):
         whole, part = found
         mechanism = whole.mechanism
         if mechanism is None or mechanism.kind != "slide":
-            return self.fail("NO_SLIDE", f"{whole.name} is nothing that slides open", object=whole.name)
+            return self.fail("NO_SLIDE", f"{whole.name} does not slide", object=whole.name)
         way = compute_way(whole, mechanism, self.read("opening"))
         x, y, z = (np.array(part.pose.position_m) + way).tolist()
         tool = compute_matrix(self.context.step.target.tcp)
