@@ -17,6 +17,7 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.belief import lose_sight
 from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
+from phyagentos.runtime.perception.displacement import DISPLACED
 from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.look import FrameSource, Look, Moment, RecordedFrames
@@ -41,7 +42,7 @@ class PerceivedWorld(WorldModel):
     """Perceives with cameras (`sensing: perceived`), of which the robot carries the `moving` ones.
 
     Frames older than `max_age_s` are ignored. A detector labels pixels instead of their colours. Pictures of `noisy`
-    sensors never repeat; those of others do while nothing moves.
+    sensors never repeat.
     """
 
     def __init__(
@@ -131,7 +132,8 @@ class PerceivedWorld(WorldModel):
             window = self._plan_window(carried, *self._find_regions(carried, things))
             if window is None:
                 return None
-        return Glance(things, window, self._plan_probe(time_s, PROBE_PERIOD_S))
+        regions = self._find_probe_regions(time_s, PROBE_PERIOD_S)
+        return Glance(things, window, Capture(cameras=tuple(regions), crops=regions) if regions else None)
 
     @override
     def read_glance(self, glance: Glance, frames: Sequence[Frames]) -> Environment | None:
@@ -209,7 +211,7 @@ class PerceivedWorld(WorldModel):
             camera: place
             for camera, health in carried.sensors.items()
             if camera not in self._moving
-            and health.status != "frozen"
+            and health.status not in {"frozen", DISPLACED}
             and (place := Extrinsics.find(health)) is not None
         }
         most = len(cameras) if hidden else GLANCE_CAMERAS
@@ -262,30 +264,22 @@ class PerceivedWorld(WorldModel):
 
     def _probe_cameras(self, time_s: float, period_s: float) -> None:
         """Mark frozen cameras in the belief; probes at most once in a period."""
-        if probe := self._plan_probe(time_s, period_s):
-            self._note_probe(self._capture(probe), time_s)
+        if regions := self._find_probe_regions(time_s, period_s):
+            self._note_probe(self._capture(Capture(cameras=tuple(regions), crops=regions)), time_s)
 
-    def _plan_probe(self, time_s: float, period_s: float) -> Capture | None:
-        """The windows of a probe, or whole pictures of cameras without noise; None within a period of the latest."""
+    def _find_probe_regions(self, time_s: float, period_s: float) -> dict[str, Crop]:
+        """The windows of a probe; none where the latest one is no older than a period."""
         belief = self._belief
-        if belief is None or not (regions := find_probe_regions(belief.sensors)):
-            return None
-        each = [belief.sensors[camera] for camera in regions]
-        latest_s = max(health.probed_s if self._noisy else health.time_s for health in each)
-        if time_s - latest_s <= max(period_s - SAME_S, SAME_S):
-            return None
-        if self._noisy:
-            return Capture(cameras=tuple(regions), crops=regions)
-        return Capture(cameras=tuple(regions)) if period_s > 0.0 else None  # the look itself shows whole pictures
+        if belief is None or not self._noisy:
+            return {}
+        regions = find_probe_regions(belief.sensors)
+        latest_s = max((belief.sensors[camera].probed_s for camera in regions), default=0.0)
+        return regions if time_s - latest_s > max(period_s - SAME_S, SAME_S) else {}
 
     def _note_probe(self, frames: Frames, time_s: float) -> None:
-        if self._belief is None:
-            return
-        if self._noisy:
+        if self._belief is not None:
             sensors = check_probes(frames, self._belief.sensors, time_s)
-        else:
-            _, sensors = self._get_pipeline().assess(frames, self._belief.sensors, time_s, self._find_state)
-        self._belief = msgspec.structs.replace(self._belief, sensors=sensors)
+            self._belief = msgspec.structs.replace(self._belief, sensors=sensors)
 
     def _take(self) -> Environment | None:
         """The belief, when it is of this episode."""
