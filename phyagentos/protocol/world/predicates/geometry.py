@@ -6,12 +6,19 @@ chapter 4 (support points).
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
-from phyagentos.geometry import UP, Pose, Vector, invert_rotation, multiply, rotate, to_child, to_parent
+from phyagentos.geometry import UP, Pose, Vector, compute_turn, invert_rotation, multiply, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 
 LEVEL_COS = 0.9  # of the steepest top on which things stand
 _AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_HALF = math.sqrt(0.5)
+_QUARTER_TURNS = tuple(
+    (w, x, y, z)
+    for w, x, y, z in product((0.0, 0.5, _HALF, 1.0, -0.5, -_HALF, -1.0), repeat=4)
+    if abs(math.hypot(w, x, y, z) - 1.0) < 1e-9 and len({abs(each) for each in (w, x, y, z) if each}) == 1
+)  # each of the 24 rotations that bring axes onto axes, as both of its quaternions
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
@@ -37,6 +44,25 @@ def compute_center(entity: Entity) -> Vector:
     """Centre of the entity's bounding box (taken in its own frame), in the world [m]."""
     x, y, z = (sum(compute_extent(entity, axis)) / 2 for axis in _AXES)
     return to_parent(entity.pose, (x, y, z))
+
+
+def compute_least_turn(now: Entity, was: Entity, doubt_m: float) -> float:
+    """Least angle [rad] by which a thing may have turned, where a quarter turn of its box shows no more than a doubt.
+
+    A quarter turn brings each side onto another one; where these differ by less than `doubt_m`, it may have been made,
+    or may be none but a mistake of the measurement.
+    """
+    turned_rad = compute_turn(now.pose, was.pose)
+    if len(now.shapes) != 1 or now.shapes[0].kind is not ShapeKind.BOX:
+        return turned_rad
+    half_m, own = now.shapes[0].size_m, now.shapes[0].pose.quaternion_wxyz
+    box = Pose(now.pose.position_m, multiply(now.pose.quaternion_wxyz, own))
+    for quarter in _QUARTER_TURNS:
+        turned_m = [abs(each) for each in rotate(quarter, half_m)]
+        if max(abs(one - other) for one, other in zip(turned_m, half_m, strict=True)) <= doubt_m:
+            before = multiply(multiply(was.pose.quaternion_wxyz, own), quarter)
+            turned_rad = min(turned_rad, compute_turn(box, Pose(was.pose.position_m, before)))
+    return turned_rad
 
 
 def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: float) -> float | None:
