@@ -128,7 +128,7 @@ def run_agent(
 
 
 def _log(text: str) -> None:
-    sys.stderr.write(f"{text}\n")
+    print(text, file=sys.stderr)  # noqa: T201 - the agent's log
 
 
 def _cancel_on_signal(cancel: Callable[[], None]) -> None:

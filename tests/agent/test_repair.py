@@ -33,6 +33,7 @@ from phyagentos.protocol.world.environment import (
     Region,
     Shape,
     ShapeKind,
+    Status,
     TargetState,
 )
 
@@ -287,6 +288,20 @@ def test_what_two_looks_did_not_decide_ends_there(shipped):
     chosen = propose(make_case(shipped, Cause.UNDECIDABLE, later=looks))
     assert chosen.kind is AlternativeKind.GIVE_UP
     assert "2 looks did not decide it" in chosen.because
+
+
+def test_what_two_looks_did_not_show_is_not_tried_as_if_it_were_seen(shipped):
+    looks = tuple(
+        SessionStatus(
+            contract=make_contract(id=SessionId(f"g.red.r{n}"), skill="inspect", purpose="inspect"), state="replanned"
+        )
+        for n in (1, 2)
+    )
+    world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02), status=Status.HIDDEN))
+    assert propose(make_case(shipped, Cause.OBJECT_HIDDEN, later=looks)).kind is AlternativeKind.RETRY
+    chosen = propose(make_case(shipped, Cause.OBJECT_HIDDEN, later=looks, world=world))
+    assert chosen.kind is AlternativeKind.GIVE_UP
+    assert "2 looks have not shown that visible(red_cube)" in chosen.because
 
 
 def test_another_way_to_clear_is_taken_when_the_first_one_did_not_help(shipped):

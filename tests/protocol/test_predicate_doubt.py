@@ -1,5 +1,7 @@
 """What the measurement could turn over is unknown: margins from stated uncertainty."""
 
+import math
+
 import msgspec
 import pytest
 from hypothesis import given
@@ -188,3 +190,43 @@ def test_a_metric_with_an_error_is_unknown_near_its_bound(force_n, found):
     view = View(now=world(), metrics={"peak_force_n": force_n, "peak_force_n_error": 2.0})
 
     assert parse_predicate("metric(peak_force_n) <= 40").evaluate(view).truth is found
+
+
+@pytest.mark.parametrize("text", ["inside(a, tray)", "not moved(a)", "visible(a)", "count(inside(*, tray)) >= 2"])
+def test_a_pose_that_hardly_fits_is_no_fact_until_another_look(text):
+    names = {"a": cube("a", 0.5, z=0.03, confidence=0.3), "b": cube("b", 0.5, 0.02, 0.03)}
+    surely = world(msgspec.structs.replace(names["a"], confidence=0.9), names["b"], tray(), sensing="perceived")
+    hardly = world(*names.values(), tray(), sensing="perceived")
+    assert truth(text, surely, surely) is Truth.TRUE
+    found = value(text, hardly, hardly)
+    assert (found.truth, found.is_blurred) == (Truth.UNKNOWN, True)
+
+
+def test_what_was_not_seen_at_all_is_unknown_and_no_matter_of_sharpness():
+    found = value("inside(a, tray)", world(cube("a", 0.5, status=Status.HIDDEN), tray(), sensing="perceived"))
+    assert (found.truth, found.is_blurred) == (Truth.UNKNOWN, False)
+
+
+def test_of_unnamed_things_a_star_covers_those_of_now():
+    before = world(cube("a"), cube("unknown_1", 0.2, kind="unknown"), tray(), sensing="perceived")
+    noise, gone = world(cube("a"), tray(), sensing="perceived"), cube("unknown_1", kind="unknown", status=Status.GONE)
+    assert truth("not inside(*, tray)", noise, before) is Truth.TRUE
+    assert truth("not inside(*, tray)", world(cube("a"), gone, tray(), sensing="perceived"), before) is Truth.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("half_m", "degrees", "expected"),
+    [
+        ((0.020, 0.021, 0.006), 91.0, Truth.UNKNOWN),  # its sides differ by less than the measurement may be off
+        ((0.020, 0.021, 0.006), 50.0, Truth.FALSE),
+        ((0.020, 0.028, 0.006), 91.0, Truth.FALSE),
+    ],
+)
+def test_a_quarter_turn_of_what_is_nearly_square_is_not_known(half_m, degrees, expected):
+    shapes, turned = (Shape(ShapeKind.BOX, half_m),), math.radians(degrees)
+    now = Pose((0.5, 0.0, 0.03), (math.cos(turned / 2), 0.0, 0.0, math.sin(turned / 2)))
+    before = world(cube("a", 0.5, z=0.03, shapes=shapes), sensing="perceived")
+    after = world(cube("a", pose=now, shapes=shapes), sensing="perceived")
+    assert truth("not moved(a)", after, before) is expected
+    exact = [msgspec.structs.replace(each, sensing="truth") for each in (after, before)]
+    assert truth("not moved(a)", *exact) is Truth.FALSE

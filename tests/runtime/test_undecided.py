@@ -11,7 +11,7 @@ from phyagentos.clock import ManualClock
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
-from phyagentos.runtime.execution.open_criteria import find_open_criteria
+from phyagentos.runtime.execution.open_criteria import find_open_criteria, is_blurred, is_start_blurred
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import VERDICT_S, Supervision, TargetSupervisor
 from phyagentos.store.ledger import Ledger
@@ -46,6 +46,22 @@ def test_so_is_what_it_covers_by_a_star(text):
     session = msgspec.structs.replace(SESSION, accept=(text,))
     assert find_open_criteria(session, make_world()) == ()
     assert find_open_criteria(session, make_world(observed_at_s=8.0)) == ("red_cube",)
+
+
+@pytest.mark.parametrize(
+    ("text", "cube", "ends", "begins"),
+    [
+        ("at(red_cube, (0, 0, 0), 0.05)", {}, False, False),
+        ("at(red_cube, (0.049, 0, 0), 0.05)", {}, True, False),
+        ("at(red_cube, (0, 0, 0), 0.05)", {"confidence": 0.3}, True, False),
+        ("at(red_cube, (0, 0, 0), 0.05)", {"visible": False}, False, False),
+        ("not moved(red_cube)", {}, False, False),
+        ("not moved(red_cube)", {"turn_std_rad": 0.1}, True, True),
+    ],
+)
+def test_what_another_look_may_sharpen_is_looked_at_again_before_and_after(text, cube, ends, begins):
+    session, world = msgspec.structs.replace(SESSION, accept=(text,)), make_world(**cube)
+    assert (is_blurred(session, world, world), is_start_blurred(session, world)) == (ends, begins)
 
 
 class Target:

@@ -18,7 +18,7 @@ from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.sessions.verdicts import Criterion, Support
-from phyagentos.protocol.world.environment import Environment, Status
+from phyagentos.protocol.world.environment import SURE, Environment, Status
 from phyagentos.protocol.world.predicates.builtins import MOVED_M
 from phyagentos.protocol.world.predicates.predicate import find_entities, find_formula, find_things
 from phyagentos.protocol.world.predicates.syntax import And, Call, Formula, Not, render
@@ -28,7 +28,6 @@ DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
 GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
 FELL_M = 0.1  # nor is one that lies so much lower
 ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
-SURE = 0.7  # least confidence of a pose that shows an object out of reach
 
 HOPELESS = frozenset(cause for cause in Cause if CODES[cause].retry is Retry.NEVER)
 """Causes that another attempt cannot mend."""
@@ -265,6 +264,8 @@ def _judge_completed(
             return Cause.AMBIGUOUS, f"{ambiguous.text} is unknown: {ambiguous.because}"
         after, now = bundle.after, timeline.now
         if after is not None and now is not None and now.visible and not after.shows(now.name):
+            if now.is_unsure:
+                return Cause.OBJECT_HIDDEN, after.explain_unseen(now)
             age_s = after.time_s - now.observed_at_s
             return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
         cause = Cause.UNDECIDABLE if _is_all_seen(unknown, bundle) else Cause.EVIDENCE_MISSING

@@ -260,7 +260,7 @@ class Recovery:
             return None
         if "visible" in unmet:
             thing = world.find_movable(subject.contract.parameters.values())
-            cause = Cause.OBJECT_HIDDEN if thing is not None and not world.entities[thing].visible else None
+            cause = Cause.OBJECT_HIDDEN if thing is not None and not world.shows(thing) else None
         elif "holding" in unmet:
             cause = Cause.GRASP_LOST
         return Miss.of_refusal(subject, cause, world) if cause is not None else None

@@ -9,7 +9,7 @@ from phyagentos.agent.repair.case import Case
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
-from phyagentos.agent.repair.repetition import find_repeated
+from phyagentos.agent.repair.repetition import find_repeated, find_unseen
 from phyagentos.agent.repair.resume_held import propose_resume_held
 from phyagentos.agent.repair.retrying import propose_retry
 
@@ -59,7 +59,9 @@ class GraphRepair:
 
 
 def _weigh(case: Case, alternative: Alternative) -> Alternative:
-    """The alternative, without a chance where it would only repeat what failed."""
+    """The alternative, without a chance where it would only repeat what failed, or be refused."""
     revision = alternative.revision
-    repeated = find_repeated(case, revision) if revision is not None and alternative.chance > 0.0 else ""
-    return replace(alternative, chance=0.0, because=repeated) if repeated else alternative
+    if revision is None or alternative.chance <= 0.0:
+        return alternative
+    vain = find_repeated(case, revision) or find_unseen(case, revision)
+    return replace(alternative, chance=0.0, because=vain) if vain else alternative

@@ -10,7 +10,7 @@ from phyagentos.agent.goals.compiler import Revision
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, find_failed_leaf
 from phyagentos.agent.repair.case import Case
-from phyagentos.agent.repair.looking import PURPOSE
+from phyagentos.agent.repair.looking import LOOKS_MAX, PURPOSE
 from phyagentos.agent.repair.regressions import acts
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
@@ -18,6 +18,7 @@ from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.predicates.predicate import View, find_things, parse_predicate
+from phyagentos.protocol.world.predicates.syntax import iter_calls
 from phyagentos.protocol.world.truth import Truth
 
 _OF_PLANS = frozenset({Cause.NO_PLAN, Cause.IMPOSSIBLE, Cause.ADAPTER_REFUSED})
@@ -37,6 +38,18 @@ def find_repeated(case: Case, revision: Revision) -> str:
             and (cause := _find_lasting_cause(case, status, revision.strategy))
         ):
             return f"{status.contract.id} ended with {cause} in the same way, and the world is as it was"
+    return ""
+
+
+def find_unseen(case: Case, revision: Revision) -> str:
+    """What a child has to see that the stated number of looks has not shown; empty where it may be seen."""
+    if revision.purpose == PURPOSE or case.world is None or len(case.find_prepared(PURPOSE)) < LOOKS_MAX:
+        return ""
+    requires = case.session.requires if revision.requires is None else revision.requires
+    for predicate in map(parse_predicate, requires):
+        is_sight = all(call.name == "visible" for call in iter_calls(predicate.formula))
+        if is_sight and (seen := predicate.evaluate(View(now=case.world))).truth is not Truth.TRUE:
+            return f"{LOOKS_MAX} looks have not shown that {predicate.text}: {seen.because}"
     return ""
 
 

@@ -17,6 +17,8 @@ REST_S = 0.25  # a thing that two looks so far apart show in one place rests
 GRIP_N = 5.0  # a lighter pressure is the friction of the drive
 CLOSED_M = 0.002  # fingers that are less apart press on each other
 LIFTED_M = 0.02  # a thing that was taken so far was lifted, not pressed
+SURE = 0.65  # confidence below which a look does not show where a thing is, or that it is this one
+UNNAMED = "unknown"  # kind of a thing outside the inventory
 FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
 AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
 
@@ -119,7 +121,6 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         looks: So many measurements its pose is the mean of; of a held thing, so many looks have shown it in the hand
             since it was lifted.
         position_std_m: Standard deviation of its position as the measurement states [m]; 0 when not stated.
-        size_std_m: The same of each side of the box that stands for a thing of unknown form [m].
         turn_std_rad: The same of its orientation [rad], among those that look alike the one that was chosen.
         tilt_std_rad: The same of the angle of its z axis to the vertical [rad], over all that look alike.
         lean_rad: (3,) turn in the world from the stated orientation to the one that pixels alone give [rad]; a thing is
@@ -153,13 +154,17 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     taken_at_m: tuple[float, float, float] | None = None
     looks: int = 0
     position_std_m: float = 0.0
-    size_std_m: float = 0.0
     turn_std_rad: float = 0.0
     tilt_std_rad: float = 0.0
     lean_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     evidence: tuple[str, ...] = ()
     alternatives: tuple[str, ...] = ()
     named_at_s: float = 0.0
+
+    @property
+    def is_unsure(self) -> bool:
+        """Whether a look found it, and so little fits that it may be elsewhere, or another thing."""
+        return self.status is Status.SEEN and not self.confidence >= SURE
 
 
 class Region(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -228,10 +233,10 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
     Attributes:
         status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `dark` (no depth
-            at all), `missing`, `unread` (no detector could read it).
+            at all), `displaced` (what it shows lies beside what others show), `missing`, `unread` (no detector could
+            read it).
         time_s: Stamp of its latest frame [s].
         digest: Hash of its latest whole frame.
-        shown_rad: (n_joints,) of the robot when it first gave that frame [rad]; empty where noise renews all frames.
         since_s: When it came to this status [s].
         detail: In words, or the target's own code.
         pose: `world_T_camera` that came with that frame, in OpenCV's convention.
@@ -244,7 +249,6 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     status: str = "live"
     time_s: float = 0.0
     digest: str = ""
-    shown_rad: tuple[float, ...] = ()
     since_s: float = 0.0
     detail: str = ""
     pose: Pose | None = None
@@ -319,7 +323,7 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         """Why the snapshot does not show where a thing is now; empty where it does.
 
         The one rule of freshness. A fixed thing cannot have changed, a held one is felt. Anything else was seen in the
-        look of the snapshot: neither hidden nor gone, and at most `FRESH_S` (or `max_age_s`) before it.
+        look of the snapshot: neither hidden nor gone, at most `FRESH_S` (or `max_age_s`) before it, and surely.
         """
         if not entity.movable:
             return ""
@@ -332,6 +336,8 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
             return f"{entity.name} was last seen {age_s:.1f} s before, allowed are {allowed_s:g} s"
         if entity.status not in {Status.SEEN, Status.HELD}:
             return f"{entity.name} was {entity.status} in this look, last seen {age_s:.1f} s before"
+        if entity.is_unsure:
+            return f"{entity.name} was seen with a confidence of {entity.confidence:.2f}, least is {SURE:g}"
         return ""
 
 

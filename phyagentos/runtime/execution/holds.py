@@ -91,6 +91,11 @@ class HoldMonitor:
         self._peaks |= {PEAK_FORCE: force_n, PEAK_FORCE_ERROR: step.contact_force_error_n}
         return self._evaluate(self._felt, observe(BELIEF)) if self._felt else None
 
+    def shows_violation(self, now: Environment) -> bool:
+        """Whether a look at no more than it needs shows a condition that is false: a reason to look at everything."""
+        view = self._view(now)
+        return not self.need.everything and any(each.evaluate(view).truth is Truth.FALSE for _, each in self._seen)
+
     def sample(self, now: Environment, look: Look | None = None, *, is_last: bool = False) -> Criterion | None:
         """Evaluate what can be seen; returns the first condition that is false.
 
@@ -108,13 +113,7 @@ class HoldMonitor:
         is_last: bool = False,
     ) -> Criterion | None:
         violated: Criterion | None = None
-        view = View(
-            now=now,
-            initial=self._initial,
-            target=self._target,
-            metrics=self._peaks,
-            interchangeable=self._interchangeable,
-        )
+        view = self._view(now)
         for text, predicate in predicates:
             evaluation = predicate.evaluate(view)
             if evaluation.truth is not Truth.UNKNOWN:
@@ -133,6 +132,15 @@ class HoldMonitor:
             if evaluation.truth is Truth.FALSE and violated is None:
                 violated = _to_criterion(text, evaluation, now.time_s)
         return violated
+
+    def _view(self, now: Environment) -> View:
+        return View(
+            now=now,
+            initial=self._initial,
+            target=self._target,
+            metrics=self._peaks,
+            interchangeable=self._interchangeable,
+        )
 
     def _keep(self, text: str, role: LookRole, look: Look | None) -> None:
         if look is not None:

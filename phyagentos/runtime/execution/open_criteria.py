@@ -5,7 +5,8 @@ The watchdog keeps the target free until the verdict: the agent may have to look
 
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.predicates.predicate import find_things
+from phyagentos.protocol.world.predicates.predicate import find_things, parse_predicate
+from phyagentos.protocol.world.predicates.syntax import iter_calls
 
 
 def find_open_criteria(session: Session, after: Environment) -> tuple[str, ...]:
@@ -20,6 +21,24 @@ def find_moving(session: Session, after: Environment) -> tuple[str, ...]:
     """Entities of the acceptance that were seen and not shown to rest, in order of mention."""
     seen = (after.entities[name] for name in _find_things(session, after) if name in after.entities)
     return tuple(each.name for each in seen if not after.explain_unseen(each) and after.explain_motion(each))
+
+
+def is_blurred(session: Session, initial: Environment, now: Environment) -> bool:
+    """Whether a criterion is unknown by the doubt of a measurement, which another look may lessen."""
+    view = session.make_view(now, initial)
+    return any(parse_predicate(text).evaluate(view).is_blurred for text in (*session.accept, *session.hold))
+
+
+def is_start_blurred(session: Session, initial: Environment) -> bool:
+    """Whether a later `moved` could not be decided, however sharp the look then."""
+    texts = [text for text in (*session.accept, *session.hold) if _compares(text)]
+    view = session.make_view(initial, initial)
+    return any(parse_predicate(text).evaluate(view).is_blurred for text in texts)
+
+
+def _compares(text: str) -> bool:
+    """Whether a criterion compares with the beginning."""
+    return any(call.name == "moved" for call in iter_calls(parse_predicate(text).formula))
 
 
 def _find_things(session: Session, after: Environment) -> tuple[str, ...]:

@@ -269,7 +269,7 @@ def _fill(thing: ObjectModel, entities: dict[str, Entity], filled: Mapping[str, 
     pose = as_pose(rotation, rotation @ offset + np.array(vessel.pose.position_m))
     if filled.get(vessel.name):
         entities[thing.name] = msgspec.structs.replace(
-            thing.template, pose=pose, observed_at_s=time_s, status=Status.SEEN, confidence=0.6, source=FILLING, looks=1
+            thing.template, pose=pose, observed_at_s=time_s, status=Status.SEEN, confidence=0.7, source=FILLING, looks=1
         )
     elif entity is not None and entity.source == FILLING and vessel.status in (Status.HELD, Status.HIDDEN):
         entities[thing.name] = msgspec.structs.replace(entity, pose=pose, status=Status.HIDDEN, confidence=0.4)

@@ -64,7 +64,6 @@ def place_drawers(drawers: Mapping[str, Drawer], entities: Mapping[str, Entity])
             confidence=part.confidence,
             source=part.source,
             looks=part.looks,
-            position_std_m=part.position_std_m,
             evidence=part.evidence,
         )
     return placed

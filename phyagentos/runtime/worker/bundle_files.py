@@ -26,7 +26,7 @@ class BundleFiles:
         try:
             stamp = self._link(path, data) or _create(path, data)
         except FileExistsError:
-            Path(path).unlink()
+            os.unlink(path)  # noqa: PTH108 - a dozen files a session
             stamp = self._link(path, data) or _create(path, data)
         if len(data) < SHARED_BYTES:  # larger files are shared when the bundle is sealed
             self._written[data] = path, stamp

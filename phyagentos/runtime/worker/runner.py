@@ -3,7 +3,7 @@
 The outcome of a session is read from the world at rest, not from its skill.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -23,7 +23,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import LeafError
 from phyagentos.runtime.execution.loop import Cancel, Outcome, SessionLoop
-from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria
+from phyagentos.runtime.execution.open_criteria import find_moving, find_open_criteria, is_blurred, is_start_blurred
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime, TickResult
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.targets.wire import RecordedFault, Step
@@ -31,7 +31,7 @@ from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
-REST_WAIT_S = 2.0  # of simulated time, for which the end waits until what the acceptance speaks of rests
+LOOK_ON_S = 2.0  # of simulated time, for which is looked on at what does not rest, or is not seen sharply
 SETTLE_S = 0.3  # of simulated time, within which released things come to rest
 
 
@@ -121,7 +121,7 @@ class SessionRunner:
         if outcome.ended is not Ended.TARGET_LOST:
             run.heartbeat.publish("observing", run.loop.ticks, run.context.time_s)
             try:
-                faults = self._write_end(session, recorder, run.holds)
+                faults = self._write_end(session, recorder, run.holds, run.context.initial)
             except ExecutionError as error:
                 outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         self._write_course(run, faults)
@@ -156,7 +156,10 @@ class SessionRunner:
         handle = self._handle
         observation = handle.begin(session.id, epoch)
         self._world.enter(session.scene)
-        initial = self._world.observe(WORLD)
+        first = self._world.observe(WORLD)
+        initial = self._look_on(first, recorder, lambda now: is_start_blurred(session, now))
+        if initial is not first:
+            observation = handle.observe(snapshot=True)
         handle.guard_against(initial)
         self._provide_model(session, recorder)
         recorder.write_initial(observation, initial)
@@ -183,7 +186,8 @@ class SessionRunner:
         truth = weigh_before(session, now)
         try:
             if truth is Truth.UNKNOWN:
-                truth = weigh_before(session, self._wait_for_rest(session, now, run.recorder))
+                rested = self._look_on(now, run.recorder, lambda seen: bool(find_moving(session, seen)))
+                truth = weigh_before(session, rested)
         except ExecutionError as error:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         if truth is Truth.TRUE:
@@ -194,10 +198,10 @@ class SessionRunner:
             Outcome(ended=Ended.SKILL_FAILED, code=refused[0]["code"], message=refused[0]["found"]) if refused else None
         )
 
-    def _wait_for_rest(self, session: Session, now: Environment, recorder: Recorder) -> Environment:
-        """The world once what the acceptance speaks of rests, or after `REST_WAIT_S`."""
-        until_s = now.time_s + REST_WAIT_S
-        while now.time_s < until_s and find_moving(session, now):
+    def _look_on(self, now: Environment, recorder: Recorder, is_open: Callable[[Environment], bool]) -> Environment:
+        """The world once further looks have closed what is open, or after `LOOK_ON_S`."""
+        until_s = now.time_s + LOOK_ON_S
+        while now.time_s < until_s and is_open(now):
             settled = self._handle.settle(SETTLE_S)
             recorder.on_rest(settled)
             self._world.advance(settled)
@@ -240,11 +244,18 @@ class SessionRunner:
         return recorder.write_execution(_report(outcome, evidence))
 
     def _write_end(
-        self, session: Session, recorder: Recorder, holds: HoldMonitor | None = None
+        self,
+        session: Session,
+        recorder: Recorder,
+        holds: HoldMonitor | None = None,
+        initial: Environment | None = None,
     ) -> tuple[RecordedFault, ...]:
         """Observe and give authority back; the last snapshot is the last sample of the hold conditions, too."""
         observation, seen = self._handle.observe(snapshot=True), self._world.observe(WORLD)
-        after = self._wait_for_rest(session, seen, recorder)
+        before = initial or seen
+        after = self._look_on(
+            seen, recorder, lambda now: bool(find_moving(session, now)) or is_blurred(session, before, now)
+        )
         if after is not seen:
             observation = self._handle.observe(snapshot=True)
         recorder.write_terminal(observation, after)

@@ -134,7 +134,7 @@ SABOTAGES = (
     Sabotage(
         name="end_does_not_wait",
         lie="The last look is taken while things still roll.",
-        edits=(Edit("phyagentos.runtime.worker.runner", "REST_WAIT_S = 2.0", "REST_WAIT_S = 0.0"),),
+        edits=(Edit("phyagentos.runtime.worker.runner", "LOOK_ON_S = 2.0", "LOOK_ON_S = 0.0"),),
         tests=(
             "tests/runtime/test_runner.py::"
             "test_the_look_at_the_end_waits_a_while_for_what_the_acceptance_speaks_of_to_rest",
@@ -186,37 +186,11 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.sensor_health",
-                'if was is None:\n        return "live", ""',
-                'if True:\n        return "live", ""',
+                "if was is None or not noisy:",
+                "if True:",
             ),
         ),
         tests=(f"{BELIEF_TESTS}::test_a_frozen_picture_with_new_stamps_is_noticed_and_its_facts_age",),
-    ),
-    Sabotage(
-        name="still_picture_of_a_moving_arm_is_live",
-        lie="A camera without noise that shows the arm where it was is live.",
-        edits=(
-            Edit(
-                "phyagentos.runtime.perception.motion_in_view",
-                "return _count_absent(view, robot, state) > _count_absent(view, robot, then) + SAMPLES",
-                "return not view",
-            ),
-        ),
-        tests=(
-            "tests/runtime/perception/test_sensor_health.py::"
-            "test_without_noise_a_frozen_picture_is_told_by_the_motion_of_the_arm_and_a_still_scene_is_no_such",
-        ),
-    ),
-    Sabotage(
-        name="map_without_error",
-        lie="What things stand on is where the scene file has it, whatever depth shows.",
-        edits=(
-            Edit("phyagentos.runtime.perception.supports", "CONTRADICTED, AGREED = 4.0", "CONTRADICTED, AGREED = 1e9"),
-        ),
-        tests=(
-            "tests/runtime/perception/test_supports.py::"
-            "test_a_table_that_is_lower_or_leans_is_measured_and_so_is_what_stands_on_it[none--0.01-0.0]",
-        ),
     ),
     Sabotage(
         name="glance_confirms_blindly",
@@ -353,7 +327,7 @@ SABOTAGES = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.strangers",
-                "_fit_box(points[cluster], noise_m, map_solids, named) if len(cluster) >= POINTS_MIN else None",
+                "_fit_box(points[cluster], map_solids, named) if len(cluster) >= POINTS_MIN else None",
                 "None",
             ),
         ),
@@ -361,6 +335,36 @@ SABOTAGES = (
             "tests/runtime/perception/test_strangers.py::"
             "test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone[wood]",
         ),
+    ),
+    Sabotage(
+        name="guesses_are_facts",
+        lie="A pose that hardly fits what was seen is where the thing is.",
+        edits=(Edit("phyagentos.protocol.world.environment", "SURE = 0.65", "SURE = 0.0"),),
+        tests=("tests/protocol/test_predicate_doubt.py::test_a_pose_that_hardly_fits_is_no_fact_until_another_look",),
+    ),
+    Sabotage(
+        name="cameras_never_move",
+        lie="Every camera stands where it says.",
+        edits=(
+            Edit("phyagentos.runtime.perception.displacement", "OFF_M, TIMES = 0.005, 2.5", "OFF_M, TIMES = 1.0, 2.5"),
+            Edit("phyagentos.runtime.perception.displacement", "FAR_OFF_M = 0.010", "FAR_OFF_M = 1.0"),
+        ),
+        tests=(
+            "tests/runtime/perception/test_displacement.py::"
+            "test_a_camera_that_is_shifted_is_displaced_and_things_are_where_the_others_see_them",
+        ),
+    ),
+    Sabotage(
+        name="one_side_is_another",
+        lie="A thing that is nearly square was turned by a quarter where its measurement says so.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.world.predicates.builtins",
+                "else compute_least_turn(a, was, doubt_m)",
+                "else turned_rad",
+            ),
+        ),
+        tests=("tests/protocol/test_predicate_doubt.py::test_a_quarter_turn_of_what_is_nearly_square_is_not_known",),
     ),
     Sabotage(
         name="low_forecast_starts",

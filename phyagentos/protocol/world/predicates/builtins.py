@@ -14,12 +14,14 @@ from phyagentos.protocol.world.predicates.geometry import (
     compute_box_distance,
     compute_center,
     compute_grasp_width,
+    compute_least_turn,
     compute_lowest,
     find_tops_below,
 )
 from phyagentos.protocol.world.predicates.library import (
     Argument,
     ArgumentKind,
+    FactBlurred,
     FactUnknown,
     Place,
     PredicateDefinition,
@@ -37,6 +39,7 @@ UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 FALLEN_RAD = 0.79  # 45 degrees
 MOVED_M = 0.015  # settling and sensing noise stay below
 MOVED_RAD = math.radians(10)
+SAME_SIDE_M = 0.0005  # half sides that differ by less are equal
 PAD_M = 0.012  # half of a pad, and the error of a pose in the hand
 WIDTH_M = 0.006  # by which the opening may differ from what is between the pads, beside the stated doubt
 PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
@@ -134,7 +137,7 @@ def _find_sure_gap(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
         sure = _find_gap(view, a, b, FOOTPRINT_SLACK_M - doubt_m)
         possible = _find_gap(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
         if (sure is None) != (possible is None) and min(abs(g) for g in (sure, possible) if g is not None) <= near_m:
-            raise FactUnknown(f"whether {a.name} is above {b} is within what the measurement may be off")
+            raise FactBlurred(f"whether {a.name} is above {b} is within what the measurement may be off")
     return _find_gap(view, a, b, FOOTPRINT_SLACK_M)
 
 
@@ -236,12 +239,15 @@ def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
 
 
 def measure_visible(view: View, a: str) -> Reading:
-    """It was seen in this look, or cannot move. What was never seen is not visible: this one always knows."""
+    """It was seen in this look, or cannot move. What was never seen is not visible; what may be another, unknown."""
     entity = view.now.entities.get(a)
     if entity is None:
         return Reading(-1.0, {"visible": False}, f"{a} is not in the snapshot")
     age_s = view.now.time_s - entity.observed_at_s
-    seen = entity.visible and not view.now.explain_unseen(entity)
+    reason = view.now.explain_unseen(entity)
+    if reason and entity.is_unsure:
+        raise FactBlurred(reason)
+    seen = entity.visible and not reason
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
     )
@@ -276,11 +282,13 @@ def measure_moved(view: View, a: Entity) -> Reading:
     except FactUnknown as reason:
         raise FactUnknown(f"in the initial snapshot, {reason}") from reason
     moved_m = math.dist(a.pose.position_m, was.pose.position_m)
-    turned_rad = compute_turn(a.pose, was.pose)
+    is_exact = view.now.sensing == "truth"  # looks tell no side of a thing from one that is as long
+    turned_rad = compute_turn(a.pose, was.pose) if is_exact else compute_least_turn(a, was, SAME_SIDE_M)
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
     because = f"{a.name} moved {moved_m:.3f} m and turned {math.degrees(turned_rad):.1f} degrees"
     doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
-    least = max((moved_m - doubt_m) / MOVED_M, (turned_rad - doubt_rad) / MOVED_RAD)
+    least_rad = turned_rad if is_exact or turned_rad < MOVED_RAD else compute_least_turn(a, was, doubt_m)
+    least = max((moved_m - doubt_m) / MOVED_M, (least_rad - doubt_rad) / MOVED_RAD)
     most = max((moved_m + doubt_m) / MOVED_M, (turned_rad + doubt_rad) / MOVED_RAD)
     doubt = margin + 1.0 - least if margin >= 0 else most - 1.0 - margin
     return Reading(margin, {"moved_m": round(moved_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)

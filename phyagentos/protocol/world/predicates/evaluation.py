@@ -9,10 +9,11 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from phyagentos.protocol.world.environment import Pose
+from phyagentos.protocol.world.environment import UNNAMED, Pose
 from phyagentos.protocol.world.predicates.exchanges import find_agreed, iter_exchanged
 from phyagentos.protocol.world.predicates.library import (
     ArgumentKind,
+    FactBlurred,
     FactUnknown,
     Place,
     PredicateDefinition,
@@ -67,6 +68,7 @@ class Evaluation:
         margin: How far it is from turning over, without unit, negative when false; only differences between samples
             of the same predicate mean anything.
         alternatives: Names that cannot be told apart, where that makes it unknown.
+        is_blurred: Whether it is unknown by the doubt of a measurement, which another look may lessen.
     """
 
     truth: Truth
@@ -74,6 +76,7 @@ class Evaluation:
     because: str = ""
     margin: float = 0.0
     alternatives: tuple[str, ...] = ()
+    is_blurred: bool = False
 
     @property
     def order(self) -> tuple[int, float]:
@@ -122,7 +125,7 @@ def _evaluate(formula: Formula, view: View) -> Evaluation:
     try:
         return _evaluate_known(formula, view)
     except FactUnknown as reason:
-        return _unknown(str(reason))
+        return replace(_unknown(str(reason)), is_blurred=isinstance(reason, FactBlurred))
 
 
 def _evaluate_known(formula: Formula, view: View) -> Evaluation:
@@ -164,15 +167,17 @@ def _evaluate_number(call: Call, relation: str, bound: float, view: View) -> Eva
 def _evaluate_count(count: Count, relation: str, bound: float, view: View) -> Evaluation:
     """Between `sure` and `sure + open`: true or false when every number of that range agrees, else unknown."""
     names = _iter_range(count.body, view) if any(True for _ in iter_free_stars(count.body)) else [""]
-    values = [(name, _evaluate(_bind(count.body, name), view).truth) for name in names]
-    sure = [name for name, truth in values if truth is Truth.TRUE]
-    unsure = [name for name, truth in values if truth is Truth.UNKNOWN]
+    values = [(name, _evaluate(_bind(count.body, name), view)) for name in names]
+    sure = [name for name, each in values if each.truth is Truth.TRUE]
+    unsure = [name for name, each in values if each.truth is Truth.UNKNOWN]
     answers = {_RELATIONS[relation](n, bound) for n in range(len(sure), len(sure) + len(unsure) + 1)}
     truth = Truth.UNKNOWN if len(answers) == 2 else Truth.TRUE if answers.pop() else Truth.FALSE
     because = f"{render(count.body)} holds for {len(sure)}: {', '.join(sure) or 'none'}"
     because += f"; unknown for {', '.join(unsure)}" if unsure else ""
     measured: dict[str, float | str | bool] = {"count": len(sure), "unknown": len(unsure)}
-    return Evaluation(truth, measured, because, _compute_margin(len(sure), relation, bound))
+    is_blurred = truth is Truth.UNKNOWN and any(each.is_blurred for _, each in values)
+    margin = _compute_margin(len(sure), relation, bound)
+    return Evaluation(truth, measured, because, margin, is_blurred=is_blurred)
 
 
 def _compute_margin(value: float, relation: str, bound: float) -> float:
@@ -240,10 +245,14 @@ def _resolve(definition: PredicateDefinition, terms: Sequence[Term], view: View)
 
 
 def _iter_range(formula: Formula, view: View) -> list[str]:
-    """Movable things of the inventory, seen or not, that the formula does not name; in order of their names."""
+    """Movable things that the formula does not name, in order of their names.
+
+    Those of the inventory, seen or not; of the others those of now, which keeps each that was more than noise.
+    """
     named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
-    snapshots = (view.now, view.initial) if view.initial is not None else (view.now,)
-    return sorted({name for snapshot in snapshots for name in snapshot.list_movable()} - named)
+    before = view.initial or view.now
+    unnamed = {name for name, entity in before.entities.items() if entity.kind == UNNAMED}
+    return sorted(({*before.list_movable()} - unnamed | {*view.now.list_movable()}) - named)
 
 
 def _bind(formula: Formula, name: str, *, into_counts: bool = True) -> Formula:
@@ -257,7 +266,7 @@ def _bind(formula: Formula, name: str, *, into_counts: bool = True) -> Formula:
 
 def _doubt(reading: Reading) -> Evaluation:
     because = f"{reading.because}, which is within what the measurement may be off"
-    return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0)
+    return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0, is_blurred=True)
 
 
 def _unknown(because: str) -> Evaluation:

@@ -21,6 +21,10 @@ class FactUnknown(Exception):
     """The evidence is missing, not visible, or too old."""
 
 
+class FactBlurred(FactUnknown):
+    """The evidence is there, and not sharp enough: another look may decide."""
+
+
 class ArgumentKind(StrEnum):
     """What an argument names."""
 
@@ -171,7 +175,7 @@ def get_entity(view: View, name: str, max_age_s: float = FRESH_S) -> Entity:
     if entity is None:
         raise FactUnknown(f"{name} is not in the snapshot")
     if reason := view.now.explain_unseen(entity, max_age_s):
-        raise FactUnknown(reason)
+        raise (FactBlurred if entity.is_unsure else FactUnknown)(reason)
     return entity
 
 
