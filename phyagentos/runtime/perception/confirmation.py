@@ -22,6 +22,7 @@ from phyagentos.runtime.targets.wire import Frame
 LOOKS_MIN = 2  # a pose from one look alone is worth another fit
 LEAST_PIXELS = 12  # of its colour, on its surface
 SHOWN = 0.6  # of its surface that faces the camera: seen in its colour, at its depth
+MEASURED = 0.2  # of that surface: so much of it has a depth at least
 NEAR_M = 0.010  # of the believed surface
 OWN = 0.8  # of the pixels of its colour in the window: this near
 SHIFT_M, TURN_RAD = 0.003, 0.06  # one step of a fit that is less than this is noise
@@ -72,12 +73,17 @@ def confirm(
 def _measure_shown(
     thing: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], view: tuple[Array, Array]
 ) -> float:
-    """Share of the surface facing the camera that is seen as expected."""
+    """Share of the surface facing the camera that is seen as expected; 0 where too little of it was measured.
+
+    What has its colour but no depth, as many a pixel of glass, counts as what has its colour and a depth does.
+    """
     focal, size = (frame.fx, frame.fy, frame.cx, frame.cy), frame.depth_m.shape
     rows, columns, z, facing = project(thing.samples_m, thing.normals, pose, view, focal, size, FACING)
-    as_expected = np.abs(frame.depth_m[rows, columns] - z) < DEPTH_M  # what was not measured is not
-    as_expected &= is_among(labels[rows, columns], thing.colors)
-    return float(as_expected.sum() / max(facing, 1))
+    depth, own = frame.depth_m[rows, columns], is_among(labels[rows, columns], thing.colors)
+    expected, measured = np.count_nonzero(own & (np.abs(depth - z) < DEPTH_M)), np.count_nonzero(own & (depth > 0.0))
+    if expected < MEASURED * max(facing, 1):
+        return 0.0
+    return np.count_nonzero(own) / facing * expected / measured
 
 
 def _point_at(

@@ -21,10 +21,13 @@ GLANCE_S = 0.1
 
 
 class CountingHandle:
-    """Gives what the cameras of a stage show, and keeps what was asked for: how thinned, and how many pixels came."""
+    """Gives what the cameras of a stage show, and keeps what was asked for: how thinned, and how many pixels came.
+
+    A share `lost` of all pixels has no depth.
+    """
 
     def __init__(self, stage):
-        self.stage, self.asked, self.looks, self.latest = stage, [], 0, None
+        self.stage, self.asked, self.looks, self.latest, self.lost = stage, [], 0, None, 0.0
 
     def capture(self, cameras=(), crops=None, every=1):
         stage, crops = self.stage, crops or {}
@@ -34,6 +37,7 @@ class CountingHandle:
         for index, name in enumerate(cameras or stage.cameras):
             rng = np.random.default_rng((self.looks, index))
             found.append(stage.cameras[name].capture(data, stage.time_s, rng, crops.get(name), every=every))
+            found[-1].depth_m[rng.random(found[-1].depth_m.shape) < self.lost] = np.nan
         if crops and all(window[2:] != (12, 12) for window in crops.values()):
             self.asked.append((every, sum(frame.width * frame.height for frame in found)))
         return Frames(tuple(found))
@@ -93,6 +97,23 @@ def test_what_stands_still_is_confirmed_by_a_few_pixels_and_its_pose_stays(watch
     lens, place = stage.cameras[camera].mounting.lens, before.sensors[camera].pose
     assert place is not None
     assert (0 < left < left + width < lens.width, 0 < top < top + height < lens.height) == (True, True)
+
+
+@pytest.mark.parametrize(("lost", "most"), [(0.4, 1.3), (0.9, 3.0)])
+def test_a_thing_of_glass_is_confirmed_by_the_depth_that_it_has_and_found_where_it_was_moved(
+    watched, monkeypatch, lost, most
+):
+    stage, handle, glance = watched
+    monkeypatch.setattr(handle, "lost", lost)
+    looks = [glance("can") for _ in range(10)]
+    asked = len(handle.asked) / len(looks)
+    x_m, y_m, _ = stage.find("can")
+    stage.put("can", x_m + 0.012, y_m - 0.016)
+    after = glance("can").entities["can"]
+
+    assert most - 2.0 < asked < most
+    is_known_elsewhere = math.dist(after.pose.position_m, stage.find("can")) < 0.008
+    assert is_known_elsewhere or after.status is not Status.SEEN
 
 
 @pytest.mark.parametrize("by_m", [0.015, 0.02, 0.05])
