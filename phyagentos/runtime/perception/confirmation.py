@@ -83,7 +83,7 @@ def _measure_shown(
     expected, measured = np.count_nonzero(own & (np.abs(depth - z) < DEPTH_M)), np.count_nonzero(own & (depth > 0.0))
     if expected < MEASURED * max(facing, 1):
         return 0.0
-    return np.count_nonzero(own) / facing * expected / measured
+    return float(np.count_nonzero(own) / facing * expected / measured)
 
 
 def _point_at(
