@@ -2,12 +2,15 @@
 
 The way begins above, goes down behind the object, and straight on until its origin is at the goal. Two heights of
 contact, two distances behind the object and four turns of the hand are tried: across the push the hand is wide, along
-it narrow.
+it narrow. Where something is in the way of the object or of the hand, the first of several pushes around it is given.
 """
 
-from itertools import product
+from dataclasses import dataclass
+from itertools import pairwise, product
 
 import numpy as np
+from msgspec.structs import replace
+from scipy.sparse.csgraph import dijkstra
 
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Pose
@@ -17,10 +20,10 @@ from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import POLISHED, Kinematics
 from phyagentos.runtime.motion.lines import follow_waypoints
 from phyagentos.runtime.motion.planning_scene import PlanningScene, name_pair
-from phyagentos.runtime.motion.poses import point_tool_down, raise_pose
+from phyagentos.runtime.motion.poses import interpolate_poses, point_tool_down, raise_pose
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindPush, NoPlan
 from phyagentos.runtime.motion.robot_model import measure_fingers
-from phyagentos.runtime.motion.shapes import compute_entity_box, settle
+from phyagentos.runtime.motion.shapes import Box, compute_entity_box, compute_shape_boxes, settle
 
 STAND_OFFS_M = (0.03, 0.012)  # gaps between fingers and object before the push
 PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall things slide instead of falling over
@@ -30,6 +33,14 @@ OVER_M = 0.12  # height above the line at which the tool comes and goes
 TURNS_DEG = (0, 180, 90, 270)
 SHORTEST_M = 0.005  # a push shorter than this is none
 POSTURES = 4  # at which one way may begin
+ROUTE_STEP_M = 0.08  # between places that the object may be pushed by
+ROUTE_ASIDE_M = 0.3  # beyond start and goal
+ROUTE_TRIES = 40  # routes that are looked at
+PUSHES_MAX = 4
+PUSH_COST_M = 0.2  # of one more push, as a way
+CLEAR_M = 0.01  # between the object and what it passes, whichever way it turns
+CELL_M = 0.02  # of the map of what is beside
+TOP_BAND_M = 0.015  # between its lowest point and the top of what it stands on
 
 
 def find_push(
@@ -47,16 +58,165 @@ def find_push(
     least_m = min(PUSH_HEIGHT_M, max(gripper.fingertip_m + TIP_M, 0.5 * tall_m))
     heights_m = [least_m, *([HIGH_SHARE * tall_m] if HIGH_SHARE * tall_m > least_m else [])]
     bottom_m = compute_entity_box(settle(entity, request.world.entities)).bottom_m
-    seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
-    for height_m, stand_off_m, degrees in product(heights_m, STAND_OFFS_M, TURNS_DEG):
-        gap_m = stand_off_m + float(half_m[1 if degrees % 180 else 0])
-        poses = compute_push(entity, goal_m, gap_m, stand_off_m, bottom_m + height_m, np.radians(degrees))
-        label = f"push+{degrees:03d}.h{round(1e3 * height_m)}.d{round(1e3 * stand_off_m)}"
-        found = _find_ways(poses, label, seeds, kinematics, scene, job)
-        if found:
-            found.sort(key=lambda each: float(np.linalg.norm(each.line_rad[0] - request.q_rad)))
-            return Approaches(approaches=tuple(found[: request.count]), timing=job.timing, stages=job.stages)
-    return job.fail("NO_IK", f"No straight push brings {entity.name} there.")
+    strokes = _Strokes(
+        draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed),
+        bottom_m,
+        heights_m,
+        half_m,
+        kinematics,
+        scene,
+        job,
+    )
+    found = strokes.find(entity, goal_m)
+    if not found and entity.movable and not request.ignore:
+        floor = _Floor.of(entity, goal_m, bottom_m, bottom_m + tall_m, scene)
+        found = _find_first_of_several(entity, goal_m, floor, strokes)
+    if not found:
+        return job.fail("NO_IK", f"No push, straight or around obstacles, brings {entity.name} there.")
+    found.sort(key=lambda each: float(np.linalg.norm(each.line_rad[0] - request.q_rad)))
+    return Approaches(approaches=tuple(found[: request.count]), timing=job.timing, stages=job.stages)
+
+
+@dataclass(frozen=True, slots=True)
+class _Strokes:
+    """Straight pushes at `heights_m` above the lowest point of the object, with fingers of `half_m` (2,)."""
+
+    seeds: list[Array]
+    bottom_m: float
+    heights_m: list[float]
+    half_m: Array
+    kinematics: Kinematics
+    scene: PlanningScene
+    job: Job
+
+    def find(self, entity: Entity, to_m: Array) -> list[Approach]:
+        """Ways of the tool that push an entity until its origin is at a point (2,)."""
+        for height_m, stand_off_m, degrees in product(self.heights_m, STAND_OFFS_M, TURNS_DEG):
+            poses = self._compute(entity, to_m, height_m, stand_off_m, degrees)
+            label = f"push+{degrees:03d}.h{round(1e3 * height_m)}.d{round(1e3 * stand_off_m)}"
+            if found := _find_ways(poses, label, self.seeds, self.kinematics, self.scene, self.job):
+                return found
+        return []
+
+    def look_open(self, entity: Entity, to_m: Array) -> bool:
+        """Whether the tool reaches points of a push, a few centimetres apart, without a contact of the hand."""
+        self.job.checkpoint()
+        for degrees in TURNS_DEG:
+            poses = self._compute(entity, to_m, self.heights_m[0], STAND_OFFS_M[-1], degrees)
+            above, begin, end = map(compute_matrix, poses)
+            line = interpolate_poses(begin, end, ROUTE_STEP_M, np.pi)
+            if all(self._reaches(pose) for pose in (begin, end, above, *line[1:-1])):
+                return True
+        return False
+
+    def _compute(
+        self, entity: Entity, to_m: Array, height_m: float, stand_off_m: float, degrees: int
+    ) -> tuple[Pose, ...]:
+        gap_m = stand_off_m + float(self.half_m[1 if degrees % 180 else 0])
+        return compute_push(entity, to_m, gap_m, stand_off_m, self.bottom_m + height_m, np.radians(degrees))
+
+    def _reaches(self, pose: Array) -> bool:
+        for seed in self.seeds:
+            q_rad = self.kinematics.chain.solve(pose, seed)
+            if q_rad is not None:
+                pairs = self.scene.find_contacts(q_rad)
+                if not pairs or any(self.scene.is_of_tool_pose(pair) for pair in pairs):
+                    return not pairs
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class _Floor:
+    """Places (n, 2) on the support, start and goal first, and the cost (n, n) of a straight push between two."""
+
+    places_m: Array
+    cost_m: Array
+
+    @classmethod
+    def of(cls, entity: Entity, goal_m: Array, bottom_m: float, top_m: float, scene: PlanningScene) -> "_Floor":
+        """Between two places a disc around the entity stays on the support, and meets nothing it moves away from."""
+        start_m, box = np.asarray(entity.pose.position_m[:2]), compute_entity_box(entity)
+        radius_m = float(np.linalg.norm(np.abs(box.pose[:2, :3]) @ box.half_m)) + CLEAR_M
+        solids = [box for other in scene.obstacles for box in compute_shape_boxes(other)]
+        tops = [box for box in solids if abs(box.top_m - bottom_m) <= TOP_BAND_M]
+        others = [box for box in solids if box.top_m > bottom_m + TOP_BAND_M and box.bottom_m < top_m]
+        low_m, high_m = np.minimum(start_m, goal_m) - ROUTE_ASIDE_M, np.maximum(start_m, goal_m) + ROUTE_ASIDE_M
+        sides = [np.arange(low, high, CELL_M) for low, high in zip(low_m, high_m, strict=True)]
+        cells = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
+        free_m = _measure_distance(cells, others)
+        free_m[_measure_distance(cells, tops) > 0.0] = -1.0
+        stride = round(ROUTE_STEP_M / CELL_M)
+        lattice = cells[::stride, ::stride][free_m[::stride, ::stride] > radius_m]
+        profile = scene.robot.profile
+        far_m = np.linalg.norm(lattice - np.asarray(profile.mount_position_m[:2]), axis=1)
+        near_m, limit_m = profile.grasp_band_m
+        within = (far_m > near_m - ROUTE_STEP_M) & (far_m < limit_m + ROUTE_STEP_M)
+        places = np.vstack((start_m, goal_m, lattice[within]))
+
+        def look_up(points: Array) -> Array:
+            index = np.clip(np.rint((points - low_m) / CELL_M).astype(int), 0, np.array(free_m.shape) - 1)
+            found: Array = free_m[index[..., 0], index[..., 1]]
+            return found
+
+        need_m = np.minimum(radius_m, look_up(places))
+        cost = np.linalg.norm(places[:, None] - places[None], axis=-1) + PUSH_COST_M
+        shares = np.linspace(0.0, 1.0, 2 + int(cost.max() / CELL_M))
+        for index, place in enumerate(places):
+            way_m = look_up(place + shares[:, None, None] * (places - place))
+            cost[index, way_m.min(axis=0) < np.minimum(need_m[index], need_m)] = np.inf
+        cost[0, np.linalg.norm(places - start_m, axis=1) < ROUTE_STEP_M] = np.inf
+        cost[need_m < 0.0] = np.inf
+        np.fill_diagonal(cost, np.inf)
+        return cls(places, cost)
+
+
+def _find_first_of_several(entity: Entity, goal_m: Array, floor: _Floor, strokes: _Strokes) -> list[Approach]:
+    """Ways to push the entity to the first place of the shortest route whose pushes can all be made."""
+    cost, known = floor.cost_m.copy(), set[tuple[int, int]]()
+    cost[0, 1] = np.inf
+    for _ in range(ROUTE_TRIES):
+        route = _find_route(cost)
+        if not 2 < len(route) <= PUSHES_MAX + 1:
+            break
+        found: list[Approach] = []
+        for a, b in reversed(list(pairwise(route))):
+            there, to_m = _shift(entity, floor.places_m[a]), floor.places_m[b]
+            if a > 0 and (a, b) in known:
+                continue
+            found = strokes.find(there, to_m) if strokes.look_open(there, to_m) else []
+            if not found:
+                cost[a, b] = np.inf
+                break
+            known.add((a, b))
+        else:
+            return found
+    return []
+
+
+def _find_route(cost: Array) -> list[int]:
+    """Indices of the cheapest way from the first place to the second one; empty where there is none."""
+    edges = np.where(np.isfinite(cost), cost, 0.0)
+    lengths, before = dijkstra(edges, indices=[0], return_predecessors=True)
+    route = [1] if np.isfinite(lengths[0, 1]) else []
+    while route and route[0] != 0:
+        route.insert(0, int(before[0, route[0]]))
+    return route
+
+
+def _measure_distance(points_m: Array, boxes: list[Box]) -> Array:
+    """Level distances (...) [m] of points (..., 2) from the nearest box, at the height of its middle."""
+    nearest = np.full(points_m.shape[:-1], np.inf)
+    for box in boxes:
+        local = (points_m - box.pose[:2, 3]) @ box.pose[:2, :3]
+        nearest = np.minimum(nearest, np.linalg.norm(np.maximum(np.abs(local) - box.half_m, 0.0), axis=-1))
+    return nearest
+
+
+def _shift(entity: Entity, to_m: Array) -> Entity:
+    """The entity with its origin over another point (2,)."""
+    x, y = to_m.tolist()
+    pose = Pose((x, y, entity.pose.position_m[2]), entity.pose.quaternion_wxyz)
+    return replace(entity, pose=pose)
 
 
 def _find_ways(

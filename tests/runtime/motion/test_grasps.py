@@ -116,6 +116,24 @@ def test_a_push_turns_the_narrow_side_of_the_hand_towards_what_is_beside_its_way
     assert tip_m == pytest.approx((0.55 - 0.02 - planner_half(planner), 0.0, 0.02), abs=2e-3)
 
 
+def test_a_thing_is_pushed_around_what_is_in_its_straight_way(planner, build, table, home):
+    """`No straight push brings brown_rod there`: nothing else was tried."""
+    block = build.fixed("block", (0.5, 0.0, 0.06), build.box((0, 0, 0), (0.03, 0.06, 0.06)))
+    at_m, goal_m = np.array((0.5, -0.2)), np.array((0.5, 0.2))
+    for pushes in range(4):
+        world = World((table, block, build.cube("cube0", *at_m)))
+        push = FindPush(world=world, object="cube0", to_m=tuple(goal_m), q_rad=home, seed=1)
+        answer = planner.answer(push)
+        assert isinstance(answer, Approaches), answer
+        line = planner._chain.compute_tcp_path(answer.approaches[0].line_rad)[:, :2, 3]
+        way_m = line[-1] - line[0]
+        at_m = at_m + way_m - way_m / np.linalg.norm(way_m) * 0.03  # but for the gap before the contact
+        assert abs(at_m[0] - 0.5) > 0.03 + 0.02 or abs(at_m[1]) > 0.06 + 0.02
+        if np.linalg.norm(at_m - goal_m) < 0.04:
+            break
+    assert 0 < pushes < 3
+
+
 def planner_half(planner):
     from phyagentos.runtime.motion.robot_model import measure_fingers
 
