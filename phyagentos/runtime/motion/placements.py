@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 
+import msgspec
 import numpy as np
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, turn
@@ -66,12 +67,30 @@ def find_placements(
         groups = [*groups, standing]
         found = search.run([standing], finer)
     if not any(groups):
+        if request.near is None and not _fits_alone(request, space, held, finer, footprint, world_T_tcp[:3, 3], job):
+            return job.fail("NO_SPACE", f"{held.name} does not go into {request.destination}, empty as it may be.")
         near = f" within {request.near_radius_m} m of {request.near}" if request.near else ""
         return job.fail("NO_FREE_SITE", f"There is no room for {held.name} in {request.destination}{near}.")
     if not found:
         return job.fail("NO_IK", f"None of {sum(map(len, groups))} free sites in {request.destination} can be reached.")
     found.sort(key=lambda approach: float(np.linalg.norm(approach.line_rad[0] - request.q_rad)))
     return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
+
+
+def _fits_alone(
+    request: FindPlacements,
+    space: Space,
+    held: Entity,
+    attitudes: Mapping[int, Array],
+    footprint: Footprint,
+    tool_m: Array,
+    job: Job,
+) -> bool:
+    """Whether the destination would have a site, were nothing movable in it."""
+    kept = (held.name, request.destination, *space.supports)
+    entities = tuple(each for each in request.world.entities if not each.movable or each.name in kept)
+    alone = msgspec.structs.replace(request, world=msgspec.structs.replace(request.world, entities=entities))
+    return bool(find_standing_sites(alone, space, held, attitudes, footprint, tool_m, job))
 
 
 @dataclass(frozen=True, slots=True)

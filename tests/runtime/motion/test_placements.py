@@ -80,7 +80,15 @@ def test_a_mug_goes_where_its_handle_is_over_the_wall(planner, build, deep, home
             ((np.cos(0.4), -np.sin(0.4)), (np.sin(0.4), np.cos(0.4)))
         )
         assert np.all(np.abs(local) < np.array((0.007, 0.01)) - 0.002), approach.label
-    assert place_into(planner, build.replace(deep(0.05, x=0.037, y=0.04), mug), home, 0.06).code == "NO_FREE_SITE"
+    assert place_into(planner, build.replace(deep(0.05, x=0.037, y=0.04), mug), home, 0.06).code == "NO_SPACE"
+
+
+def test_what_is_too_large_is_told_from_what_finds_the_destination_full(planner, build, deep, home):
+    """A bottle does not go into 45 x 50 mm: things were moved out of a tray that it would not fit alone."""
+    large = build.cube("cube0", 0.4, -0.2, half=0.035)
+    other = build.cube("other", 0.5, 0.3, half=0.03, z=0.035)
+    assert place_into(planner, build.replace(deep(0.02, other, half_m=0.03), large), home, 0.07).code == "NO_FREE_SITE"
+    assert place_into(planner, build.replace(deep(0.02, x=0.03, y=0.03), large), home, 0.07).code == "NO_SPACE"
 
 
 def test_things_are_packed_along_walls_so_that_the_next_one_fits(planner, build, deep, home):
