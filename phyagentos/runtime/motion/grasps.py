@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import Entity
+from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.runtime.motion.approaches import Way, draw_seeds, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
@@ -23,8 +23,13 @@ from phyagentos.runtime.motion.requests import Approaches, Array, FindGrasps, No
 from phyagentos.runtime.motion.shapes import compute_entity_box, compute_shape_boxes, is_round, settle
 
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
+LEAST_CLEARANCE_M = 0.002  # of what is nearly as wide as the hand opens: it is taken so or not at all
 NARROW_M = (0.02, 0.012)  # further open than the object is wide, where there is no room for more
 TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
+SIDE_DEG = (65, -65)  # from the side, where nothing else is free
+SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along a thing, as shares of the longest way
+SHIFT_MAX_M = 0.025  # from the middle: its weight turns it between the pads
+SHIFT_PAD_M = 0.012  # of the thing that is left beside the middle of the pads
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
 RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
 SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is little room in a vessel
@@ -47,7 +52,7 @@ def find_grasps(
         return job.fail("TOO_WIDE", f"{entity.name} is wider than the gripper opens ({profile.gripper.max_width_m} m).")
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
-    for batch in _iter_batches(ways, corners, solids):
+    for batch in _iter_batches(ways, corners, solids, entity):
         wanted = [way for way in batch if way.label not in request.avoid]
         tried.update(way.label for way in wanted)
         found = find_approaches(
@@ -59,19 +64,47 @@ def find_grasps(
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
 
 
-def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way]) -> Iterator[list[Way]]:
+def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way], entity: Entity) -> Iterator[list[Way]]:
     """What is tried together, the better first."""
-    for upright in (ways, corners):
-        yield upright
-        yield from (_narrow(upright, further_m) for further_m in NARROW_M)
-        for degrees in TILTS_DEG:
-            tilted = [
-                replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
-                for way in upright
-            ]
-            yield tilted
-            yield _narrow(tilted, NARROW_M[0])
+    yield from _iter_tilted(ways, TILTS_DEG)
+    for share in SHIFTS:
+        yield from _iter_tilted([way for each in ways for way in _shift(each, entity, share)], TILTS_DEG)
+    yield from _iter_tilted(corners, TILTS_DEG)
+    for degrees in SIDE_DEG:
+        yield _narrow(_tilt(ways, degrees), NARROW_M[0])
     yield solids
+
+
+def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[Way]]:
+    """Upright ones with the fingers as wide as they go, less wide, and tilted ones."""
+    yield ways
+    yield from (_narrow(ways, further_m) for further_m in NARROW_M)
+    for degrees in tilts_deg:
+        tilted = _tilt(ways, degrees)
+        yield tilted
+        yield _narrow(tilted, NARROW_M[0])
+
+
+def _tilt(ways: list[Way], degrees: int) -> list[Way]:
+    return [
+        replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
+        for way in ways
+    ]
+
+
+def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:
+    """The same beside the middle, by a share of the longest way along the thing; none where there is none."""
+    box = compute_entity_box(entity)
+    reach_m = float(np.abs(way.end[:3, 0] @ box.pose[:3, :3]) @ box.half_m)
+    by_m = share * min(SHIFT_MAX_M, reach_m - SHIFT_PAD_M)
+    if (
+        abs(by_m) > SHIFT_PAD_M / 2
+        and len(entity.shapes) == 1
+        and entity.shapes[0].kind in (ShapeKind.BOX, ShapeKind.CAPSULE)
+    ):
+        end = way.end.copy()
+        end[:3, 3] += by_m * end[:3, 0]
+        yield replace(way, label=f"{way.label}.by{round(1e3 * by_m):+03d}", end=end)
 
 
 def _narrow(ways: list[Way], further_m: float) -> list[Way]:
@@ -104,7 +137,9 @@ def compute_grasp_ways(
     gripper = profile.gripper
     height_m = max(box.pose[2, 3], box.top_m - gripper.palm_depth_m, box.bottom_m + gripper.fingertip_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
-    opening_m = gripper.max_width_m - WIDTH_CLEARANCE_M
+    sides_m = 2.0 * box.half_m[[first, second]]
+    is_wide = not corners and float(sides_m.min()) > gripper.max_width_m - WIDTH_CLEARANCE_M
+    opening_m = gripper.max_width_m - (LEAST_CLEARANCE_M if is_wide else WIDTH_CLEARANCE_M)
     ways = []
     if upright_round and corners:
         return []

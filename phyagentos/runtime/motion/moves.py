@@ -24,6 +24,7 @@ _SEED_STRIDE = 101
 ESCAPE_RADII_RAD = (0.05, 0.1, 0.2, 0.35)  # the nearest way out first
 ESCAPE_DIRECTIONS = 48  # tried at each radius
 ESCAPE_STEP_RAD = 0.02
+JOINT_END_RAD = 0.012  # a corner that is smoothed swings out; the guard refuses what is 0.01 from the end of a joint
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +109,9 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, limits: J
             rows = np.vstack((densify(np.vstack((search.stuck_rad, rows[0])), DENSE_RAD), rows[1:]))
         with job.stage("timing"):
             timed = time_path(rows, limits)
+        if _exceeds_limits(timed.trajectory.q_rad, scene):
+            job.rejected["joint limit"] += 1
+            continue
         with job.stage("check"):
             if search.stuck_rad is not None:
                 if leaves_contact(timed.trajectory.q_rad, search.touched, scene):
@@ -118,6 +122,13 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, limits: J
             return timed
         job.rejected[name_pair(blocked[1][0])] += 1
     return None
+
+
+def _exceeds_limits(q_rad: Array, scene: PlanningScene) -> bool:
+    """Whether a motion (n, n_joints) comes nearer to the end of a joint than the guard permits, or than it began."""
+    low = np.minimum(scene.robot.q_min_rad + JOINT_END_RAD, q_rad[0])
+    high = np.maximum(scene.robot.q_max_rad - JOINT_END_RAD, q_rad[0])
+    return bool(np.any(q_rad < low) or np.any(q_rad > high))
 
 
 def find_escape(start_rad: Array, touched: Sequence[Pair], scene: PlanningScene, seed: int) -> Array | None:
