@@ -4,9 +4,10 @@ from typing import Any, ClassVar, Generic, TypeVar, cast, final
 
 from msgspec import to_builtins
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, to_child
-from phyagentos.protocol.world.environment import Entity, Pose, TargetState
+from phyagentos.geometry import to_child
+from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, Status
+from phyagentos.runtime.execution.loads import measure_payload
 from phyagentos.runtime.execution.trajectory_player import Progress, TrajectoryPlayer
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -94,7 +95,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
         holding = self.context.world.observe(HAND).targets[self.context.session.target].holding
         entities = self.context.world.observe(BELIEF).entities
         held = next((entities[name] for name in holding if name in entities), None)
-        return None if held is None else measure_payload(held, self.context.step.target)
+        return None if held is None else measure_payload(held, self.context.step.target, self.context.profile)
 
     @final
     def ask(self) -> Status:
@@ -249,12 +250,6 @@ class MovingLeaf(PlanningLeaf[Motion]):
             "duration_s": round(motion.trajectory.duration_s, 6),
             "worst_tracking_error_rad": self.context.lag.worst_error_rad,
         }
-
-
-def measure_payload(entity: Entity, state: TargetState) -> Payload:
-    """A held entity as it sits in the hand."""
-    tcp_T_entity = compute_pose(compute_inverse(compute_matrix(state.tcp)) @ compute_matrix(entity.pose))
-    return Payload(entity=entity.name, tcp_T_entity=tcp_T_entity, width_m=state.gripper_width_m)
 
 
 def _is_in(entity: Entity, vessel: Entity) -> bool:

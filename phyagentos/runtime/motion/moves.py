@@ -5,7 +5,7 @@ first with denser corners, then with another seed. A start in contact begins wit
 refuse a start or all goals that are free in truth, the search itself uses the exact model.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,10 @@ from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene, name_p
 from phyagentos.runtime.motion.requests import Array, Motion, NoPlan, PathSearch, PlanMove, Stages
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
-from phyagentos.runtime.motion.timing import JointLimits, Timed, time_path
+from phyagentos.runtime.motion.timing import Timed
+
+TimeRows = Callable[[Array], Timed]
+"""Times a path (k, n_joints)."""
 
 ATTEMPTS = 3
 DENSE_RAD = 0.05
@@ -38,21 +41,20 @@ class _Search:
 
 
 def plan_move(
-    request: PlanMove, scene: PlanningScene, spheres: SphereModel, limits: JointLimits, job: Job
+    request: PlanMove, scene: PlanningScene, spheres: SphereModel, time_rows: TimeRows, job: Job
 ) -> Motion | NoPlan:
-    """The motion, or why there is none."""
+    """The motion, timed by `time_rows`, or why there is none."""
     with job.stage("model"):
         prepared = _prepare(request, scene, spheres, job)
     if isinstance(prepared, NoPlan):
         return prepared
-    scaled = limits.scale(request.speed, request.speed**2)
     for attempt in range(ATTEMPTS):
         with job.stage("path"):
             path = find_path(prepared.query, prepared.checker, request.seed + _SEED_STRIDE * attempt, job.should_cancel)
         job.checkpoint()
         if path is None:
             return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
-        timed = _time_and_check(path, prepared, scene, scaled, job)
+        timed = _time_and_check(path, prepared, scene, time_rows, job)
         if timed is not None:
             search = PathSearch(
                 planner=path.planner,
@@ -101,14 +103,14 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
     return _Search(Query(start, goals[free], q_min, q_max), scene, free, "exact", stuck, touched)
 
 
-def _time_and_check(path: Path, search: _Search, scene: PlanningScene, limits: JointLimits, job: Job) -> Timed | None:
+def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows: TimeRows, job: Job) -> Timed | None:
     for rounded in (True, False):
         with job.stage("path"):
             rows = round_corners(path.rows_rad, search.checker) if rounded else densify(path.rows_rad, DENSE_RAD)
         if search.stuck_rad is not None:
             rows = np.vstack((densify(np.vstack((search.stuck_rad, rows[0])), DENSE_RAD), rows[1:]))
         with job.stage("timing"):
-            timed = time_path(rows, limits)
+            timed = time_rows(rows)
         if _exceeds_limits(timed.trajectory.q_rad, scene):
             job.rejected["joint limit"] += 1
             continue

@@ -18,7 +18,7 @@ from phyagentos.runtime.motion.grasps import find_grasps
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.lines import find_line
-from phyagentos.runtime.motion.moves import find_escape, plan_move
+from phyagentos.runtime.motion.moves import TimeRows, find_escape, plan_move
 from phyagentos.runtime.motion.placements import find_placements
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes, name_pair
 from phyagentos.runtime.motion.pushes import find_push
@@ -28,6 +28,7 @@ from phyagentos.runtime.motion.requests import (
     FindLine,
     FindPlacements,
     FindPush,
+    Load,
     Motion,
     MotionAnswer,
     MotionRequest,
@@ -81,7 +82,7 @@ class MotionPlanner:
         home = self.robot.home_rad
         world = World((cube,))
         self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
-        held = Payload("cube", Pose())
+        held = Payload("cube", Pose(), load=Load(0.1, (0.0, 0.0, 0.0), 0.02, 0.4, 20.0))
         self.answer(PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=0, payload=held))
 
     def _dispatch(self, request: MotionRequest, job: Job) -> MotionAnswer:
@@ -98,20 +99,30 @@ class MotionPlanner:
             case FindLine():
                 return find_line(request, self._kinematics, self._get_scene(request, job), job)
             case PlanMove():
-                return plan_move(request, self._get_scene(request, job), self._spheres, self._limits, job)
+                load = None if request.payload is None else request.payload.load
+                time_rows = self._get_timer(self._limits.scale(request.speed, request.speed**2), load)
+                return plan_move(request, self._get_scene(request, job), self._spheres, time_rows, job)
             case CheckPosture():
                 return self._check_posture(request, job)
             case TimeLine():
                 limits = self._limits.scale(request.speed, request.speed)
                 with job.stage("timing"):
-                    timed = time_path(np.asarray(request.waypoints_rad, dtype=float), limits)
+                    rows = np.asarray(request.waypoints_rad, dtype=float)
+                    timed = self._get_timer(limits, request.load, spares=True)(rows)
                 return Motion(
                     trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling)
                 )
             case ShapeTransport():
-                from phyagentos.runtime.motion.vessel_timing import shape_transport  # casadi: only where it is used
+                from phyagentos.runtime.motion.transport import shape_transport  # casadi: only where it is used
 
                 return shape_transport(request, self._chain, self._limits, job)
+
+    def _get_timer(self, limits: JointLimits, load: Load | None, *, spares: bool = False) -> TimeRows:
+        if load is None:
+            return lambda rows: time_path(rows, limits)
+        from phyagentos.runtime.motion.transport import Care, time_carry  # casadi: only where it is used
+
+        return lambda rows: time_carry(rows, limits, self._chain, Care(load), spares=spares)
 
     def _check_posture(self, request: CheckPosture, job: Job) -> Stance:
         scene = self._get_scene(request, job)

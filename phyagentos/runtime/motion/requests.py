@@ -19,12 +19,31 @@ class World(msgspec.Struct, frozen=True):
     regions: tuple[Region, ...] = ()
 
 
+class Load(msgspec.Struct, frozen=True):
+    """What a held entity asks of the grip; each value stands at the bad end of its doubt.
+
+    Attributes:
+        mass_kg: The greatest it may weigh.
+        center_m: (3,) centre of mass in the tool frame.
+        gyration_m: Radius of gyration about the closing axis.
+        friction: The least against the pads.
+        press_n: The least force of a finger.
+    """
+
+    mass_kg: float
+    center_m: tuple[float, float, float]
+    gyration_m: float
+    friction: float
+    press_n: float
+
+
 class Payload(msgspec.Struct, frozen=True):
     """A held entity, by name, and its pose in the hand; `width_m` is the opening of the fingers around it [m]."""
 
     entity: str
     tcp_T_entity: Pose
     width_m: float = 0.0
+    load: Load | None = None
 
 
 class Approach(msgspec.Struct, frozen=True):
@@ -163,10 +182,11 @@ class PlanMove(msgspec.Struct, frozen=True, tag=True):
 
 
 class TimeLine(msgspec.Struct, frozen=True, tag=True):
-    """Timing of given joint waypoints (k, n_joints), as of an approach line. Answer: `Motion`."""
+    """Timing of given joint waypoints (k, n_joints), as of an approach line, for a `load`. Answer: `Motion`."""
 
     waypoints_rad: Array
     speed: float = 0.25
+    load: Load | None = None
 
 
 class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
@@ -180,6 +200,7 @@ class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
     waypoints_rad: Array
     tilt_max_rad: float = 0.08
     method: str = "casadi"
+    load: Load | None = None
 
 
 class CheckPosture(msgspec.Struct, frozen=True, tag=True):
@@ -260,8 +281,9 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra.
         status: The solver's own word.
-        solver_iterations: Of casadi's solver, ipopt.
+        solver_iterations: Of casadi's solver, fatrop.
         worst_tilt_rad: Of a vessel against its apparent gravity; `unshaped_` fields give toppra's alone.
+        grip_share: Greatest share of what the grip bears, at the bad ends of its doubts.
     """
 
     solver: str
@@ -269,7 +291,9 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
     duration_s: float
     solver_iterations: int | None = None
     worst_tilt_rad: float | None = None
+    grip_share: float | None = None
     unshaped_worst_tilt_rad: float | None = None
+    unshaped_grip_share: float | None = None
     unshaped_duration_s: float | None = None
 
 

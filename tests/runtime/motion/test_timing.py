@@ -1,5 +1,7 @@
 """Timing and shaping: limits, rest at both ends, exact goals, degenerate paths, spilling."""
 
+import msgspec
+import mujoco
 import numpy as np
 import pytest
 from toppra import algorithm
@@ -8,8 +10,9 @@ from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion import timing
 from phyagentos.runtime.motion.path import densify
-from phyagentos.runtime.motion.requests import FindLine, NoPlan, ShapeTransport, TimeLine, World
+from phyagentos.runtime.motion.requests import FindLine, Load, NoPlan, ShapeTransport, TimeLine, World
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
+from phyagentos.runtime.motion.transport import Care, time_carry
 
 pytestmark = pytest.mark.motion
 
@@ -96,7 +99,7 @@ def test_a_shaped_transport_keeps_the_vessel_level_where_toppra_spills(planner, 
     shaped, unshaped = motion.stages.scaling, plain.stages.scaling
     assert (shaped.solver, shaped.status, unshaped.solver, unshaped.status) == (
         "casadi",
-        "Solve_Succeeded",
+        "solved",
         "toppra",
         "Ok",
     )
@@ -136,3 +139,56 @@ def test_a_line_through_a_pose_out_of_reach_is_refused(planner, home):
 
     assert answer.code == "NO_IK"
     assert "waypoint 0" in answer.message
+
+
+@pytest.fixture(scope="module")
+def swing(planner):
+    """Rows of a wide joint motion that turns the hand, and a heavy load that hangs beside the fingers."""
+    goal = planner.robot.home_rad + np.array((0.9, 0.3, 0.4, 0.3, 0.3, 0.2, 0.6))
+    return densify(np.array((planner.robot.home_rad, goal)), 0.05), Load(2.0, (0.006, 0.0, 0.005), 0.03, 0.45, 36.0)
+
+
+def test_a_carry_keeps_within_its_grip_where_toppra_slips(planner, limits, swing):
+    rows, load = swing
+    timed = time_carry(rows, limits, planner._chain, Care(load))
+    trajectory, scaling = timed.trajectory, timed.scaling
+
+    assert (scaling.solver, scaling.status) == ("casadi", "solved")
+    assert scaling.grip_share < 0.85 < 0.95 < scaling.unshaped_grip_share
+    assert felt_by_mujoco(planner, trajectory, rows[0], load) == pytest.approx(scaling.grip_share, rel=0.1)
+    assert np.array_equal(trajectory.q_rad[-1], rows[-1])
+    assert compute_excess(rows[0], trajectory.q_rad, trajectory.qd_rad_s, limits) < 1.0
+
+
+def test_a_light_carry_is_nearly_as_fast_as_toppra_alone(planner, limits, swing):
+    scaling = time_carry(swing[0], limits, planner._chain, Care(Load(0.1, (0, 0, 0), 0.02, 0.45, 36.0))).scaling
+
+    assert scaling.grip_share < 0.2
+    assert scaling.duration_s <= scaling.unshaped_duration_s + 0.08
+
+
+def test_a_line_is_shaped_only_for_a_load_that_needs_it(planner, swing):
+    rows, heavy = swing
+    light = msgspec.structs.replace(heavy, mass_kg=0.1)
+    solvers = [
+        planner.answer(TimeLine(waypoints_rad=rows, speed=1.0, load=load)).stages.scaling.solver
+        for load in (None, light, heavy)
+    ]
+
+    assert solvers == ["toppra", "toppra", "casadi"]
+
+
+def felt_by_mujoco(planner, trajectory, start, load):
+    """Greatest share of the grip, from positions that MuJoCo's own kinematics gives."""
+    model, data = planner.robot.model, mujoco.MjData(planner.robot.model)
+    site, centers, frames = model.site("tcp").id, [], []
+    for q in np.vstack((start, start, trajectory.q_rad[::4])):
+        data.qpos[:7] = q
+        mujoco.mj_kinematics(model, data)
+        frames.append(data.site_xmat[site].reshape(3, 3).copy())
+        centers.append(data.site_xpos[site] + frames[-1] @ load.center_m)
+    f = np.diff(centers, n=2, axis=0) / (4 * trajectory.step_s) ** 2 + (0, 0, 9.81)
+    f = np.array([R.T @ each for R, each in zip(frames[1:], f, strict=False)])
+    torque = load.center_m[2] * f[:, 0] - load.center_m[0] * f[:, 2]
+    bears = 2 * load.friction * load.press_n / load.mass_kg
+    return np.sqrt(f[:, 0] ** 2 + f[:, 2] ** 2 + (torque / 0.008) ** 2).max() / bears

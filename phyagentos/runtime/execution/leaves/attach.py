@@ -1,7 +1,7 @@
 """Measure how a held object sits in the hand, so that motions carry it along as part of the arm."""
 
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
-from phyagentos.runtime.execution.planning import measure_payload
+from phyagentos.runtime.execution.loads import measure_payload
 from phyagentos.runtime.motion.requests import Payload
 from phyagentos.runtime.perception.world_model import BELIEF
 
@@ -22,6 +22,6 @@ class Attach(Leaf):
             return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world", object=name)
         if not self.context.is_holding(name):
             return self.fail(FailureCode.GRASP_MISSED, f"{name} is not between the fingers", object=name)
-        payload = measure_payload(entity, self.context.step.target)
+        payload = measure_payload(entity, self.context.step.target, self.context.profile)
         self.write("payload", payload)
         return self.succeed("", object=name, in_hand_m=list(payload.tcp_T_entity.position_m))

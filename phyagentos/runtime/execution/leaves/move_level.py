@@ -22,9 +22,11 @@ class MoveLevel(MovingLeaf):
 
     def compose(self) -> MotionRequest | Status:
         """Time the way."""
-        self._held = self.read("payload").entity
+        payload = self.read("payload")
+        self._held = payload.entity
         return ShapeTransport(
             waypoints_rad=self.read("approach").line_rad,
             tilt_max_rad=self.read("tilt_max_rad"),
             method=self.read("method"),
+            load=payload.load,
         )

@@ -27,4 +27,5 @@ class MoveLinear(MovingLeaf):
         return TimeLine(
             waypoints_rad=line if direction == "forward" else line[::-1].copy(),
             speed=self.scale_speed(self.read("speed")),
+            load=None if payload is None else payload.load,
         )
