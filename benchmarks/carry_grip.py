@@ -17,9 +17,10 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.path import densify
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import Load
-from phyagentos.runtime.motion.timing import JointLimits
+from phyagentos.runtime.motion.timing import JointLimits, Timed
 from phyagentos.runtime.motion.transport import Care, time_carry
 
+InHand = tuple[np.ndarray, np.ndarray]  # rotation (3, 3) and position (3,)
 ROOT = Path(__file__).parents[1]
 HALF_M = (0.02, 0.02, 0.02)
 SLIPPED_M, SLIPPED_RAD = 0.006, 0.05  # simulated friction creeps by some millimetres a second under great loads
@@ -75,28 +76,28 @@ def carry(seed: int, *, is_shaped: bool) -> Carried:
     return Carried(slip_m, turn_rad, timed.trajectory.duration_s)
 
 
-def compare(one, other) -> tuple[float, float]:
+def compare(one: InHand, other: InHand) -> tuple[float, float]:
     """Distance along the pads [m] and angle [rad] between two poses in the hand."""
     (R, p), (S, q) = one, other
     return float(np.linalg.norm((q - p)[[0, 2]])), float(np.arccos(np.clip((np.trace(R.T @ S) - 1) / 2, -1, 1)))
 
 
-def play(physics: Physics, timed) -> None:
+def play(physics: Physics, timed: Timed) -> None:
     """Follow a timed motion with closed fingers, physics step by physics step."""
     for q, qd in zip(timed.trajectory.q_rad, timed.trajectory.qd_rad_s, strict=True):
         physics.set_servos(q, qd, 0.0)
         physics.step()
 
 
-def find_in_hand(physics: Physics) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and position (3,) of the thing in the frame of the tool."""
+def find_in_hand(physics: Physics) -> InHand:
+    """Pose of the thing in the frame of the tool."""
     mujoco.mj_kinematics(physics.model, physics.data)
     position, rotation = physics.find_tcp()
     body = physics.data.body("thing")
     return rotation.T @ body.xmat.reshape(3, 3), rotation.T @ (body.xpos - position)
 
 
-def describe_scene(at_m, mass_kg: float, friction: float) -> SceneSpec:
+def describe_scene(at_m: tuple[float, float, float], mass_kg: float, friction: float) -> SceneSpec:
     """A thing on a narrow post, between the fingers of an arm at home."""
     x, y, z = (float(value) for value in at_m)
     foot = z - HALF_M[2] - 0.001

@@ -2,10 +2,10 @@
 
     python benchmarks/carry_level.py --seeds 10 --grips 60
 
-A cup goes from one coaster to the other. Both ways run through agent, journal, watchdog, worker, planner and world, as `paos run goal_graphs/carry_cup.yaml` does.
-What the cup felt is computed from the recorded motion with MuJoCo and numpy alone: the largest angle between its axis
-and the apparent gravity while it was carried, and how many of its balls are no longer in it. Things that the grip just
-bears are carried in physics alone: see `carry_grip`.
+A cup goes from one coaster to the other. Both ways run through agent, journal, watchdog, worker, planner and world,
+as `paos run goal_graphs/carry_cup.yaml` does. What the cup felt is computed from the recorded motion with MuJoCo and
+numpy alone: the largest angle between its axis and the apparent gravity while it was carried, and how many of its
+balls are no longer in it. Things that the grip just bears are carried in physics alone: see `carry_grip`.
 """
 
 import argparse
