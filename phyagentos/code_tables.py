@@ -208,7 +208,7 @@ LOOKAHEAD_LOW           Too few of the imagined executions met the contract, so 
 NO_IK                   No joint posture reaches what is asked.
 NO_MODEL                The planner was asked before it was given a robot.
 NO_PATH_FOUND           No way between start and goals was found in the budget.
-NO_SLIDE                The thing to open or close does not slide.
+NO_SLIDE                The thing to open or close neither slides nor turns.
 NO_SPACE                The destination is too small for the object.
 TILT                    No carrying motion within the tilt limit was found.
 TOO_SHORT               The way to push is shorter than the fingers need.

@@ -37,7 +37,9 @@ def judge_from_frames(plane, monkeypatch):
     return judge
 
 
-GRAPHS = sorted((find_shipped_root() / "goal_graphs").glob("*.yaml"))
+COVERED = {"close_drawer"}  # its one session is the first of drawer_round
+SHIPPED = sorted((find_shipped_root() / "goal_graphs").glob("*.yaml"))
+GRAPHS = [path for path in SHIPPED if path.stem not in COVERED]
 
 
 @pytest.mark.parametrize("graph", GRAPHS, ids=lambda path: path.stem)

@@ -80,15 +80,17 @@ class Mechanism(msgspec.Struct, frozen=True):
 
     Attributes:
         kind: `slide` or `hinge`.
-        axis: (3,) direction of opening, in the entity's frame.
+        axis: (3,) direction of opening, or of the hinge about which it opens, in the entity's frame.
         travel: From closed to open [m], or [rad] for a hinge.
         closed: `world_T_entity` when it is closed.
+        anchor_m: (3,) a point of a hinge's axis, in the entity's frame [m].
     """
 
     kind: str
     axis: tuple[float, float, float]
     travel: float
     closed: Pose
+    anchor_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -85,16 +85,18 @@ class Inside(Authored):
 
 
 class Joint(Authored):
-    """One degree of freedom against the world: a drawer that slides, a door that turns.
+    """One degree of freedom against the world: a drawer or a button that slides, a door or a lid that turns.
 
     Attributes:
         kind: `slide` along the axis, or `hinge` about it.
-        axis: (3,) direction of opening, in the body's frame; vertical for a hinge.
+        axis: (3,) direction of opening, or of the hinge about which it opens, in the body's frame.
         anchor_m: (3,) a point of a hinge's axis, in the body's frame.
         travel: From closed to open [m], or [rad] for a hinge.
         opening: Least and greatest fraction of the travel by which it stands open when the scene begins.
         damping: [N s/m], or [N m s/rad].
         friction: Dry friction [N], or [N m].
+        spring: Stiffness of a spring that rests when it is open [N/m], or [N m/rad]; where it is stronger than the
+            friction, what was closed opens by itself.
     """
 
     kind: Literal["slide", "hinge"]
@@ -104,13 +106,12 @@ class Joint(Authored):
     opening: Span = (0.0, 0.0)
     damping: float = pydantic.Field(default=5.0, ge=0.0)
     friction: float = pydantic.Field(default=1.0, ge=0.0)
+    spring: float = pydantic.Field(default=0.0, ge=0.0)
 
     @pydantic.model_validator(mode="after")
     def _check_joint(self) -> "Joint":
         if abs(sum(value * value for value in self.axis) - 1.0) > 1e-6:
             raise ValueError(f"the axis of a joint has length 1, found {self.axis}")
-        if self.kind == "hinge" and abs(self.axis[2]) < 1.0 - 1e-6:
-            raise ValueError("the axis of a hinge is vertical: [0, 0, 1] or [0, 0, -1]")
         if not 0.0 <= self.opening[0] <= self.opening[1] <= 1.0:
             raise ValueError(f"opening is two rising fractions, found {self.opening}")
         return self

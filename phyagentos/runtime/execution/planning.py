@@ -125,14 +125,16 @@ class LinePlanningLeaf(PlanningLeaf[Approaches]):
 
     def request_line(self, waypoints: tuple[Pose, ...]) -> FindLine:
         """A line from the present posture through tool poses, with the ports `payload` and `ignore`."""
-        ignored = self.find("ignore")
+        name = self.find("ignore")
+        entity = self.context.world.observe(BELIEF).entities.get(name) if name is not None else None
+        ignored = (name, *([entity.part_of] if entity is not None and entity.part_of else []))
         return FindLine(
             world=self.world(),
             q_rad=self.context.commands.q_rad,
             waypoints=waypoints,
             seed=self.context.draw_seed(self.path),
             payload=self.find("payload"),
-            ignore=() if ignored is None else (ignored,),
+            ignore=() if name is None else ignored,  # what a handle belongs to moves with it
             width_m=self.context.step.target.gripper_width_m,
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
-from phyagentos.geometry import convert_euler, to_parent
+from phyagentos.geometry import compute_rotation, convert_euler, multiply, to_parent, turn
 from phyagentos.protocol.world.environment import Entity, Interior, Mechanism, Pose, Region, Shape
 from phyagentos.protocol.world.scenes import Body, Camera, Joint, Material, Placement, SceneSpec, Solid
 from phyagentos.protocol.world.seeds import compute_seed
@@ -51,10 +51,18 @@ class PlacedBody:
     @property
     def quaternion_wxyz(self) -> tuple[float, float, float, float]:
         """(4,) of the start."""
-        return (float(np.cos(self.yaw_rad / 2)), 0.0, 0.0, float(np.sin(self.yaw_rad / 2)))
+        upright = _about_z(self.yaw_rad)
+        joint = self.body.joint
+        if joint is None or joint.kind == "slide" or self.opening is None:
+            return upright
+        half_rad = joint.travel * self.opening / 2
+        x, y, z = (float(np.sin(half_rad)) * each for each in joint.axis)
+        return multiply(upright, (float(np.cos(half_rad)), x, y, z))
 
     def place(self, point_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """(3,) a point of this body's frame, in the world."""
+        if self.body.joint is not None and self.body.joint.kind == "hinge":
+            return compute_rotation(self.quaternion_wxyz) @ point_m + self.position_m
         return _turn(point_m, self.yaw_rad) + self.position_m
 
     def as_entity(self) -> Entity:
@@ -82,23 +90,18 @@ class PlacedBody:
         joint = self.body.joint
         if joint is None or self.opening is None:
             return None
-        position, yaw = _open(self.position_m, self.yaw_rad, joint, -self.opening)
-        pose = Pose(position, (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))))
-        return Mechanism(joint.kind, joint.axis, joint.travel, pose)
+        x, y, z = (float(value) for value in np.array(self.position_m) - _open(self.yaw_rad, joint, self.opening))
+        return Mechanism(joint.kind, joint.axis, joint.travel, Pose((x, y, z), _about_z(self.yaw_rad)), joint.anchor_m)
 
 
-def _open(
-    position_m: tuple[float, float, float], yaw_rad: float, joint: Joint, fraction: float
-) -> tuple[tuple[float, float, float], float]:
-    """Position and yaw of a body, opened by a fraction of its travel."""
-    amount = joint.travel * fraction
-    if joint.kind == "slide":
-        (x, y, z), turn = _turn(np.array(joint.axis) * amount, yaw_rad) + position_m, yaw_rad
-    else:
-        turn = yaw_rad + amount * joint.axis[2]
-        anchor = np.array(joint.anchor_m)
-        x, y, z = position_m + _turn(anchor, yaw_rad) - _turn(anchor, turn)
-    return (float(x), float(y), float(z)), turn
+def _open(yaw_rad: float, joint: Joint, fraction: float) -> NDArray[np.float64]:
+    """(3,) displacement of a body's origin that opens it by a fraction of its travel."""
+    amount, axis, anchor = joint.travel * fraction, np.array(joint.axis), np.array(joint.anchor_m)
+    return _turn(axis * amount if joint.kind == "slide" else anchor - turn(axis * amount) @ anchor, yaw_rad)
+
+
+def _about_z(yaw_rad: float) -> tuple[float, float, float, float]:
+    return (float(np.cos(yaw_rad / 2)), 0.0, 0.0, float(np.sin(yaw_rad / 2)))
 
 
 def _turn(point_m: NDArray[np.float64], yaw_rad: float) -> NDArray[np.float64]:
@@ -127,7 +130,8 @@ def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
         start, opening = (x, y, z + lift), None
         if body.joint is not None:
             opening = float(np.random.default_rng(compute_seed(seed, "opening", name)).uniform(*body.joint.opening))
-            start, yaw = _open(start, yaw, body.joint, opening)
+            x, y, z = (float(value) for value in _open(yaw, body.joint, opening) + start)
+            start = (x, y, z)
         mass_kg, grip = _draw_properties(body, compute_seed(seed, "properties", name))
         placed.append(PlacedBody(name, body, shapes, start, yaw, mass_kg, grip, opening))
     return tuple(placed)
@@ -290,6 +294,8 @@ def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) ->
         pos=joint.anchor_m,
         ref=joint.travel * opening,
         range=(0.0, joint.travel),
+        stiffness=joint.spring,
+        springref=joint.travel,
         limited=mujoco.mjtLimited.mjLIMITED_TRUE,
         damping=joint.damping,
         frictionloss=joint.friction,

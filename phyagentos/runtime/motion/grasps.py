@@ -36,6 +36,7 @@ SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is littl
 LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans, by half, upright
 UP_AXIS = np.array((0.0, 0.0, 1.0))
 SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
+ALONG_COS = 0.9  # of the closing axis with the direction that is asked for
 LEVEL_SINE, DOWN_COS = 0.6, 0.7  # of the closing axis, and of the way down to a single solid
 
 
@@ -53,7 +54,7 @@ def find_grasps(
     seeds = draw_seeds(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     tried: set[str] = set()
     for batch in _iter_batches(ways, corners, solids, entity):
-        wanted = [way for way in batch if way.label not in request.avoid]
+        wanted = [way for way in batch if way.label not in request.avoid and _closes_along(way, request.along)]
         tried.update(way.label for way in wanted)
         found = find_approaches(
             wanted, q_rad=request.q_rad, seeds=seeds, kinematics=kinematics, scene=scene, job=job, count=request.count
@@ -62,6 +63,10 @@ def find_grasps(
             return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
     avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
+
+
+def _closes_along(way: Way, along: tuple[float, float, float] | None) -> bool:
+    return along is None or abs(float(way.end[:3, 1] @ np.array(along))) > ALONG_COS
 
 
 def _iter_batches(ways: list[Way], corners: list[Way], solids: list[Way], entity: Entity) -> Iterator[list[Way]]:
@@ -135,7 +140,8 @@ def compute_grasp_ways(
     upright_round = is_round(entity) and vertical == 2
     yaw_rad = 0.0 if upright_round else float(np.arctan2(box.pose[1, first], box.pose[0, first]))
     gripper = profile.gripper
-    height_m = max(box.pose[2, 3], box.top_m - gripper.palm_depth_m, box.bottom_m + gripper.fingertip_m)
+    tips_m = -np.inf if entity.part_of else box.bottom_m + gripper.fingertip_m  # a handle does not stand on anything
+    height_m = max(box.pose[2, 3], box.top_m - gripper.palm_depth_m, tips_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
     sides_m = 2.0 * box.half_m[[first, second]]
     is_wide = not corners and float(sides_m.min()) > gripper.max_width_m - WIDTH_CLEARANCE_M

@@ -92,6 +92,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
         avoid: Labels of unwanted approaches.
         hover_m: Length of the straight approach [m].
         count: Largest number of approaches, nearest first.
+        along: (3,) direction in the world along which the fingers close; any if unset.
     """
 
     world: World
@@ -101,6 +102,7 @@ class FindGrasps(msgspec.Struct, frozen=True, tag=True):
     avoid: tuple[str, ...] = ()
     hover_m: float = 0.08
     count: int = 4
+    along: tuple[float, float, float] | None = None
 
 
 class FindPlacements(msgspec.Struct, frozen=True, tag=True):

@@ -13,8 +13,8 @@ import numpy as np
 from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vector, turn
 from phyagentos.protocol.sessions.looks import format_pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
+from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.association import Match, associate, exchange_doubts
-from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.fitting import Fit, choose_symmetric, is_upright, stand_up
 from phyagentos.runtime.perception.fixed_things import measure_fixed
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
@@ -90,7 +90,7 @@ def update_belief(
             entities[name] = _see(thing, entities.get(name), spilt[name], outside, views, time_s)
         else:
             _fill(thing, entities, filled, time_s)
-    return _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
+    return _carry_contents(inventory, before, place_articulated(inventory.articulated, entities))
 
 
 def follow_hand(
@@ -105,7 +105,7 @@ def follow_hand(
     taken = held[0] if held else find_held(before, state, inventory, hand)
     if taken is not None:
         entities[taken.name] = msgspec.structs.replace(carry(taken, state, hand), observed_at_s=time_s)
-        entities = _carry_contents(inventory, before, place_drawers(inventory.drawers, entities))
+        entities = _carry_contents(inventory, before, place_articulated(inventory.articulated, entities))
     return entities
 
 
@@ -311,7 +311,7 @@ def _is_like(inventory: Inventory, color: int, thing: ObjectModel) -> bool:
 
 def _carry_contents(inventory: Inventory, before: Mapping[str, Entity], after: dict[str, Entity]) -> dict[str, Entity]:
     """Moves unseen contents along with their vessel."""
-    for name, known in (inventory.things | inventory.drawers).items():
+    for name, known in (inventory.things | inventory.articulated).items():
         vessel, was = after.get(name), before.get(name)
         inside = known.template.interior
         if vessel is None or was is None or inside is None or not known.template.movable or vessel.pose == was.pose:

@@ -18,7 +18,7 @@ from phyagentos.protocol.world.alike import find_alike, find_turned
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.predicates.geometry import compute_half_box
 from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
-from phyagentos.runtime.perception.drawers import Drawer, find_drawer
+from phyagentos.runtime.perception.articulated import Articulated, find_articulated
 from phyagentos.runtime.perception.solids import Array, Solids
 
 SYMMETRY_M = 0.0005  # sides this equal are the same
@@ -111,7 +111,7 @@ class Inventory:
 
     Attributes:
         things: To be found, by name, in the file's order.
-        drawers: Located by their handles, by name.
+        articulated: Located by their handles, by name.
         known: Parts of the map.
         map: All solids of the map, in the world.
         map_colors: Palette indices of the map.
@@ -122,7 +122,7 @@ class Inventory:
 
     scene: str
     things: dict[str, ObjectModel]
-    drawers: dict[str, Drawer]
+    articulated: dict[str, Articulated]
     known: dict[str, Entity]
     map: Solids
     map_colors: frozenset[int]
@@ -133,7 +133,7 @@ class Inventory:
 
     def find_unseen(self, entities: Collection[str]) -> tuple[str, ...]:
         """Movable things that are not among these, in order of their names."""
-        known = self.things | self.drawers
+        known = self.things | self.articulated
         return tuple(sorted(name for name, each in known.items() if each.template.movable and name not in entities))
 
 
@@ -150,7 +150,7 @@ def build_inventory(spec: SceneSpec) -> Inventory:
         return colors.setdefault((round(red, 4), round(green, 4), round(blue, 4)), len(colors))
 
     things: dict[str, ObjectModel] = {}
-    drawers: dict[str, Drawer] = {}
+    articulated: dict[str, Articulated] = {}
     known: dict[str, Entity] = {}
     solids: list[Solids] = []
     map_colors: set[int] = set()
@@ -160,8 +160,8 @@ def build_inventory(spec: SceneSpec) -> Inventory:
             known[name] = _make_template(name, body, source="map")
             solids.append(_pose_solids(known[name], body))
             map_colors.update(indices)
-        elif drawer := find_drawer(name, body, _make_template(name, body, source=""), spec):
-            drawers[name] = drawer
+        elif jointed := find_articulated(name, body, _make_template(name, body, source=""), spec):
+            articulated[name] = jointed
         else:
             things[name] = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
     joined = Solids.of(())
@@ -171,7 +171,7 @@ def build_inventory(spec: SceneSpec) -> Inventory:
     return Inventory(
         scene=spec.scene,
         things=things,
-        drawers=drawers,
+        articulated=articulated,
         known=known,
         map=joined,
         map_colors=frozenset(map_colors),

@@ -14,11 +14,11 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.looks import FORMAT
 from phyagentos.protocol.world.environment import Environment, Status, TargetState
 from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import lose_sight
 from phyagentos.runtime.perception.confirmation import is_settled
 from phyagentos.runtime.perception.detection.detector import Detector
 from phyagentos.runtime.perception.displacement import DISPLACED
-from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.look import FrameSource, Look, Moment, RecordedFrames
 from phyagentos.runtime.perception.pipeline import MAX_AGE_S, Pipeline
@@ -179,8 +179,8 @@ class PerceivedWorld(WorldModel):
         carried = pipeline.recall(before, now[1], now[0])
         loose, regions = self._find_regions(carried, things)
         if not regions:
-            drawers = pipeline.inventory.drawers
-            unseen = place_drawers(drawers, lose_sight(carried.entities, loose))
+            articulated = pipeline.inventory.articulated
+            unseen = place_articulated(articulated, lose_sight(carried.entities, loose))
             return msgspec.structs.replace(carried, entities=unseen)
         if (window := self._plan_window(carried, loose, regions)) is not None:
             frames = self._capture(window)
@@ -198,10 +198,10 @@ class PerceivedWorld(WorldModel):
 
     def _find_regions(self, carried: Environment, things: Collection[str]) -> tuple[list[str], dict[str, Crop]]:
         """Those of the things that may move by themselves, and the windows that show them."""
-        drawers = self._get_pipeline().inventory.drawers
+        articulated = self._get_pipeline().inventory.articulated
         loose = [
             name
-            for name in sorted({drawers[name].part if name in drawers else name for name in things})
+            for name in sorted({articulated[name].part if name in articulated else name for name in things})
             if (entity := carried.entities.get(name)) is not None
             and entity.movable
             and entity.status is not Status.HELD

@@ -11,10 +11,10 @@ import msgspec
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.world.environment import Entity, Environment, Status, TargetState
+from phyagentos.runtime.perception.articulated import place_articulated
 from phyagentos.runtime.perception.belief import find_changes, follow_hand, lose_sight, read_regions, update_belief
 from phyagentos.runtime.perception.confirmation import confirm
 from phyagentos.runtime.perception.displacement import find_disagreeing, find_displaced, note_displaced
-from phyagentos.runtime.perception.drawers import place_drawers
 from phyagentos.runtime.perception.grip import Hand
 from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.robot_mask import RobotMask
@@ -142,7 +142,7 @@ class Pipeline:
                     break
             else:
                 return None
-        after = place_drawers(self.inventory.drawers, before.entities | seen)
+        after = place_articulated(self.inventory.articulated, before.entities | seen)
         return msgspec.structs.replace(
             before,
             time_s=time_s,

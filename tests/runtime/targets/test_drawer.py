@@ -1,9 +1,11 @@
-"""A drawer is a body with a joint: it opens where the file says, carries its handle, and says how far it is open."""
+"""A drawer, a door or a lid is a body with a joint: it opens where the file says, and says how far it is open."""
 
 import numpy as np
 import pytest
 
+from phyagentos.geometry import compute_matrix
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.mechanisms import compute_motion, measure_amount
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.execution.leaves.find_opening import compute_way
@@ -48,8 +50,8 @@ def test_the_handle_moves_with_its_drawer_and_the_fraction_is_that_of_the_travel
         drawer, handle = read(physics, "drawer"), read(physics, "handle")
         gaps.append(np.subtract(handle.pose.position_m, drawer.pose.position_m))
         fractions.append(drawer.joint)
-        way = compute_way(drawer, drawer.mechanism, 0.25)
-        np.testing.assert_allclose(way, [-(0.25 - opening) * 0.13, 0.0, 0.0], atol=1e-9)
+        (way,) = compute_way(drawer, drawer.mechanism, 0.25)
+        np.testing.assert_allclose(way[:3, 3], [-(0.25 - opening) * 0.13, 0.0, 0.0], atol=1e-9)
 
     assert fractions == pytest.approx([0.0, 0.5, 1.0])
     np.testing.assert_allclose(gaps, [SPEC.bodies["handle"].place.position_m] * 3, atol=1e-9)
@@ -102,11 +104,30 @@ def test_a_door_turns_about_its_anchor(panda):
     np.testing.assert_allclose(closed.pose.position_m, [0.6, 0.4, 0.1], atol=1e-6)
 
 
+@pytest.mark.parametrize("level", [False, True])
+def test_a_hinge_starts_as_wide_as_the_file_says_whatever_its_axis(panda, level):
+    """The simulator's own pose of a half-open thing is that which its mechanism gives for half of the travel."""
+    axis = [0, 1, 0] if level else [0, 0, -1]
+    joint = {"kind": "hinge", "axis": axis, "anchor_m": [0.1, 0.0, 0.0], "travel": 1.6, "opening": [0.5, 0.5]}
+    lid = {"kind": "lid", "place": {"position_m": [0.6, 0.4, 0.1], "yaw_rad": [0.3, 0.3]}}
+    lid["joint"] = joint | {"friction": 9}
+    tab = {"kind": "handle", "part_of": "lid", "place": {"position_m": [-0.12, 0.0, 0.0]}}
+    shapes = {"shapes": [{"kind": "box", "size_m": [0.1, 0.1, 0.005]}]}
+    cameras = {"top": {"position_m": [0, 0, 1], "target_m": [0.1, 0, 0]}}
+    scene = {"scene": "x", "settle_s": 0.0, "bodies": {"lid": lid | shapes, "tab": tab | shapes}, "cameras": cameras}
+    lid, tab = (read(start(panda, 1, SceneSpec.model_validate(scene)), name) for name in ("lid", "tab"))
+
+    np.testing.assert_allclose(
+        compute_motion(lid.mechanism, 0.8) @ compute_matrix(lid.mechanism.closed), compute_matrix(lid.pose), atol=1e-6
+    )
+    assert measure_amount(lid.mechanism, np.array([-0.12, 0, 0]), np.array(tab.pose.position_m)) == pytest.approx(0.8)
+    np.testing.assert_allclose(lid.mechanism.closed.position_m, [0.6, 0.4, 0.1], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("body", "says"),
     [
         ({"joint": {"kind": "slide", "axis": [1, 1, 0], "travel": 0.1}}, "length 1"),
-        ({"joint": {"kind": "hinge", "axis": [1, 0, 0], "travel": 0.1}}, "vertical"),
         ({"joint": {"kind": "slide", "axis": [1, 0, 0], "travel": -0.1}}, "greater than 0"),
         ({"joint": {"kind": "slide", "axis": [1, 0, 0], "travel": 0.1, "opening": [0.5, 1.5]}}, "two rising"),
         ({"joint": {"kind": "slide", "axis": [1, 0, 0], "travel": 0.1}, "fixed": True}, "neither fixed"),

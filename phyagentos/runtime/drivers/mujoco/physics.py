@@ -231,7 +231,8 @@ class Physics:
             return 0.0
         joint = int(self.model.dof_jntid[dof])
         hinge = self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
-        arm_m = float(np.linalg.norm((self.seen.xpos[body] - self.seen.xanchor[joint])[:2])) if hinge else 1.0
+        lever = np.cross(self.seen.xaxis[joint], self.seen.xpos[body] - self.seen.xanchor[joint])
+        arm_m = float(np.linalg.norm(lever)) if hinge else 1.0
         return abs(float(self.data.qvel[dof])) * arm_m
 
     def _find_opening(self, body: int) -> float | None:

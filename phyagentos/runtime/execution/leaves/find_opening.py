@@ -1,20 +1,31 @@
-"""Goal of a part of a drawer for a wanted opening."""
+"""Way of a handle that opens or closes what it belongs to."""
+
+from math import ceil
 
 import numpy as np
 
 from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.environment import Entity, Mechanism
+from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.motion.requests import Array
+from phyagentos.runtime.motion.shapes import ROUND_KINDS
 from phyagentos.runtime.perception.world_model import BELIEF
+
+STEP_RAD = 0.02  # of a turn between two waypoints: corners are rounded over some of them, by 0.1 mm at a lever of 0.2 m
+ALONG = 0.95  # cosine between the hinge and what may turn about it in the fingers
 
 
 class FindOpening(Leaf):
-    """The way of a handle, from the believed opening of its drawer to the wanted one."""
+    """The way of a handle, from the believed opening of what it belongs to, to the wanted one.
+
+    About a hinge the hand turns with the handle, unless the fingers close along the hinge: then the handle turns
+    between them. A round bar along the hinge may turn between them, too, where the hand cannot.
+    """
 
     ROLE = Role.SENSE
     INPUT_PORTS = {
-        "object": PortInformation(data_type=str, description="Name of the entity that slides."),
+        "object": PortInformation(data_type=str, description="Name of the entity that slides or turns."),
         "part": PortInformation(data_type=str, description="Name of the entity on it that is pushed or pulled."),
         "opening": PortInformation(data_type=float, description="Wanted fraction of its travel, 0 is closed."),
     }
@@ -22,6 +33,11 @@ class FindOpening(Leaf):
         "to": PortInformation(data_type=tuple, required=False, description="Where the part shall be, world frame [m]."),
         "waypoints": PortInformation(
             data_type=tuple, required=False, description="Poses world_T_tcp that bring it there from the tool's place."
+        ),
+        "level": PortInformation(
+            data_type=tuple,
+            required=False,
+            description="The same with the hand as it is turned now, where it may.",
         ),
     }
 
@@ -36,20 +52,38 @@ class FindOpening(Leaf):
             found.append(entity)
         whole, part = found
         mechanism = whole.mechanism
-        if mechanism is None or mechanism.kind != "slide":
-            return self.fail("NO_SLIDE", f"{whole.name} does not slide", object=whole.name)
-        way = compute_way(whole, mechanism, self.read("opening"))
-        x, y, z = (np.array(part.pose.position_m) + way).tolist()
-        tool = compute_matrix(self.context.step.target.tcp)
-        tool[:3, 3] += way
+        if mechanism is None:
+            return self.fail("NO_SLIDE", f"{whole.name} neither slides nor turns", object=whole.name)
+        motions = compute_way(whole, mechanism, self.read("opening"))
+        at_m, tool = np.array(part.pose.position_m), compute_matrix(self.context.step.target.tcp)
+        ways_m = [motion[:3, :3] @ at_m + motion[:3, 3] - at_m for motion in motions]
+        axis = find_hinge(whole)
+        level = tuple(compute_pose(_shift(tool, way_m)) for way_m in ways_m)
+        is_pivot = axis is None or abs(tool[:3, 1] @ axis) > ALONG
+        turned = level if is_pivot else tuple(compute_pose(motion @ tool) for motion in motions)
+        way_m = ways_m[-1]
+        x, y, z = (at_m + way_m).tolist()
         self.write("to", (x, y, z))
-        self.write("waypoints", (compute_pose(tool),))
-        return self.succeed("", object=whole.name, way_m=[round(value, 5) for value in way.tolist()])
+        self.write("waypoints", turned)
+        self.write("level", level if is_pivot or _is_round_about(part, np.array(axis)) else turned)
+        return self.succeed("", object=whole.name, way_m=[round(value, 5) for value in way_m.tolist()])
 
 
-def compute_way(whole: Entity, mechanism: Mechanism, opening: float) -> Array:
-    """(3,) displacement of a sliding entity from its believed place to an opening [m]."""
-    axis = compute_matrix(mechanism.closed)[:3, :3] @ np.array(mechanism.axis)
-    present_m = float(axis @ (np.array(whole.pose.position_m) - np.array(mechanism.closed.position_m)))
-    way: Array = axis * (opening * mechanism.travel - present_m)
-    return way
+def compute_way(whole: Entity, mechanism: Mechanism, opening: float) -> tuple[Array, ...]:
+    """Displacements (4, 4) in the world that bring an entity from its believed opening to another, in steps."""
+    way = (opening - (whole.joint or 0.0)) * mechanism.travel
+    steps = 1 if mechanism.kind == "slide" else max(1, ceil(abs(way) / STEP_RAD))
+    return tuple(compute_motion(mechanism, way * (index + 1) / steps) for index in range(steps))
+
+
+def _is_round_about(part: Entity, axis: Array) -> bool:
+    """Whether a part is one round bar along the hinge (3,)."""
+    if len(part.shapes) != 1 or part.shapes[0].kind not in ROUND_KINDS:
+        return False
+    return bool(abs((compute_matrix(part.pose) @ compute_matrix(part.shapes[0].pose))[:3, 2] @ axis) > ALONG)
+
+
+def _shift(tool: Array, way_m: Array) -> Array:
+    moved = tool.copy()
+    moved[:3, 3] += way_m
+    return moved

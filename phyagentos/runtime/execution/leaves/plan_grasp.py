@@ -1,8 +1,12 @@
 """Ask for ways to take hold of an object."""
 
+from phyagentos.protocol.world.mechanisms import find_hinge
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindGrasps, MotionRequest
+from phyagentos.runtime.perception.world_model import BELIEF
+
+LEVEL_SINE = 0.1  # of a hinge with the horizontal
 
 
 class PlanGrasp(ApproachPlanningLeaf):
@@ -11,12 +15,19 @@ class PlanGrasp(ApproachPlanningLeaf):
     ROLE = Role.PLAN_GRASP
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity to take hold of."),
+        "hinged": PortInformation(
+            data_type=str,
+            required=False,
+            description="What the handle belongs to: a level hinge turns in the fingers.",
+        ),
         "hover_m": PortInformation(data_type=float, default_value=0.08, description="Length of the approach [m]."),
     }
     OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
 
     def compose(self) -> MotionRequest | Status:
         """One request."""
+        whole = self.context.world.observe(BELIEF).entities.get(self.find("hinged") or "")
+        axis = find_hinge(whole) if whole is not None else None
         return FindGrasps(
             world=self.world(),
             object=self.read("object"),
@@ -24,4 +35,5 @@ class PlanGrasp(ApproachPlanningLeaf):
             seed=self.context.draw_seed(self.path),
             avoid=self.context.session.strategy.avoid_grasps,
             hover_m=self.read("hover_m"),
+            along=(axis[0], axis[1], axis[2]) if axis is not None and abs(axis[2]) < LEVEL_SINE else None,
         )

@@ -1,0 +1,1 @@
+"""Instances of skills, drawn from seeds, and their judge."""

@@ -1,0 +1,220 @@
+"""Instances of one skill each, drawn from seeds: a scene, a goal of one node, and what must be true of the world."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+Rng = np.random.Generator
+RGB = {
+    "red": [0.82, 0.16, 0.14, 1],
+    "green": [0.15, 0.6, 0.27, 1],
+    "blue": [0.12, 0.33, 0.78, 1],
+    "yellow": [0.95, 0.75, 0.12, 1],
+    "white": [0.93, 0.93, 0.91, 1],
+    "slate": [0.38, 0.42, 0.5, 1],
+    "wood": [0.86, 0.68, 0.48, 1],
+    "floor": [0.82, 0.84, 0.87, 1],
+}
+SURFACES = {"wood": "wood", "floor": "wood", "slate": "ceramic"}
+TURN = 3.14159
+STUCK, HEAVY_KG = 200.0, 9.0  # [N] or [N m]; no friction of the fingers holds so much
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instance:
+    """One instance.
+
+    Attributes:
+        bodies: Of the scene file, beside table and floor.
+        arguments: Of the skill.
+        accept: Of the node.
+        truth: What the judge demands: tuples of a fact's name and its arguments, see `judge.py`.
+    """
+
+    skill: str
+    seed: int
+    bodies: Mapping[str, dict[str, Any]]
+    arguments: Mapping[str, Any]
+    accept: tuple[str, ...]
+    truth: tuple[tuple[Any, ...], ...]
+
+    @property
+    def name(self) -> str:
+        """Of scene and goal."""
+        return f"{self.skill}_{self.seed}"
+
+    def as_scene(self) -> dict[str, Any]:
+        """The scene file."""
+        table = [{"kind": "box", "size_m": [0.52, 0.65, 0.02]}]
+        return {
+            "scene": f"skills/{self.name}",
+            "description": f"Drawn from seed {self.seed}.",
+            "materials": {name: {"surface": SURFACES.get(name, "plastic"), "rgba": rgba} for name, rgba in RGB.items()},
+            "bodies": {
+                "table": fix("table", "wood", (0.38, 0.05, -0.02), table),
+                "floor": fix("floor", "floor", (0.4, 0.0, -0.77), [{"kind": "box", "size_m": [3.0, 3.0, 0.02]}]),
+                **self.bodies,
+            },
+            "cameras": {"overview": {"position_m": [1.85, 0.46, 1.15], "target_m": [0.27, 0.05, 0.26], "fovy_deg": 41}},
+            "lights": {"key": {"position_m": [1.2, -1.2, 2.2], "direction": [-0.4, 0.55, -1.0]}},
+            "settle_s": 1.0,
+        }
+
+    def as_goal(self) -> dict[str, Any]:
+        """The goal graph."""
+        return {
+            "goal": self.name,
+            "objective": f"{'; '.join(self.accept)}.",
+            "scene": f"skills/{self.name}",
+            "targets": {"arm": "panda"},
+            "defaults": {"timeout_s": 60, "max_replans": 2},
+            "sessions": {
+                "only": {
+                    "skill": self.skill,
+                    "target": "arm",
+                    "with": dict(self.arguments),
+                    "accept": list(self.accept),
+                }
+            },
+            "accept": list(self.accept),
+        }
+
+
+def fix(kind: str, material: str, at_m: tuple[float, ...], shapes: list[Any], yaw: float = 0.0) -> dict[str, Any]:
+    """A fixed body."""
+    place = {"position_m": [float(v) for v in at_m], "yaw_rad": [yaw, yaw]}
+    return {"kind": kind, "fixed": True, "material": material, "place": place, "shapes": shapes}
+
+
+def loose(kind: str, color: str, at_m: tuple[float, ...], shapes: list[Any], yaw: float, mass: float) -> dict[str, Any]:
+    """A body that moves freely."""
+    body = fix(kind, color, at_m, shapes, yaw) | {"color": color, "mass_kg": float(mass)}
+    del body["fixed"]
+    return body
+
+
+def box(half_m: tuple[float, ...], at_m: tuple[float, ...] = (0.0, 0.0, 0.0)) -> dict[str, Any]:
+    """One box."""
+    return {"kind": "box", "size_m": [float(v) for v in half_m], "position_m": [float(v) for v in at_m]}
+
+
+def draw_unstack(seed: int, rng: Rng) -> Instance:
+    """The top of two or three blocks, on a pad or on the table, is put onto the table."""
+    count = int(rng.integers(2, 4))
+    x, y, z = rng.uniform(0.42, 0.58), rng.uniform(-0.25, 0.25), 0.0
+    colors = rng.permutation(["red", "green", "blue", "yellow"])[:count]
+    bodies: dict[str, dict[str, Any]] = {}
+    half = rng.uniform(0.024, 0.03)
+    for index, color in enumerate(colors):
+        if index:
+            half = rng.uniform(0.75, 1.0) * half
+        tall = rng.uniform(0.017, 0.028)
+        shapes = [box((half, half * rng.uniform(0.85, 1.0), tall))]
+        shift = rng.uniform(-0.004, 0.004, 2) if index else (0.0, 0.0)
+        at = (x + shift[0], y + shift[1], z + tall + 0.0005)
+        bodies[f"{color}_block"] = loose(
+            "block", str(color), at, shapes, rng.uniform(-TURN, TURN), rng.uniform(0.05, 0.2)
+        )
+        z += 2 * tall
+    *below, top = bodies
+    accept = (f"on({top}, table)", *(f"not moved({name})" for name in below))
+    truth = (("borne", top, "table"), *(("kept", name) for name in below))
+    arguments = {"object": top, "lower": below[-1], "support": "table"}
+    return Instance(skill="unstack", seed=seed, bodies=bodies, arguments=arguments, accept=accept, truth=truth)
+
+
+def draw_lid(rng: Rng, opening: tuple[float, float]) -> tuple[dict[str, dict[str, Any]], str, str]:
+    """A chest with a lid that turns about its far edge."""
+    long, wide, tall = rng.uniform(0.055, 0.08), rng.uniform(0.06, 0.1), rng.uniform(0.03, 0.05)
+    x, y = rng.uniform(0.52, 0.57), rng.uniform(-0.25, 0.25)
+    yaw = rng.uniform(-0.35, 0.35)
+    at = (x, y, 0.0)
+    walls = [
+        box((long, wide, 0.003), (0, 0, 0.003)),
+        *(box((long, 0.003, tall), (0, s * (wide - 0.003), 0.006 + tall)) for s in (1, -1)),
+        *(box((0.003, wide - 0.006, tall), (s * (long - 0.003), 0, 0.006 + tall)) for s in (1, -1)),
+    ]
+    joint = {
+        "kind": "hinge",
+        "axis": [0, 1, 0],
+        "anchor_m": [float(long), 0.0, 0.0],
+        "travel": float(rng.uniform(1.45, 1.65)),
+        "opening": list(opening),
+        "damping": 0.1,
+        "friction": float(rng.uniform(0.3, 0.5)),
+    }
+    plate = [box((long + 0.002, wide + 0.002, 0.003)), box((0.006, 0.004, 0.003), (-long - 0.005, 0, 0))]
+    lid = loose("lid", "white", (x, y, 2 * tall + 0.0105), plate, yaw, rng.uniform(0.12, 0.22)) | {"joint": joint}
+    tab_half = rng.uniform(0.018, 0.024)
+    tab = loose(
+        "handle", "red", (-long - 0.011 - tab_half, 0, 0), [box((tab_half, rng.uniform(0.004, 0.008), 0.012))], 0, 0.03
+    )
+    return {"chest": fix("chest", "slate", at, walls, yaw), "lid": lid, "tab": tab | {"part_of": "lid"}}, "lid", "tab"
+
+
+def draw_door(rng: Rng, opening: tuple[float, float]) -> tuple[dict[str, dict[str, Any]], str, str]:
+    """A cupboard whose door turns about its left or right edge."""
+    wide, tall, side = rng.uniform(0.065, 0.085), rng.uniform(0.04, 0.06), float(rng.choice([1, -1]))
+    x, y = rng.uniform(0.58, 0.62), side * rng.uniform(0.12, 0.25)
+    walls = [
+        *(box((0.05, wide + 0.002, 0.003), (0, 0, z)) for z in (0.003, 2 * tall + 0.011)),
+        *(box((0.05, 0.003, tall), (0, s * (wide - 0.001), tall + 0.007)) for s in (1, -1)),
+        box((0.003, wide - 0.006, tall), (0.047, 0, tall + 0.007)),
+    ]
+    joint = {
+        "kind": "hinge",
+        "axis": [0, 0, -side],
+        "anchor_m": [0.0, float(side * (wide + 0.002)), 0.0],
+        "travel": float(rng.uniform(1.3, 1.7)),
+        "opening": list(opening),
+        "damping": 0.1,
+        "friction": float(rng.uniform(0.05, 0.2)),
+    }
+    bar_y, radius = -side * (wide - 0.018), float(rng.uniform(0.008, 0.012))
+    panel = [box((0.004, wide, tall)), *(box((0.02, 0.003, 0.003), (-0.024, bar_y, z)) for z in (0.02, -0.02))]
+    door = loose("door", "white", (x - 0.055, y, tall + 0.007), panel, 0, rng.uniform(0.2, 0.4)) | {"joint": joint}
+    capsule = {"kind": "capsule", "size_m": [radius, float(tall)]}
+    bar = loose("handle", "green", (-0.046, bar_y, 0.016), [capsule], 0, 0.03) | {"part_of": "door"}
+    return {"cupboard": fix("cabinet", "slate", (x, y, 0.0), walls), "door": door, "bar": bar}, "door", "bar"
+
+
+def draw_hinged(seed: int, rng: Rng, *, opens: bool) -> Instance:
+    """A lid or a door, to be opened or closed."""
+    draw: Callable[..., Any] = draw_lid if rng.random() < 0.5 else draw_door
+    is_lid = draw is draw_lid
+    spans = ((0.0, 0.0) if is_lid else (0.05, 0.25)) if opens else ((0.9, 1.0) if is_lid else (0.5, 0.9))
+    bodies, thing, handle = draw(rng, spans)
+    word = "open" if opens else "closed"
+    return Instance(
+        skill="open_hinged" if opens else "close_hinged",
+        seed=seed,
+        bodies=bodies,
+        arguments={"object": thing, "handle": handle},
+        accept=(f"{word}({thing})",),
+        truth=((word, thing),),
+    )
+
+
+DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
+    "unstack": draw_unstack,
+    "open_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=True),
+    "close_hinged": lambda seed, rng: draw_hinged(seed, rng, opens=False),
+}
+
+
+def draw(skill: str, seed: int, *, spoilt: bool = False) -> Instance:
+    """The instance of a seed; a spoilt one cannot be met: joints are stuck, and what moves freely is too heavy."""
+    instance = DRAWERS[skill](seed, np.random.default_rng([seed, *skill.encode()]))
+    return (
+        replace(instance, bodies={name: _spoil(body) for name, body in instance.bodies.items()}) if spoilt else instance
+    )
+
+
+def _spoil(body: dict[str, Any]) -> dict[str, Any]:
+    if "joint" in body:
+        return body | {"joint": body["joint"] | {"friction": STUCK}}
+    if body.get("fixed") or "part_of" in body:
+        return body
+    return body | {"mass_span_kg": [HEAVY_KG, HEAVY_KG]}
